@@ -19,6 +19,11 @@ _X2_CLEAR = (
     "--plain 1 --longest 6"
 )
 """What transfers best to recorded motion (docs/research/evaluation-tried.md)."""
+_CLIPS = (
+    "--clips MOTION --skin points ellipsoids capsules surface points ellipsoids --clear 0.7 "
+    "--plain 0.7 --physical 0.4"
+)
+"""Of recorded motion: MOTION is the folder that `make --motion` names."""
 _SETS: Mapping[str, tuple[int, str]] = MappingProxyType(
     {
         "x2clear": (26_000, f"{_X2_CLEAR} --seed 506"),
@@ -30,6 +35,12 @@ _SETS: Mapping[str, tuple[int, str]] = MappingProxyType(
         "check": (1_500, f"{_BODIES} --clear 0.5 --physical 0.5 --longest 7 --seed 503"),
         "longall": (3_000, f"{_BODIES} --clear 0.5 --physical 0.5 {_LONG} --seed 508"),
         "longallcheck": (600, f"{_BODIES} --clear 0.5 --physical 0.5 {_LONG} --seed 509"),
+        "clips": (10_000, f"{_CLIPS} --radar x2 --longest 7 --seed 701"),
+        "clipslong": (1_200, f"{_CLIPS} --radar x2 {_LONG} --seed 702"),
+        "clipscheck": (600, f"{_CLIPS} --radar any --longest 7 --seed 703"),
+        "x4clips": (3_000, f"{_CLIPS} --radar x4m03 --longest 7 --seed 704"),
+        "x2near": (12_000, f"{_X2_CLEAR} --physical 0.3 --seed 506"),
+        "anyrooms": (4_000, f"{_BODIES} --clear 0.5 --physical 0.5 --longest 7 --seed 705"),
         "train": (40_000, "--seed 1"),
         "held": (16_000, f"--families {_HELD_OUT} --seed 3"),
         "x4train": (6_000, f"{_X4M03} --seed 11"),
@@ -58,6 +69,8 @@ _X4_LONG_SETS = (
     "sets/x4long sets/x4longheld "
     "--validate sets/x4check sets/x4hcheck sets/x4longcheck sets/x4longhcheck"
 )
+_RECORDED = "--train sets/clips sets/x2near sets/anyrooms --validate sets/clipscheck"
+_RECORDED_LONG = "--train sets/clips sets/clipslong sets/anyrooms --validate sets/clipscheck"
 _FAST = ("--half", "--compile")
 """Pay on a whole set alone: torch compiles for minutes, and half precision needs the hardware."""
 _SMALL_SHARE = 0.05  # to try it; an epoch is shorter than the compiler's work
@@ -65,25 +78,39 @@ _SMALL_SHARE = 0.05  # to try it; an epoch is shorter than the compiler's work
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """How a bundle is made."""
+    """How a bundle is made: commands of `train-export` behind its sets, as its card has them.
 
-    commands: tuple[str, ...]  # of `train-export`, behind its sets, as the bundle's card has them
+    The network of `fit` gets the head of `temporal`; or it goes on from there with recorded motion
+    (`recorded`), which begins where `fit` has ended.
+    """
 
-    @property
-    def command(self) -> str:
-        """As the sidecar has it."""
-        return " && ".join(self.commands)
+    fit: str
+    temporal: str
+    recorded: tuple[str, ...] = ()
+
+    def commands(self, *, with_motion: bool) -> tuple[str, ...]:
+        """Return the commands, with recorded motion or without."""
+        return (self.fit, *self.recorded) if with_motion else (self.fit, self.temporal)
 
 
 def _recipe(
-    name: str, size: str, fit: str, *, sets: str = _ALL, long_sets: str = _LONG_SETS
+    name: str,
+    size: str,
+    fit: str,
+    *,
+    sets: str = _ALL,
+    long_sets: str = _LONG_SETS,
+    more: str = "--epochs 3 --seed 0 --half",
 ) -> Recipe:
+    head = f"--size {size} --epochs 6 --seed 0"
+    model = f"models/{name}.onnx"
     return Recipe(
+        f"train-export fit {sets} --name {name} --size {size} {fit}",
+        f"train-export temporal --model {model} {long_sets} {head}",
         (
-            f"train-export fit {sets} --name {name} --size {size} {fit}",
-            f"train-export temporal --model models/{name}.onnx {long_sets} "
-            f"--size {size} --epochs 6 --seed 0",
-        )
+            f"train-export fit {_RECORDED} --name {name} --size {size} {more} --start {model}",
+            f"train-export temporal --model {model} {_RECORDED_LONG} {head}",
+        ),
     )
 
 
@@ -92,12 +119,11 @@ RECIPES: Mapping[str, Recipe] = MappingProxyType(
         "accurate": _recipe("accurate", "accurate", "--epochs 4 --seed 0 --half", sets=_MILLION),
         "balanced": _recipe("balanced", "balanced", "--epochs 8 --seed 0 --half"),
         "fast": _recipe("fast", "fast", "--epochs 6 --seed 0 --half"),
-        "x4m03": _recipe(
-            "x4m03",
-            "accurate",
-            "--epochs 7 --seed 0 --half --compile",
-            sets=_X4_SETS,
-            long_sets=_X4_LONG_SETS,
+        "x4m03": Recipe(
+            f"train-export fit {_X4_SETS} --name x4m03 --size accurate --epochs 7 --seed 0 --half "
+            "--compile",
+            f"train-export temporal --model models/x4m03.onnx {_X4_LONG_SETS} --size accurate "
+            "--epochs 6 --seed 0",
         ),
     }
 )
@@ -105,28 +131,37 @@ RECIPES: Mapping[str, Recipe] = MappingProxyType(
 
 
 def recipe_of(command: str) -> str | None:
-    """Return the name of the recipe that runs a card's command; None if none does."""
-    names = (name for name, recipe in RECIPES.items() if recipe.command == command)
-    return next(names, None)
+    """Return what `make` is told for a card's command; None if no recipe runs it."""
+    for name, recipe in RECIPES.items():
+        for with_motion, told in ((False, name), (True, f"{name} --motion DIR")):
+            if command == " && ".join(recipe.commands(with_motion=with_motion)):
+                return told
+    return None
 
 
 def arguments(
-    name: str, *, share: float = 1.0, workers: int = 1, models: Path = Path("models")
+    name: str,
+    *,
+    share: float = 1.0,
+    workers: int = 1,
+    models: Path = Path("models"),
+    motion: Path | None = None,
 ) -> list[list[str]]:
     """Return the arguments of every command of a recipe, its sets before each.
 
     `share` is of the passages: less than 1 is for trying, and makes sets in a folder of their own;
     a small one leaves out what makes long trainings fast.
-    `workers` processes make sets; `models` is the folder of the bundles.
+    `workers` processes make sets; `models` is the folder of the bundles, `motion` one of clips.
     """
     folder = "sets" if share == 1 else f"sets-{share:g}"
     made: dict[str, list[str]] = {}
-    for command in RECIPES[name].commands:
+    for command in RECIPES[name].commands(with_motion=motion is not None):
         words = []
         for word in shlex.split(command)[1:]:
             top, _, rest = word.partition("/")
             if top == "sets":
-                made.setdefault(rest, _dataset(rest, f"{folder}/{rest}", share, workers))
+                step = _dataset(rest, f"{folder}/{rest}", share, workers)
+                made.setdefault(rest, [str(motion) if w == "MOTION" else w for w in step])
                 words.append(f"{folder}/{rest}")
             else:
                 words.append(str(models / rest) if top == "models" and rest else word)

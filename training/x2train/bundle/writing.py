@@ -1,6 +1,7 @@
 """A bundle's files: network, sidecar and card, and what an evaluation enters into the two."""
 
 import json
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict
 from importlib.metadata import version
@@ -51,6 +52,7 @@ def write_bundle(
     notes : str
         For the card: what the figures mean, and what they do not.
     """
+    training = _clips_once(training)
     sidecar = {
         "schema": SCHEMA,
         "name": bundle.name,
@@ -93,7 +95,7 @@ def _card(sidecar: dict[str, Any], n_bytes: int, notes: str) -> str:
     return f"""# Model `{sidecar["name"]}`
 
 {training["recipe"]}
-
+{_learned_from(training.get("clips", {}))}
 Made by one command (same seed, same file on one machine):
 
     {training["command"]}{whole}
@@ -112,6 +114,42 @@ For streams of
 
 Classes: {", ".join(sidecar["classes"])}. No alarm above {sidecar["pet_limit"]:g} pet. Policy
 `{sidecar["policy"]}`. Inputs {inputs}, {n_bytes} bytes of weights.{gate and f" Gate: {gate}."}
+"""
+
+
+def _clips_once(training: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return it with the clips of all its sets in one place, by name; sets say how many."""
+    clips: dict[str, Any] = dict(training.get("clips", {}))
+
+    def told(value: Any) -> Any:
+        if isinstance(value, list):
+            return [told(each) for each in value]
+        if not isinstance(value, Mapping):
+            return value
+        made = {key: told(each) for key, each in value.items()}
+        if isinstance(value.get("clips"), list):
+            for c in value["clips"]:
+                clips[c["clip"]] = {k: c[k] for k in ("source", "licence", "sha256")}
+            made["clips"] = len(value["clips"])
+        return made
+
+    made = told({key: each for key, each in training.items() if key != "clips"})
+    return {**made, "clips": dict(sorted(clips.items()))} if clips else made
+
+
+def _learned_from(clips: Mapping[str, Mapping[str, str]]) -> str:
+    """Return a card's paragraph on recorded motion: how many clips under which licence."""
+    if not clips:
+        return ""
+    counts = Counter(clip["licence"] for clip in clips.values())
+    rows = "\n".join(f"| {n} | {licence} |" for licence, n in sorted(counts.items()))
+    return f"""
+It has learned from {len(clips)} clips of recorded and animated motion, which are no part of it;
+the sidecar names each with its source and SHA-256. docs/training.md credits their makers.
+
+| clips | licence |
+|---|---|
+{rows}
 """
 
 

@@ -1,6 +1,7 @@
 """`train-export fit`: a network on maps, from sets of windows to a bundle."""
 
 import argparse
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -8,6 +9,7 @@ from typing import Any
 
 from radard.errors import UsageError
 from radard.judge.bundle import CLASSES, Bundle, ModelInput, load_bundle
+from radard.judge.card import sidecar_path
 from radard.judge.features import FeatureSettings, feature_shape
 from x2radar.commands import add_command
 from x2train.commands import Commands, check_least, followed, sets_of, tell_bundle
@@ -82,6 +84,7 @@ def register(commands: Commands) -> None:
         help="let torch compile the network: faster, needs a C++ compiler",
     )
     add("--teacher", metavar="MODEL", help="a bundle whose probabilities are learnt beside labels")
+    add("--start", metavar="MODEL", help="a bundle of this size whose weights are gone on from")
     parser.set_defaults(run=_run)
 
 
@@ -119,6 +122,7 @@ def _run(args: argparse.Namespace) -> int:
     features = FeatureSettings.from_mapping(abouts[0]["settings"])
     teacher = load_bundle(args.teacher) if args.teacher else None
     taught = taught_by(teacher, train) if teacher else None
+    start = load_bundle(args.start) if args.start else None
     widths, long_widths, hidden = WIDTHS[args.size]
     settings = MapFitSettings(
         epochs=args.epochs,
@@ -130,11 +134,14 @@ def _run(args: argparse.Namespace) -> int:
         is_compiled=args.compile,
     )
     checkpoint = args.out / f"{args.name}.checkpoint"
-    steps = fit_maps(train, validation, settings, taught, checkpoint)
+    steps = fit_maps(
+        train, validation, settings, taught=taught, checkpoint=checkpoint, start=start
+    )
     trained = followed(steps, args.epochs)
     inputs = tuple(ModelInput(name, feature_shape(name, features), name) for name in INPUTS)
     # The teacher's training sets are not checked: they may hold any family.
-    held_out = kept_out_of(abouts) if teacher is None else "none"
+    # Nor is what it started from.
+    held_out = kept_out_of(abouts) if teacher is None and start is None else "none"
     training: dict[str, Any] = {
         "recipe": _RECIPE.format(held_out=held_out),
         "command": _command(args),
@@ -143,6 +150,8 @@ def _run(args: argparse.Namespace) -> int:
     }
     if teacher is not None:
         training["teacher"] = {"name": teacher.name, "onnx_sha256": teacher.sha256}
+    if start is not None:
+        training |= _started(args.start, start, training)
     evidence, metrics = map_metrics(trained, validation, PRIOR_HUMAN[args.size])
     sample = {name: validation[name][:N_SAMPLE] for name in INPUTS}
     onnx_bytes, difference = exported(trained.net, inputs, sample)
@@ -170,6 +179,18 @@ def _run(args: argparse.Namespace) -> int:
     return 0
 
 
+def _started(model: str, start: Bundle, training: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a card says besides, of a bundle that another one was gone on from."""
+    known = json.loads(sidecar_path(model).read_bytes())["training"]
+    # A temporal head that it has is not gone on from.
+    command = known["command"].split(" && train-export temporal")[0]
+    return {
+        "command": f"{command} && {training['command']}",
+        "start": {"onnx_sha256": start.sha256, "sets": known["sets"]},
+        "clips": known.get("clips", {}),
+    }
+
+
 def _command(args: argparse.Namespace) -> str:
     sets = sets_of(args, "train", "validate")
     return (
@@ -177,4 +198,5 @@ def _command(args: argparse.Namespace) -> str:
         f"--epochs {args.epochs} --seed {args.seed}"
         f"{' --half' if args.half else ''}{' --compile' if args.compile else ''}"
         f"{f' --teacher {args.teacher}' if args.teacher else ''}"
+        f"{f' --start {args.start}' if args.start else ''}"
     )

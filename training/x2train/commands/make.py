@@ -30,6 +30,7 @@ def register(commands: Commands) -> None:
         epilog=(
             "examples:\n"
             "  train-export make accurate\n"
+            "  train-export make accurate --motion clips    goes on with recorded motion\n"
             "  train-export make fast --share 0.01 --out /tmp/models    to try it\n"
         ),
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -37,6 +38,9 @@ def register(commands: Commands) -> None:
     add = parser.add_argument
     add("name", choices=sorted(RECIPES), help="of the bundle")
     add("--out", type=Path, default=Path("models"), help="folder of the bundle (models)")
+    add(
+        "--motion", type=Path, metavar="DIR", help="a folder of clips, for recorded motion as well"
+    )
     add("--share", type=float, default=1.0, help="of the passages, to try it (1)")
     add("--workers", type=int, default=os.cpu_count() or 1, help="processes (all cores)")
     add("--sets", action="store_true", help="make its sets and stop")
@@ -49,7 +53,12 @@ def _run(args: argparse.Namespace) -> int:
     if not 0 < args.share <= 1:
         msg = f"--share {args.share:g}: must be over 0, 1 at most"
         raise UsageError(msg)
-    steps = arguments(args.name, share=args.share, workers=args.workers, models=args.out)
+    if args.motion and not RECIPES[args.name].recorded:
+        msg = f"--motion: no recipe of recorded motion makes '{args.name}'"
+        raise UsageError(msg)
+    steps = arguments(
+        args.name, share=args.share, workers=args.workers, models=args.out, motion=args.motion
+    )
     if args.sets:
         steps = [step for step in steps if step[0] == _DATASET]
     if args.show:
@@ -75,6 +84,7 @@ def _sets_beside(args: argparse.Namespace) -> Iterator[None]:
         return
     share, workers = str(args.share), str(args.workers - 1)
     argv = ["make", args.name, "--sets", "--share", share, "--workers", workers]
+    argv += ["--motion", str(args.motion)] if args.motion else []
     beside = subprocess.Popen(  # noqa: S603 - this program
         [sys.executable, "-m", "x2train", *argv],
         stdout=subprocess.DEVNULL,

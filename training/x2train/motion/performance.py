@@ -7,6 +7,7 @@ slide no more than they do in the clip, but for what corners ask of them.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,22 +105,34 @@ def _goes_on_with(
     rng: np.random.Generator, clip: Clip, left: int, clips: Sequence[Clip]
 ) -> tuple[Clip, int]:
     """Return a clip and its frame that are like the end of another one: one of the three best."""
-    n_fade = _fade(clip.frame_rate_hz)
-    later = max(1, round(_MOVING_S * clip.frame_rate_hz))
-    first = max(0, left - n_fade)
-    here = clip.joint_m[first]
-    there = clip.joint_m[min(first + later, len(clip.joint_m) - 1)]
+    first = max(0, left - _fade(clip.frame_rate_hz))
+    here = _poses(clip, np.array([first]))[0]
     best: list[tuple[float, int, int]] = []
     for k, other in enumerate(clips):
-        n = max(1, min(round(_TO_SHARE * len(other.joint_m)), len(other.joint_m) - 2 * n_fade - 1))
-        starts = np.arange(0, n, _EVERY)
-        ends = np.minimum(starts + later, len(other.joint_m) - 1)
-        off = ((other.joint_m[starts] - here) ** 2).sum(axis=(1, 2))
-        off += ((other.joint_m[ends] - there) ** 2).sum(axis=(1, 2))
+        starts, poses, square = _entries(other)
+        off = square - 2 * (poses @ here)  # but for `here`'s own square, which is that of all
         nearest = int(np.argmin(off))
         best.append((float(off[nearest]), k, int(starts[nearest])))
     _, k, start = sorted(best)[int(rng.integers(min(3, len(best))))]
     return clips[k], start
+
+
+@cache
+def _entries(clip: Clip) -> tuple[NDArray[np.int64], Array, Array]:
+    """Return where a clip may be entered, its poses there, and their squares."""
+    n_frames, n_fade = len(clip.joint_m), _fade(clip.frame_rate_hz)
+    n = max(1, min(round(_TO_SHARE * n_frames), n_frames - 2 * n_fade - 1))
+    starts = np.arange(0, n, _EVERY)
+    poses = _poses(clip, starts)
+    return starts, poses, (poses**2).sum(axis=1)
+
+
+def _poses(clip: Clip, frames: NDArray[np.int64]) -> Array:
+    """Return where joints are and where they are so much later, shape (n_frames, 6 n_joints)."""
+    later = max(1, round(_MOVING_S * clip.frame_rate_hz))
+    ends = np.minimum(frames + later, len(clip.joint_m) - 1)
+    both = np.concatenate([clip.joint_m[frames], clip.joint_m[ends]], axis=1)
+    return both.reshape(len(frames), -1)
 
 
 def _faded(joint_m: Array, step_m: Array, more_m: Array, more_step: Array) -> tuple[Array, Array]:

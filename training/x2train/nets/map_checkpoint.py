@@ -17,6 +17,7 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
+from radard.judge.bundle import Bundle
 from x2train.nets.optimizer import MuonAdamW
 from x2train.sets.shards import write_whole
 
@@ -49,7 +50,9 @@ class SavedPoint:
     layers: torch.Tensor
 
 
-def fingerprint(windows: Mapping[str, NDArray[Any]], settings: Any, taught: Any) -> str:
+def fingerprint(
+    windows: Mapping[str, NDArray[Any]], settings: Any, taught: Any, start: Bundle | None = None
+) -> str:
     """Return a digest of what a training depends on: settings, labels, size, some of the maps."""
     digest = hashlib.sha256(json.dumps(asdict(settings), sort_keys=True).encode())
     for name in sorted(windows):
@@ -59,6 +62,8 @@ def fingerprint(windows: Mapping[str, NDArray[Any]], settings: Any, taught: Any)
     digest.update(windows["label"].tobytes())
     if taught is not None:
         digest.update(taught.tobytes())
+    if start is not None:
+        digest.update(start.onnx)
     return digest.hexdigest()
 
 

@@ -10,11 +10,13 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
+from radard.judge.bundle import Bundle
 from radard.judge.installation import INSTALLATION, N_INSTALLATION
 from x2train.nets.epoch import Epoch, temperature_of
 from x2train.nets.map_checkpoint import Checkpoints, fingerprint
 from x2train.nets.nets import MapNet, Widths
 from x2train.nets.optimizer import MuonAdamW
+from x2train.nets.start import start_from
 from x2train.nets.teacher import taught_error
 from x2train.sets.augment import augmented
 from x2train.sets.known import hidden_more
@@ -23,6 +25,10 @@ Arrays = Mapping[str, NDArray[Any]]
 MAPS = ("velocity_time", "range_time", "velocity_time_medium", "velocity_time_long")
 INPUTS = (*MAPS, INSTALLATION)
 """In the order in which `MapNet` takes them."""
+_N_SHOWN = 512
+"""Windows that open the norms of a network to go on from."""
+_STARTED_RATE = 0.3
+"""Of the learning rates, where training goes on from a bundle: it is not to forget it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,14 +67,17 @@ def fit_maps(
     train: Arrays,
     validation: Arrays,
     settings: MapFitSettings,
+    *,
     taught: NDArray[np.float32] | None = None,
     checkpoint: Path | None = None,
+    start: Bundle | None = None,
 ) -> Iterator[Epoch | MapTrained]:
     """Train; yield every epoch, and at last the network.
 
     Windows are `INPUTS`, maps as bytes, shape (n, rows, n_cells), and `label`. `taught`, shape
     (n, 3), is what a teacher makes of the windows to train on, see `x2train.nets.teacher`.
-    `checkpoint` is a file that an interrupted training goes on from.
+    `checkpoint` is a file that an interrupted training goes on from; `start` a bundle of this size
+    whose weights are gone on from.
     """
     torch.manual_seed(settings.seed)
     torch.set_num_threads(settings.threads)
@@ -76,15 +85,14 @@ def fit_maps(
     maps = [torch.from_numpy(train[name]) for name in MAPS]
     known = torch.from_numpy(train[INSTALLATION])
     labels = torch.from_numpy(np.asarray(train["label"], np.int64))
-    net = network(tuple(m.shape[1] for m in maps), settings)
+    net, optimizer = _beginning(maps, known, settings, start)
     counts = torch.bincount(labels, minlength=3).float()
     weight = counts.sum() / (3 * counts.clamp(min=1))
     error = nn.CrossEntropyLoss(weight=weight, label_smoothing=settings.smoothing)
     shown = None if taught is None else torch.from_numpy(taught)
-    optimizer = optimizer_of(net, settings.epochs * -(-len(labels) // settings.batch), settings)
     # The last batch of an epoch is smaller: once more compiled, not made to fit any size.
     answer = torch.compile(net, dynamic=False) if settings.is_compiled else net
-    run = fingerprint(train, settings, taught) if checkpoint else ""
+    run = fingerprint(train, settings, taught, start) if checkpoint else ""
     kept = Checkpoints(checkpoint, run)
     first, done, total = kept.resume(net, optimizer, rng)
     for number in range(first, settings.epochs + 1):
@@ -120,6 +128,18 @@ def fit_maps(
     yield MapTrained(net, temperature_of(logits, np.asarray(validation["label"])))
 
 
+def _beginning(
+    maps: list[torch.Tensor], known: torch.Tensor, settings: MapFitSettings, start: Bundle | None
+) -> tuple[MapNet, MuonAdamW]:
+    """Return the network with its first weights, and what takes its steps."""
+    net = network(tuple(m.shape[1] for m in maps), settings)
+    if start is not None:
+        some = slice(0, None, max(1, len(known) // _N_SHOWN))
+        start_from(net, start, [*(m[some].float() / 255 for m in maps), known[some]])
+    n_steps = settings.epochs * -(-len(known) // settings.batch)
+    return net, optimizer_of(net, n_steps, settings, 1.0 if start is None else _STARTED_RATE)
+
+
 def network(rows: tuple[int, ...], settings: MapFitSettings) -> MapNet:
     """Return a network with random weights for maps of `INPUTS` with so many rows."""
     net = MapNet(
@@ -136,13 +156,15 @@ def network(rows: tuple[int, ...], settings: MapFitSettings) -> MapNet:
     return net
 
 
-def optimizer_of(net: MapNet, n_steps: int, settings: MapFitSettings) -> MuonAdamW:
-    """Return what takes `n_steps` steps."""
+def optimizer_of(
+    net: MapNet, n_steps: int, settings: MapFitSettings, share: float = 1.0
+) -> MuonAdamW:
+    """Return what takes `n_steps` steps, at so much of the learning rates."""
     return MuonAdamW(
         net,
         n_steps,
-        rate=settings.learning_rate,
-        matrix_rate=settings.matrix_rate,
+        rate=share * settings.learning_rate,
+        matrix_rate=share * settings.matrix_rate,
         weight_decay=settings.weight_decay,
         matrix_decay=settings.matrix_decay,
     )
