@@ -17,11 +17,14 @@ from x2train.bundle.export import exported
 from x2train.bundle.metrics import HUMAN_LIMIT, PRIOR_HUMAN, TRUST, map_metrics
 from x2train.commands.fit import WIDTHS
 from x2train.nets import map_checkpoint
+from x2train.nets.bundle_answers import outputs_of
 from x2train.nets.epoch import Epoch
 from x2train.nets.evidence_fit import fit_evidence, fused, log_loss, sequences
-from x2train.nets.map_fit import fit_maps, logits_of
+from x2train.nets.map_fit import INPUTS as NAMES
+from x2train.nets.map_fit import MAPS, fit_maps, logits_of, network
 from x2train.nets.nets import MapNet, n_parameters
 from x2train.nets.optimizer import MuonAdamW
+from x2train.nets.start import start_from
 from x2train.nets.teacher import taught_by
 
 pytestmark = pytest.mark.integration
@@ -56,6 +59,22 @@ def test_a_compiled_network_learns_the_same(monkeypatch):
     a, b = (trained(replace(settings, is_compiled=c), n=33)[0] for c in (False, True))
     for x, y in zip(a.net.state_dict().values(), b.net.state_dict().values(), strict=True):
         assert torch.allclose(x, y, atol=1e-4)
+
+
+def test_training_goes_on_from_what_a_bundle_says(made, tmp_path):
+    write_tiny(tmp_path, made[0])
+    bundle = load_bundle(str(tmp_path / "tiny.onnx"))
+    unseen = toy(48, seed=2)
+    rows = tuple(unseen[name].shape[1] for name in MAPS)
+    net = network(rows, TINY)
+    start_from(net, bundle, [torch.from_numpy(as_float(unseen[name])) for name in NAMES])
+    wanted = outputs_of(bundle.onnx, {name: unseen[name] for name in NAMES}).logits
+    np.testing.assert_allclose(logits_of(net, unseen), wanted, atol=1e-4)
+    once = replace(TINY, epochs=1)
+    first, _ = fit_maps(toy(96), toy(48, seed=1), once, start=bundle)
+    assert first.validation_loss < 0.2
+    with pytest.raises(UsageError, match=r"junction.0.weight is \(8, .*this size has \(10, "):
+        list(fit_maps(toy(96), unseen, replace(once, hidden=10), start=bundle))
 
 
 def test_the_three_sizes_ascend():
