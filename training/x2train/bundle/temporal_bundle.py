@@ -86,7 +86,7 @@ def write_temporal(
     validation: Sets,
     abouts: Sequence[Mapping[str, Any]],
     command: str,
-    human_limit: float,
+    evidence: Mapping[str, float],
 ) -> Mapping[str, float]:
     """Write the bundle with its head; return its metrics.
 
@@ -100,8 +100,8 @@ def write_temporal(
         The head, and passages that training never saw.
     abouts, command : sequence of mapping, and str
         What the sets to train on were made from; for the card, behind the base's command.
-    human_limit : float
-        From this fused probability of a person on the alarm does not wait, of `HUMAN_LIMIT`.
+    evidence : mapping
+        `human_limit`, of `HUMAN_LIMIT`, and `prior_human`.
 
     Raises
     ------
@@ -132,8 +132,7 @@ def write_temporal(
         name=name,
         onnx=onnx,
         policy="fused",
-        # No prior is added to the head's posterior.
-        evidence={"human_limit": human_limit},
+        evidence=evidence,
         n_hidden=trained.head.gru.hidden_size,
     )
     training = {

@@ -33,6 +33,13 @@ def register(commands: Commands) -> None:
     add("--size", choices=sorted(SIZES), default="balanced", help="of the head (balanced)")
     add("--name", help="name of the new bundle (that of the old one)")
     add("--out", type=Path, default=Path("models"), help="folder of the new bundle (models)")
+    add(
+        "--prior",
+        metavar="NATS",
+        type=float,
+        default=0.0,
+        help="added to what speaks for a person, to calibrate it on bodies nobody trained on (0)",
+    )
     add("--epochs", type=int, default=6, help="passes over the passages (6)")
     add("--seed", type=int, default=0, help="same seed, same file (0)")
     parser.set_defaults(run=_run)
@@ -69,7 +76,7 @@ def _run(args: argparse.Namespace) -> int:
         validation=validation,
         abouts=abouts,
         command=_command(args),
-        human_limit=HUMAN_LIMIT[args.size],
+        evidence={"human_limit": HUMAN_LIMIT[args.size], "prior_human": args.prior},
     )
     tell_bundle(args.out / name, metrics)
     return 0
@@ -78,7 +85,8 @@ def _run(args: argparse.Namespace) -> int:
 def _command(args: argparse.Namespace) -> str:
     name = f" --name {args.name}" if args.name else ""
     sets = sets_of(args, "train", "validate")
+    prior = f" --prior {args.prior:g}" if args.prior else ""
     return (
-        f"train-export temporal --model {args.model} {sets} --size {args.size}{name} "
+        f"train-export temporal --model {args.model} {sets} --size {args.size}{name}{prior} "
         f"--epochs {args.epochs} --seed {args.seed}"
     )

@@ -32,8 +32,9 @@ def start_from(net: MapNet, bundle: Bundle, windows: Sequence[torch.Tensor]) -> 
     hooks = []
     for name, module in net.named_modules():
         if isinstance(module, nn.Sequential) and len(module) > 1 and isinstance(module[1], _NORMS):
-            conv, norm = module[0], module[1]
-            _take(bundle, conv.weight, found.get(f"{name}.0.weight"), f"{name}.0.weight")
+            layer: Any = module[0]
+            norm: Any = module[1]
+            _take(bundle, layer.weight, found.get(f"{name}.0.weight"), f"{name}.0.weight")
             bias = torch.empty_like(norm.bias)
             _take(bundle, bias, found.get(f"{name}.0.weight_bias"), f"{name}.0.weight_bias")
             hooks.append(norm.register_forward_pre_hook(_opened(bias)))
