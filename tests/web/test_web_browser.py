@@ -196,7 +196,7 @@ def test_a_decision_says_why_and_freezes_its_pictures(tab, radard):
     one.page.wait_for_selector(".columns.why .chart canvas")
     seq = int(one.page.url.rpartition("/")[2])
     assert f"Decision {seq}" in one.page.inner_text(".whyhead")
-    one.page.focus(".ticks")
+    # Wherever the focus is.
     one.page.keyboard.press("ArrowLeft")
     one.until(f"location.hash === '#/why/{seq - 1}'")
 
@@ -301,9 +301,13 @@ def test_colours_are_even_and_follow_the_page(tab):
 
 def test_a_lost_connection_says_so_and_recovers(browser, tmp_path):
     first = Running(tmp_path, "--port", "sim:empty", "--model", "none").wait_online()
-    one = Tab(browser, first).open()
+    one, other = Tab(browser, first).open(), Tab(browser, first).open("setup")
     one.until("document.querySelector('.health .state').textContent === 'Online'")
+    other.until("!document.querySelector('#page button.primary').disabled")
     first.end()
+    enabled = "[...document.querySelectorAll('#arm, #page button.primary, #page input:enabled')]"
+    other.until(f"{enabled}.every((e) => e.disabled)")
+    other.page.close()
     one.page.wait_for_selector(".banner.lost")
     assert "Connection lost" in one.page.inner_text(".banner")
     assert "radard has ended (stopped)" in one.page.inner_text(".banner")

@@ -37,10 +37,10 @@ def test_settings_are_chosen_saved_and_hold(empty, tab):
     form = one.page.locator("form.settings").first
     save = form.get_by_role("button", name="Save")
     one.until("document.querySelector('input[value=normal]').checked")
-    assert save.is_disabled()
+    assert (save.is_disabled(), "Nothing is changed yet" in form.inner_text()) == (True, True)
     one.page.get_by_label("Low").check()
     one.page.get_by_label("Entry delay").fill("700")
-    assert save.is_disabled()
+    assert (save.is_disabled(), "Entry delay: " in form.inner_text()) == (True, True)
     one.page.get_by_label("Entry delay").fill("12.5")
     one.page.get_by_label("Exit delay").fill("30")
     save.click()

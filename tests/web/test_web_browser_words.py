@@ -67,7 +67,7 @@ def test_how_fast_says_what_the_bands_are(tab):
     one.until(f"{caption}.includes('m/s apart')")
     words = one.page.evaluate(caption)
     # c fp / (2 f) of an X2 at 60 Hz.
-    assert "Parallel bands, 1.3 m/s apart, are one movement" in words
+    assert "One body is one band; pale bands 1.3 m/s apart are its doubles" in words
     assert "unambiguous within ±0.66 m/s" in words
     assert "suppressed" not in words
 
@@ -86,6 +86,48 @@ def test_on_a_phone_decisions_come_before_the_charts(tab):
           || e.getBoundingClientRect().right > innerWidth)).map(e => e.textContent)"""
     assert phone.page.evaluate(cut) == []
     assert phone.page.evaluate("document.documentElement.scrollWidth") <= 390
+
+
+BAR = ".brand svg, .sensor, #badge, .dot, .state, #theme, #arming button, .tabs a"
+PANELS = {
+    "disarmed": {"panel": "disarmed", "armed": False, "open": {}},
+    "exit": {"panel": "exit", "armed": True, "delay_left_s": 20, "open": {}},
+    "entry": {"panel": "entry", "armed": True, "delay_left_s": 20, "open": {}},
+    "alarm": {"panel": "alarm", "armed": True, "open": {"alarm": "human at 1.8 m"}},
+    "tamper": {"panel": "armed", "armed": True, "open": {"tamper": "covered"}},
+}
+
+
+@pytest.mark.parametrize("width", [320, 430, 820, 900, 1170, 1280])
+def test_nothing_overlaps_in_any_state_and_the_alarm_is_the_largest_word(tab, width):
+    one = tab(width=width).open()
+    one.until("document.querySelector('#badge').textContent === 'Simulated'")
+    for name, panel in PANELS.items():
+        # In one go: the daemon tells its own state every second.
+        overlaps, size, said, told = one.page.evaluate(
+            """async ([panel, parts]) => {
+                const { take } = await import('/static/state.js');
+                take({ type: 'now', panel, zones: { include: [], exclude: [], away: [[1, 2]] } });
+                const shown = [...document.querySelector('.bar').querySelectorAll(parts)]
+                  .filter((e) => e.checkVisibility()).map((e) => e.getBoundingClientRect());
+                const meets = (a, b) => a.left < b.right - 1 && b.left < a.right - 1
+                  && a.top < b.bottom - 1 && b.top < a.bottom - 1;
+                const isOut = (a) => a.left < -1 || a.right > innerWidth + 1;
+                const size = (e) => e ? parseFloat(getComputedStyle(e).fontSize) : 0;
+                return [
+                  shown.filter((a, i) => isOut(a) || shown.some((b, k) => k > i && meets(a, b))),
+                  size(document.querySelector('#banner strong'))
+                    - size(document.querySelector('.word')),
+                  document.querySelector('#verdict').textContent,
+                  document.querySelector('#verdict-sub').textContent,
+                ];
+            }""",
+            [panel, BAR],
+        )
+        assert overlaps == [], name
+        assert (size > 0, said.startswith("Now: ")) == (name == "alarm", name == "alarm")
+        assert "all is well" not in told
+    assert one.page.evaluate("document.documentElement.scrollWidth") <= width
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

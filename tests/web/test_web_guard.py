@@ -4,6 +4,7 @@ import contextlib
 import hmac
 import json
 import re
+from csv import DictReader
 
 import pytest
 from starlette.requests import HTTPConnection
@@ -385,10 +386,12 @@ def test_events_of_a_run_are_one_row_each(make):
 
 def test_export(make):
     client = make()
-    client.tell(event(ULID, reason="=cmd|' /C calc'!A0"))
+    client.tell(event(ULID, reason="=cmd|' /C calc'!A0", simulated=True))
     csv = client.get("/api/v1/events/export?format=csv")
     assert "attachment" in csv.headers["content-disposition"]
     assert "'=cmd" in csv.text
+    (row,) = DictReader(csv.text.splitlines())
+    assert (row["simulated"], row["replayed"]) == ("True", "")
     line = json.loads(client.get("/api/v1/events/export?format=jsonl").text)
     assert line["id"] == ULID
 

@@ -3,8 +3,6 @@
 import logging
 import struct
 import threading
-import time
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -53,6 +51,20 @@ def test_a_walker_is_where_and_as_fast_as_it_is():
         off = np.abs(strongest - wanted)
         assert np.median(off) <= picture.step
         assert np.mean(off <= 2 * picture.step) > 0.9
+
+
+@pytest.mark.parametrize("speed_mps", [0.3, 0.8, 1.2, 1.7])
+def test_one_body_is_one_band_also_faster_than_the_frames_tell(speed_mps):
+    n_slow = round(1.7 / speed_mps * RATE_HZ)
+    frames = noise(n_slow, seed=1)
+    frames += walker(n_slow, RATE_HZ, speed_mps=speed_mps, start_m=2.4, level=30.0)
+    spectrograms, found = made(frames)
+    picture = spectrograms.pictures[1]
+    velocities = picture.first + picture.step * np.arange(picture.n_rows)
+    # The first half second has no line to go by.
+    seen = joined(found, "velocity")[:, 4:]
+    assert np.abs(velocities[seen.argmax(axis=0)] - speed_mps).max() <= 1.5 * picture.step
+    assert seen[np.abs(velocities - speed_mps) > 0.4].max() < 60
 
 
 def test_noise_alone_is_dark_and_a_body_is_bright():
@@ -197,35 +209,61 @@ class Told:
         return wait_for(lambda: len(self.data) >= n)
 
 
-def test_a_picture_thread_works_only_while_it_is_wanted():
-    ring = ring_of(noise(300, seed=9))
-    told = Told()
-    picture_thread = PictureThread(lambda: ring, told.axes.append, told.data.append)
-    assert not [t for t in threading.enumerate() if t.name == "pictures"]
-    picture_thread.want(is_wanted=True)
-    assert told.wait(1)
-    picture_thread.want(is_wanted=False)
+@pytest.fixture
+def picture_thread():
+    """A function that makes picture threads of a ring, and what they have told."""
+    made = []
+
+    def build(ring):
+        told = Told()
+        made.append(PictureThread(ring, told.axes.append, told.data.append))
+        return made[-1], told
+
+    yield build
+    for each in made:
+        each.close()
+
+
+def test_a_page_gets_the_last_half_minute_and_nobody_gets_pictures(picture_thread):
+    shape = DwellShape(n_slow=60, hop_s=1.0, frame_rate_hz=RATE_HZ)
+    ring = FrameRing(BASEBAND, lambda row, out: np.copyto(out, row), shape)
+    take = threading.Thread(target=lambda: [*iter(ring.next_item, None)], daemon=True)
+    take.start()
+    one, told = picture_thread(lambda: ring)
+    for k, frame in enumerate(frames_of(noise(45 * 60, seed=9))):
+        ring.push(frame)
+        if k % 60 == 59:
+            # As its thread does, a second of stream at a time.
+            one._look(0)
+    assert (told.axes, told.data) == ([], [])
+    one.want(is_wanted=True)
+    told.wait(30)
+    kinds, n, t_s = zip(
+        *((h[0], h[2], h[6]) for h in map(HEAD.unpack_from, told.data)), strict=True
+    )
     assert len(told.axes) == 1
-    assert HEAD.unpack_from(told.data[0])[0] == 1
-    picture_thread.close()
+    assert t_s[-1] == pytest.approx(45, abs=2)
+    assert sum(n[i] for i, kind in enumerate(kinds) if kind == 1) == pytest.approx(30 * 15, abs=20)
+    one.want(is_wanted=False)
+    one.want(is_wanted=True)
+    wait_for(lambda: len(told.axes) == 2)
+    ring.end()
 
 
-def test_a_picture_thread_survives_what_goes_wrong(monkeypatch, caplog):
-    told = Told()
+def test_a_picture_thread_survives_what_goes_wrong(picture_thread, monkeypatch, caplog):
+    rings = iter([RuntimeError("no ring today"), ring_of(noise(300, seed=9))])
 
     def broken():
-        msg = "no ring today"
-        raise RuntimeError(msg)
+        found = next(rings, None)
+        if isinstance(found, Exception):
+            raise found
+        return found
 
-    picture_thread = PictureThread(broken, told.axes.append, told.data.append)
-    # Its own clock: another test's thread may sleep, too.
-    clock = SimpleNamespace(monotonic=time.monotonic, sleep=lambda _s: picture_thread.close())
-    monkeypatch.setattr("radard.web.pictures.picture_thread.time", clock)
+    one, told = picture_thread(broken)
+    monkeypatch.setattr("radard.web.pictures.picture_thread._AFTER_FAULT_S", 0.0)
     # Another test's late thread may set up logging again, and take away what the root logger has.
     caplog.set_level(logging.ERROR, "radard")
     monkeypatch.setattr(logging.getLogger("radard"), "handlers", [caplog.handler])
-    picture_thread.want(is_wanted=True)
-    thread = picture_thread._thread
-    thread.join(60)
-    assert not thread.is_alive()
+    one.want(is_wanted=True)
+    told.wait(1)
     assert "a picture could not be made" in caplog.text

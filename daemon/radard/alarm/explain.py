@@ -8,12 +8,15 @@ the functions of the alarm itself, so that they agree with it.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from datetime import datetime, timedelta
 from typing import Any, Literal
 
-from radard.alarm.panel import AlarmPolicy, ArmMode
+from radard.alarm.panel import AlarmPolicy
 from radard.alarm.sensitivity import alarm_policy
+from radard.alarm.sensor_state import SensorState
 from radard.alarm.zones import Zones, sight_of
 from radard.config.config import Config
+from radard.config.quiet_hours import QuietHours, parse_quiet, time_zone
 from radard.detect.gate import GateReading
 from radard.judge.classifier import Probabilities
 from radard.judge.decision import MIN_P, Decision, TrackVerdict
@@ -38,18 +41,17 @@ def explain(
     hello: Record,
     config: Config,
     events: Sequence[Record] = (),
-    panel: str | None = None,
-    *,
-    mode: ArmMode = "away",
+    state: SensorState | None = None,
 ) -> dict[str, Any]:
     """Return why the last of some decisions is what it is, as a mapping.
 
     `records` are decisions in order, the one to explain last, with those before it that
-    confirmation counts; `hello` and `events` are of the run. `panel` is the panel's state just
-    before the decision, `mode` how it was armed then. The result has seq, t_s, headline,
-    decided_by, and stages as mappings of `DecisionStage`.
+    confirmation counts; `hello` and `events` are of the run; `state` is what held just before
+    the decision. The result has seq, t_s, headline, decided_by, and stages as mappings of
+    `DecisionStage`.
     """
     record = records[-1]
+    state = state or SensorState()
     limit = hello.get("pet_limit", 0.8)
     policy = alarm_policy(config.alarm, hello.get("policy", "window"))
     stages = [_frames(record, events)]
@@ -58,9 +60,10 @@ def explain(
     if record["gate"] == "open":
         stages += _classified(record, limit)
     if record["alarm"]:
-        zones = Zones(**config.zones.model_dump()).armed(mode)
+        zones = Zones(**config.zones.model_dump()).armed(state.mode)
         hits = [_is_hit(r, policy, zones, limit) for r in records[-policy.n :]]
-        stages += _confirmed(hits, policy, record, events, panel)
+        alarms = [e for e in events if e["kind"] == "alarm"]
+        stages += _confirmed(hits, _Panel(record, policy, alarms, state, config))
     by = next((s for s in reversed(stages) if s.outcome == "decided"), stages[-1])
     return {
         "seq": record["seq"],
@@ -167,56 +170,89 @@ def _rule(record: Record, harmless: float, limit: float) -> DecisionStage:
     return _passed("rule", text, plain)
 
 
-def _confirmed(
-    hits: Sequence[bool],
-    policy: AlarmPolicy,
-    record: Record,
-    events: Sequence[Record],
-    panel: str | None,
-) -> list[DecisionStage]:
+@dataclass(frozen=True, slots=True)
+class _Panel:
+    """The panel as it took a decision."""
+
+    record: Record
+    policy: AlarmPolicy
+    alarms: Sequence[Record]
+    state: SensorState  # just before
+    config: Config
+
+
+def _confirmed(hits: Sequence[bool], panel: _Panel) -> list[DecisionStage]:
     if not hits[-1]:
         where = "It does not count towards an alarm: it is outside of the zones, or"
         return [
             _decided(
                 "zones",
-                f"{where} p(human) is under {policy.p_on:.2f}.",
-                f"{where} less than {100 * policy.p_on:.0f} % a person.",
+                f"{where} p(human) is under {panel.policy.p_on:.2f}.",
+                f"{where} less than {100 * panel.policy.p_on:.0f} % a person.",
             )
         ]
     return [
         _passed("zones", "It is where it counts.", "Yes."),
-        _panel_stage(sum(hits), policy, record, events, panel),
+        _panel_stage(sum(hits), panel),
     ]
 
 
-def _panel_stage(
-    n_hits: int,
-    policy: AlarmPolicy,
-    record: Record,
-    events: Sequence[Record],
-    panel: str | None,
-) -> DecisionStage:
-    counted = f"{n_hits} of the last {policy.n} windows say human; {policy.k} are needed"
-    plain = f"{n_hits} of the last {policy.n} decisions say person; {policy.k} must"
-    alarms = (e for e in events if e["kind"] == "alarm" and _covers(e, record["t_s"]))
-    alarm = next(alarms, None)
-    if alarm is not None and alarm["start_t_s"] == record["t_s"]:
+def _panel_stage(n_hits: int, panel: _Panel) -> DecisionStage:
+    policy, t_s = panel.policy, panel.record["t_s"]
+    says, need = ("says" if n_hits == 1 else "say"), ("is" if policy.k == 1 else "are")
+    counted = f"{n_hits} of the last {policy.n} windows {says} human; {policy.k} {need} needed"
+    plain = f"{n_hits} of the last {policy.n} decisions {says} person; {policy.k} must"
+    if policy.n == 1:
+        counted, plain = "this window says human, and one is enough", "Once is enough"
+    alarm = next((e for e in panel.alarms if _covers(e, t_s)), None)
+    if alarm is not None and alarm["start_t_s"] == t_s:
         began = "The alarm began here."
         return _decided("confirmation", f"Confirmed: {counted}. {began}", f"{plain}. {began}")
     if alarm is not None:
         cause = alarm.get("cause", alarm["reason"])
         on = "The alarm is on already"
         return _decided("panel", f"{on} ({cause}).", f"{on}.")
-    held = {
-        "disarmed": "but the sensor is disarmed: nobody is told.",
-        "exit": "but the exit delay is running: nobody is told.",
-    }
-    if panel in held:
-        return _decided("panel", f"{counted}, {held[panel]}", f"{plain}, {held[panel]}")
-    if n_hits < policy.k:
+    if n_hits < policy.k and panel.state.panel in {"armed", "entry"}:
         return _decided("confirmation", f"Not confirmed yet: {counted}.", f"Not yet: {plain}.")
-    waits_for = "it waits for the entry delay, a quiet period or the pause after an alarm."
-    return _decided("panel", f"{counted}; {waits_for}", f"{plain}; {waits_for}")
+    text = f"{counted}, but {_held_by(panel)}"
+    return _decided("panel", text[:1].upper() + text[1:], f"{plain}, but {_held_by(panel)}")
+
+
+def _held_by(panel: _Panel) -> str:
+    """Return the one thing that keeps a confirmed person from being an alarm."""
+    t_s, state, policy = panel.record["t_s"], panel.state, panel.policy
+    left = _seconds((state.delay_left_s or 0.0) - max(0.0, t_s - state.t_s))
+    if state.panel == "disarmed":
+        return "the sensor is disarmed: nobody is told."
+    if state.panel == "exit":
+        return f"the exit delay is running: {left} left, and nobody is told."
+    if state.panel == "entry":
+        return f"the entry delay is running: {left} left to disarm."
+    ends_s = [
+        e["end_t_s"] for e in panel.alarms if e["end_t_s"] is not None and e["end_t_s"] <= t_s
+    ]
+    pause_s = max(ends_s, default=-policy.refractory_s) + policy.refractory_s - t_s
+    if ends_s and pause_s > 0:
+        return f"it is the pause after the last alarm: {_seconds(pause_s)} left."
+    if quiet := _quiet_left(panel):
+        return f"it is a quiet period: {quiet} left."
+    if policy.entry_delay_s:
+        return f"the entry delay begins here: {_seconds(policy.entry_delay_s)} to disarm."
+    return "it counts from when it was armed, or from the last alarm's end."
+
+
+def _quiet_left(panel: _Panel) -> str:
+    """Return how much is left of a quiet period at the time of a decision; empty outside one."""
+    alarm, at = panel.config.alarm, datetime.fromisoformat(panel.record["time"])
+    periods = [parse_quiet(text) for text in alarm.quiet]
+    hours = QuietHours(periods, time_zone(alarm.timezone), lambda s: at + timedelta(seconds=s))
+    whole = range(0, 7 * 86_400, 60)
+    left = next((s for s in whole if not hours.holds(s)), whole.stop)
+    return f"{left // 3600} h {left // 60 % 60} min" if left else ""
+
+
+def _seconds(value: float) -> str:
+    return f"{max(0.0, value):.0f} s"
 
 
 def _db(value: float) -> str:

@@ -1,8 +1,8 @@
 """Pictures: frames to columns as bytes on a dB scale, for dashboard and clips to draw.
 
-Three pictures share their columns of time: range (where), velocity (how fast; its aliases are
-weaker, not absent, see `radard.dsp.velocity`) and Doppler (mu, what the thesis' network sees). A
-fourth, gait, is the cadence velocity diagram of the last two seconds.
+Three pictures share their columns of time: range (where), velocity (how fast; its aliases fade
+as far as the range tells them apart, see `radard.dsp.unfold`) and Doppler (mu, what the thesis'
+network sees). A fourth, gait, is the cadence velocity diagram of the last two seconds.
 """
 
 from dataclasses import dataclass, field
@@ -14,6 +14,7 @@ from radard.dsp.cadence import cadence_velocity_diagram
 from radard.dsp.columns import SharedSteps
 from radard.dsp.doppler import StreamingDoppler
 from radard.dsp.range_time import RangeTimeMap
+from radard.dsp.unfold import Unfolding
 from radard.dsp.velocity import CPI_S, VelocityTransform
 from x2radar.frame import FastTimeAxis
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
@@ -112,10 +113,13 @@ class Spectrograms:
         self._n_gait = n_keep
         self.longest_push = block
         self._floors = {name: _Floor() for name in SPANS_DB}
-        self.restart()
         v, d_hz = self._velocity.velocity_mps, frame_rate_hz / n_cpi
         to_mps = SPEED_OF_LIGHT_MPS / (2 * axis.carrier_hz) if axis.carrier_hz > 0 else 0.0
-        self.unambiguous_mps = frame_rate_hz * to_mps or None
+        self.unambiguous_mps = apart_mps = frame_rate_hz * to_mps or None
+        cells = len(self._ranges.range_m), self.column_s / cell_m
+        span_db = SPANS_DB["velocity"]
+        self._unfolding = Unfolding(v, apart_mps, *cells, span_db) if apart_mps else None
+        self.restart()
         doppler = ("m/s", d_hz * to_mps) if to_mps else ("Hz", d_hz)
         lowest = -(n_cpi // 2) * doppler[1]
         r = self._ranges.range_m
@@ -134,6 +138,8 @@ class Spectrograms:
     def restart(self) -> None:
         """Forget the frames so far, as after a jump of the stream; the floors are kept."""
         self._shared.restart()
+        if self._unfolding is not None:
+            self._unfolding.restart()
         self._n_seen = self._n_made = 0
 
     def push(
@@ -158,6 +164,8 @@ class Spectrograms:
             "doppler": self._doppler.columns(n),
         }
         values = {name: self._shown(name, p, n * self.column_s) for name, p in power.items()}
+        if self._unfolding is not None:
+            values["velocity"] = self._unfolding.unfold(values["velocity"], values["range"])
         end_s = t_s - behind / self._rate_hz - self._middle_s
         return Columns(end_s, self._velocity.columns_valid(n), values)
 

@@ -114,6 +114,9 @@ class ControlServer:
                 return
             line.settimeout(_REQUEST_S)
             request = _first_line(line)
+            if not request:
+                # A second daemon only looks whether this one is there.
+                return
             try:
                 name = json.loads(request)["command"]
                 answer = self._answer(str(name), radar)

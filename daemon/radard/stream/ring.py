@@ -137,14 +137,15 @@ class FrameRing:
         """Return when the next dwell's last frame should arrive, by `FrameTiming`."""
         return self._timing.arrival_s(self._due)
 
-    def recent(self, after: int = 0) -> Recent:
+    def recent(self, after: int = 0, *, is_live: bool = True) -> Recent:
         """Return the rows behind number `after`, or as many of them as are still there.
 
-        For any thread. Takes no lock and keeps nobody waiting: rows that the reader has
-        overwritten while they were copied are left out.
+        For any thread; `is_live` where somebody looks at what is new. Takes no lock and keeps
+        nobody waiting: rows that were overwritten while they were copied are left out.
         """
-        # A viewer wants to see what is new, so frames wait for few others meanwhile.
-        self._watched_to = self._taken + round(_WATCHED_S * self._shape.frame_rate_hz)
+        # Frames then wait for few others.
+        if is_live:
+            self._watched_to = self._taken + round(_WATCHED_S * self._shape.frame_rate_hz)
         begun_at, (end, index) = self._base, self._converted
         first = min(max(after, begun_at, end - self._capacity), end)
         at = first % self._capacity

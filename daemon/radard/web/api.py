@@ -18,7 +18,6 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocket
 
 from radard.alarm.explain import explain
-from radard.alarm.panel import ArmMode
 from radard.alarm.sensitivity import alarm_policy, sensitivity_choices
 from radard.config.directories import kept_calibration, saved_file
 from radard.config.redact import redact_value
@@ -146,10 +145,8 @@ class Api:
         records = history.around(seq) if seq is not None else ()
         if not records or seq is None:
             return refusal(404, "this decision is not remembered any more")
-        known: tuple[str | None, ArmMode] = view.panels.get(seq) or (None, "away")
-        panel, mode = known
-        hello, events = history.hello, history.events()
-        reasons = explain(records, hello, view.config, events, panel, mode=mode)
+        held = view.states.get(seq)
+        reasons = explain(records, history.hello, view.config, history.events(), held)
         return JSONResponse({"decision": dict(records[-1]), **reasons})
 
     async def _sensitivities(self, _request: Request) -> Response:

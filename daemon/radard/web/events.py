@@ -18,7 +18,7 @@ from starlette.routing import Route
 
 from radard.config.sink_table import KINDS
 from radard.errors import RadardError, UsageError
-from radard.log_file import StoredEvent, parse_since
+from radard.log_file import MARKS, StoredEvent, parse_since
 from radard.outputs.records import utc_now
 from radard.web.answers import attached, query_number, refusal
 from radard.web.guard import Guard
@@ -30,7 +30,7 @@ from radard.web.view import View
 _ULID = re.compile(r"[0-9A-HJKMNP-TV-Z]{26}")
 _MAX_EVENTS = 2000  # of an answer: some hundred kilobytes
 _MAX_WAITING = 4  # requests for a clip's pictures: each takes seconds
-_FIELDS = ("id", "sensor", "kind", "began", "ended", "peak", "reason", "label", "clip")
+_FIELDS = ("id", "sensor", "kind", "began", "ended", "peak", "reason", "label", "clip", *MARKS)
 _SAME = ("id", "kind", "phase", "start_t_s", "end_t_s", "peak", "clip", "reason")
 """What an answer has under the name that an event of the log has, too."""
 

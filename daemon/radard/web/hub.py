@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 MAX_TEXTS = 400  # minutes of records
-MAX_IN_FLIGHT = 24  # pictures: three seconds of them
+MAX_IN_FLIGHT = 64  # pictures: what a page gets at its opening, and some seconds more
 _BACKLOG = 512  # messages: a minute of pictures for a page that opens
 
 

@@ -98,11 +98,11 @@ class WebSink:
     def attach(self, host: Host) -> None:
         """Take a sensor's host; one of several gets pages of its own."""
         if not host.config().is_one_of_several:
-            self._first.host = host
-            return
-        view = self._view(host.sensor)
+            view = self._first
+        else:
+            view = self._views[host.sensor] = self._view(host.sensor)
         view.host = host
-        self._views[host.sensor] = view
+        view.picture_thread.start()
 
     def detach(self, sensor: str) -> None:
         """Take the pages of a sensor away."""

@@ -6,7 +6,7 @@ from typing import Any
 
 from starlette.types import ASGIApp
 
-from radard.alarm.panel import ArmMode
+from radard.alarm.sensor_state import SensorState
 from radard.config.config import Config
 from radard.config.directories import state_dir
 from radard.config.saved import SavedSettings
@@ -21,7 +21,7 @@ from radard.web.pictures.picture_thread import PictureThread
 
 Post = Callable[[Callable[[Any], None], Any], None]
 """Calls something with a value in the web's own thread."""
-_MAX_PANELS = 4000  # above the decisions of `radard.web.history`
+_MAX_STATES = 4000  # above the decisions of `radard.web.history`
 
 
 class View:
@@ -53,8 +53,8 @@ class View:
         self.host: Host | None = None
         """The sensor's run, once there is one."""
         self.history, self.metrics = History(), Metrics(sensor)
-        self.panels: dict[int, tuple[str, ArmMode]] = {}
-        """State of the panel just before each decision, and how it was armed, by its number."""
+        self.states: dict[int, SensorState] = {}
+        """What held just before each decision, by its number."""
         self.hub = Hub(lambda is_wanted: self.picture_thread.want(is_wanted=is_wanted))
         self.picture_thread = PictureThread(
             lambda: self.host.ring() if self.host is not None else None,
@@ -92,11 +92,11 @@ class View:
         """Take a record; returns at once."""
         self.history.take(record)
         self.metrics.on_record(record)
-        panel = self.host.panel() if self.host is not None else None
-        if record["type"] == "decision" and panel is not None:
-            self.panels[record["seq"]] = (panel.panel, panel.mode)
-            while len(self.panels) > _MAX_PANELS:
-                del self.panels[next(iter(self.panels))]
+        state = self.host.panel() if self.host is not None else None
+        if record["type"] == "decision" and state is not None:
+            self.states[record["seq"]] = state
+            while len(self.states) > _MAX_STATES:
+                del self.states[next(iter(self.states))]
         if len(self.hub):
             self._post(self.hub.broadcast, record)
 

@@ -1,12 +1,14 @@
 """PictureThread: makes pictures of the running stream, on a thread of its own, while asked to.
 
 It reads the ring (`FrameRing.recent`) instead of being called, so the reader and the worker do
-not depend on it; what it is too slow for is left out and shows as a gap.
+not depend on it; what it is too slow for is left out and shows as a gap. While nobody looks it
+only keeps the frames of the last half minute, which whoever opens a page gets first.
 """
 
 import logging
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from typing import Any
 
@@ -16,7 +18,10 @@ from radard.web.pictures.wire import axes, encode_columns, encode_gait
 
 log = logging.getLogger("radard")
 _EVERY_S = 0.125  # pictures move smoothly enough
+_KEEP_EVERY_S = 1.0  # less than a ring holds
+_KEPT_S = 30.0  # as much as a page shows
 _GAIT_EVERY_S = 0.5  # the gait picture spans two seconds
+_AFTER_FAULT_S = 5.0
 _MAX_BUSY = 0.5  # of a core: decisions come first
 
 Emit = Callable[[bytes], None]
@@ -42,70 +47,97 @@ class PictureThread:
         self._ring = ring
         self._announce = announce
         self._emit = emit
-        self._is_wanted = threading.Event()
-        self._is_ended = False
+        self._changed = threading.Condition()
+        self._n_wishes = self._wish = self._shown_wish = 0
+        self._is_ended = self._is_told = False
         self._thread: threading.Thread | None = None
         self._shown_ring: FrameRing | None = None
         self._spectrograms: Spectrograms | None = None
-        self._end = self._begun_at = self._first = self._epoch = 0
+        self._kept: deque[Recent] = deque()
+        self._waiting: deque[Recent] = deque()
+        self._end = self._shown_to = self._begun_at = self._first = self._epoch = 0
         self._gait_s = 0.0
+
+    def start(self) -> None:
+        """Begin to keep frames; returns at once."""
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._run, name="pictures", daemon=True)
+            self._thread.start()
 
     def want(self, *, is_wanted: bool) -> None:
         """Start or stop to make pictures; returns at once."""
-        if is_wanted and not self._is_ended:
-            self._is_wanted.set()
-            if self._thread is None:
-                self._thread = threading.Thread(target=self._run, name="pictures", daemon=True)
-                self._thread.start()
-        else:
-            self._is_wanted.clear()
+        self.start()
+        with self._changed:
+            self._n_wishes += is_wanted
+            self._wish = self._n_wishes if is_wanted else 0
+            self._is_told = True
+            self._changed.notify()
 
     def close(self) -> None:
         """End the thread, soon."""
-        self._is_ended = True
-        self._is_wanted.set()
+        with self._changed:
+            self._is_ended = self._is_told = True
+            self._changed.notify()
 
     def _run(self) -> None:
+        wish, pause_s = 0, 0.0
         while True:
-            if not self._is_wanted.is_set():
-                # What was shown last is stale when a page shows pictures again.
-                self._shown_ring = None
-                self._is_wanted.wait()
-            if self._is_ended:
-                return
+            with self._changed:
+                self._changed.wait_for(lambda: self._is_told, pause_s)
+                self._is_told = False
+                if self._is_ended:
+                    return
+                wish = self._wish
             begun_s = time.monotonic()
             try:
-                self._make_pictures()
+                self._look(wish)
             except Exception:
                 # Pictures are a help; without them everything else goes on.
                 log.exception("a picture could not be made")
                 self._shown_ring = None
-                time.sleep(5.0)
+                self._waiting.clear()
+                begun_s += _AFTER_FAULT_S  # go on that much later
             spent_s = time.monotonic() - begun_s
-            time.sleep(max(_EVERY_S - spent_s, spent_s * (1 - _MAX_BUSY) / _MAX_BUSY, 0.01))
+            every_s = 0.0 if self._waiting else _EVERY_S if wish else _KEEP_EVERY_S
+            pause_s = max(every_s - spent_s, spent_s * (1 - _MAX_BUSY) / _MAX_BUSY, 0.01)
 
-    def _make_pictures(self) -> None:
+    def _look(self, wish: int) -> None:
+        """Keep what has come since; of what a page is still to see, show the next part."""
         ring = self._ring()
         if ring is None:
             return
-        if ring is not self._shown_ring or self._spectrograms is None:
-            self._shown_ring = ring
+        if ring is not self._shown_ring:
+            self._shown_ring, self._end = ring, 0
+            self._kept.clear()
+            self._shown_wish = 0
+        if wish != self._shown_wish:
+            self._waiting.clear()
+        if not self._waiting:
+            recent = ring.recent(self._end, is_live=wish > 0)
+            self._end = recent.end_frame
+            if len(recent.frames):
+                self._kept.append(recent)
+                self._waiting.append(recent)
+            while self._kept and self._kept[0].t_s < recent.t_s - _KEPT_S:
+                self._kept.popleft()
+        if not wish:
+            self._waiting.clear()
+        elif wish != self._shown_wish or self._spectrograms is None:
             self._spectrograms = Spectrograms(ring.axis, ring.frame_rate_hz)
-            self._end, self._begun_at = 0, -1
+            self._waiting = deque(self._kept)
+            self._shown_to, self._begun_at = 0, -1
             self._announce(axes(self._spectrograms))
-        recent = ring.recent(self._end)
-        n = len(recent.frames)
-        if n == 0:
-            return
-        if recent.begun_at != self._begun_at or recent.end_frame - n > self._end:
-            self._spectrograms.restart()
-            self._begun_at = recent.begun_at
-            self._epoch, self._first = self._epoch + 1, 0
-        self._end = recent.end_frame
-        self._show(self._spectrograms, recent)
+        self._shown_wish = wish
+        if self._waiting and self._spectrograms is not None:
+            self._show(self._spectrograms, self._waiting.popleft())
 
     def _show(self, spectrograms: Spectrograms, recent: Recent) -> None:
         n = len(recent.frames)
+        if recent.begun_at != self._begun_at or recent.end_frame - n > self._shown_to:
+            spectrograms.restart()
+            self._begun_at = recent.begun_at
+            self._epoch, self._first = self._epoch + 1, 0
+        self._shown_to = recent.end_frame
         rate_hz = self._shown_ring.frame_rate_hz if self._shown_ring else 1.0
         for at in range(0, n, spectrograms.longest_push):
             until = min(n, at + spectrograms.longest_push)
@@ -119,7 +151,8 @@ class PictureThread:
                 )
             )
             self._first += len(columns.valid)
-            if abs(columns.t_s - self._gait_s) >= _GAIT_EVERY_S:
+            # Of what was before, only the last gait is shown.
+            if not self._waiting and abs(columns.t_s - self._gait_s) >= _GAIT_EVERY_S:
                 self._gait_s = columns.t_s
                 picture = spectrograms.gait()
                 if picture is not None:

@@ -7,8 +7,8 @@ import { livePage } from "./pages/live.js";
 import { below, connect, post, watchPictures } from "./net.js";
 import { watchForNews } from "./notify.js";
 import { setupPage } from "./pages/setup.js";
-import { isOperator, on, state } from "./state.js";
-import { duration, h, inWords, minutes, replace, setText, toast } from "./ui.js";
+import { hindrance, isOperator, on, state } from "./state.js";
+import { clock, duration, h, inWords, minutes, replace, setText, toast } from "./ui.js";
 import { whyPage } from "./pages/why.js";
 
 const PAGES = { live: livePage, why: whyPage, events: eventsPage, setup: setupPage };
@@ -58,8 +58,8 @@ function drawArming() {
   armingKey = key;
   const isArmed = Boolean(panel.armed);
   const isHome = isArmed && panel.mode === "home";
-  const mayNot = !isOperator() || state.connection !== "open" || panel.armed === undefined;
-  const title = isOperator() ? "" : "Only an operator may arm and disarm";
+  const title = hindrance();
+  const mayNot = Boolean(title) || panel.armed === undefined;
   const button = h(
     "button",
     {
@@ -140,6 +140,7 @@ function drawSensor() {
 
 function bannerOf() {
   const { panel } = state;
+  document.body.classList.toggle("is-lost", state.connection === "lost");
   if (state.connection === "lost") {
     const hasEnded = state.state === "offline" && state.reason;
     const why = hasEnded ? `radard has ended (${state.reason}).` : "What you see is old.";
@@ -176,17 +177,18 @@ function inSeconds({ delay_left_s: left }) {
   return Number.isFinite(left) ? `in ${Math.ceil(left)} s` : "soon";
 }
 
+// What it began with and when, and when somebody was seen last.
 function alarmText() {
   const event = state.events.get(state.panel.alarm_id);
-  const reason = state.panel.open?.alarm ?? event?.reason ?? "";
-  const cause = event?.cause ?? reason;
+  const first = inWords(event?.cause ?? state.panel.open?.alarm ?? event?.reason ?? "");
+  const capital = `${first.charAt(0).toUpperCase()}${first.slice(1)}`;
   const now = state.decisions[state.decisions.length - 1];
-  const lasted = event && now ? now.t_s - event.start_t_s : 0;
-  const since = lasted >= 1 ? `, ${duration(lasted)} ago` : "";
-  const isBack = reason.endsWith(", again");
-  const after = reason === cause ? "" : isBack ? `; now ${inWords(reason)}` : `; ${reason} now`;
-  const first = inWords(cause);
-  return `${first.charAt(0).toUpperCase()}${first.slice(1)}${since}${after}`;
+  if (!event || !now) return capital;
+  const since = `${capital}, since ${clock(event.began)} (${duration(now.t_s - event.start_t_s)})`;
+  const seen = state.decisions.findLast((d) => d.alarm && d.t_s >= event.start_t_s);
+  if (!seen) return `${since}.`;
+  const ago_s = now.t_s - seen.t_s;
+  return ago_s < 2 ? `${since}. In sight now.` : `${since}. Last seen ${duration(ago_s)} ago.`;
 }
 
 let bannerKey = "";
@@ -283,7 +285,6 @@ function makePlayer() {
     time,
     speed,
   );
-  if (!isOperator()) for (const control of [play, slider, speed]) control.disabled = true;
   return {
     element,
     draw({ position_s, length_s, is_playing, speed: now }) {
@@ -291,6 +292,7 @@ function makePlayer() {
       if (!isHeld) slider.value = String(position_s);
       slider.setAttribute("aria-valuetext", `${minutes(position_s)} of ${minutes(length_s)}`);
       time.textContent = `${minutes(position_s)} / ${minutes(length_s)}`;
+      for (const control of [play, slider, speed]) control.disabled = Boolean(hindrance());
       play.textContent = is_playing ? "❚❚" : "►";
       play.setAttribute("aria-label", is_playing ? "Pause" : "Play");
       speed.value = now === null ? "" : String(now);

@@ -46,6 +46,12 @@ export function isOperator() {
   return state.role === "operator";
 }
 
+// Why nothing may be changed from here now; empty where it may.
+export function hindrance(isForAll = false) {
+  if (state.connection !== "open") return "No connection to the sensor";
+  return isForAll || isOperator() ? "" : "Only an operator may do this";
+}
+
 export function limit() {
   return state.hello.pet_limit ?? 0.8;
 }
@@ -77,7 +83,7 @@ export function markOf(record) {
 }
 
 function welcome(message) {
-  for (const key of ["role", "sensor", "hello", "confirm", "sensors"]) state[key] = message[key];
+  for (const key of ["role", "sensor", "hello", "confirm", "latch_s", "sensors"]) state[key] = message[key];
   state.mark = markOf(state.hello);
   state.hasSavedZones = message.has_saved_zones;
   state.hasSavedSettings = message.has_saved_settings;

@@ -2,7 +2,7 @@
 import { Chart, colour, themeVersion, tickText, ticks } from "./chart.js";
 import { css, currentMap } from "./colour.js";
 import { GOOD, MISSING } from "./pictures.js";
-import { fixed, hasDetails } from "../ui.js";
+import { duration, fixed, hasDetails } from "../ui.js";
 
 export const TITLES = {
   range: ["Where", "range"],
@@ -28,6 +28,8 @@ function speedText(value) {
   const speed = `${fixed(Math.abs(value), 1)} m/s`;
   return Math.abs(value) < 0.05 ? speed : `${speed} ${value > 0 ? "nearer" : "farther"}`;
 }
+
+const STALE_S = 2;
 
 export class HeatMap extends Chart {
   constructor(host, name, pictures, options = {}) {
@@ -225,14 +227,27 @@ export class GaitMap extends Chart {
     this.image = document.createElement("canvas");
   }
 
-  draw() {
-    const c = this.begin();
-    const { axes, gait } = this.pictures;
+  // Of an empty room there is no gait: the last one stays, with its age.
+  draw(isMoving) {
+    const c = this.begin(isMoving);
+    const { axes } = this.pictures;
     if (!axes) return;
+    if (isMoving || this.pictures.version !== this.version) this.gait = isMoving ? this.pictures.gait : null;
+    this.version = this.pictures.version;
+    const { gait } = this;
     const picture = this.pictures.by.get("gait");
     this.picture = picture;
     this.high = axes.gait_step_hz * (gait ? gait.n : 15);
+    const ago_s = gait ? (performance.now() - gait.atMs) / 1000 : 0;
+    c.globalAlpha = ago_s > STALE_S ? 0.35 : 1;
     if (gait) this.#paint(c, gait);
+    c.globalAlpha = 1;
+    if (ago_s > STALE_S) {
+      c.fillStyle = colour("ink");
+      c.textAlign = "right";
+      c.textBaseline = "top";
+      c.fillText(`${duration(ago_s)} ago`, this.box.x + this.box.w - 6, this.box.y + 6);
+    }
     const low = picture.first - picture.step / 2;
     const top = low + picture.n_rows * picture.step;
     this.drawY(low, top, (v) => this.box.y + this.box.h * (1 - (v - low) / (top - low)), picture.unit);
@@ -267,7 +282,7 @@ export class GaitMap extends Chart {
   }
 
   explain(share, height) {
-    if (!this.picture || !this.pictures.gait) return "";
+    if (!this.picture || !this.gait) return "";
     const { first, step, n_rows, unit } = this.picture;
     const often = fixed(share * this.high, 1);
     const speed = `${fixed(first + height * n_rows * step, 2)} ${unit}`;

@@ -76,7 +76,7 @@ export class Pictures {
   #takeGait(buffer, view) {
     const n = view.getUint16(2, true);
     const rows = view.getUint32(4, true);
-    this.gait = { n, rows, values: new Uint8Array(buffer, HEAD_BYTES, n * rows), t_s: view.getFloat64(16, true) };
+    this.gait = { n, rows, values: new Uint8Array(buffer, HEAD_BYTES, n * rows), t_s: view.getFloat64(16, true), atMs: performance.now() };
   }
 
   // Value (0 to 255) of a cell, or null where nothing is known.

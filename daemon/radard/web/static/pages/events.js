@@ -1,7 +1,7 @@
 // Events: list, filter, replay of a clip's pictures, export, labels.
 import { at, get, post } from "../net.js";
 import { Pictures } from "../charts/pictures.js";
-import { isOperator, markOf, on } from "../state.js";
+import { hindrance, markOf, on } from "../state.js";
 import { card, clock, day, duration, h, inWords, percent, replace, setText, toast, words } from "../ui.js";
 import { ClipPlayer, thumbnail } from "./clip.js";
 
@@ -15,7 +15,7 @@ const NAMES = Object.fromEntries(LABELS);
 const KINDS = { alarm: "Alarm", fault: "Fault", tamper: "Tamper" };
 const MANY = { alarm: ["alarm", "alarms"], fault: ["fault", "faults"], tamper: ["tampering", "tamperings"] };
 const TEST = /^test alarm: /;
-const DAYS = 14;
+const WEEK = ["Mon", "Tue", "Wed", "Thu", "Fri", "Sat", "Sun"];
 const MOST = 500;
 const SINCE = [
   ["", "any time"],
@@ -37,24 +37,35 @@ class EventsPage {
   constructor(chosen, signal) {
     this.signal = signal;
     this.chosen = chosen;
+    this.events = [];
     this.list = h("div", { class: "eventlist" });
-    this.days = h("div", { class: "days", role: "img" });
+    this.hours = h("div", { class: "hours", role: "img" });
+    this.hoursNote = h("p", { class: "caption" });
     // Named from the start: events may take a while to come.
     this.review = h("button", { type: "button", disabled: true, onclick: () => this.#reviewNext(true) }, "Review alarms");
     this.count = h("p", { class: "quiet", role: "status" });
     this.detail = h("div", { class: "detail" });
     this.filters = this.#filters();
+    this.filtered = h("small", {});
+    this.filterBox = h("details", { class: "filterbox" }, h("summary", {}, "Filter and export ", this.filtered), this.filters);
+    this.when = h("details", {}, h("summary", {}, "When alarms come"), this.hoursNote, this.hours);
+    this.filterBox.open = this.when.open = matchMedia("(min-width: 1081px)").matches;
     this.nodes = [
       h("h1", { class: "hidden" }, "Events"),
       h(
         "div",
         { class: "columns events" },
-        h("section", { class: "card" }, h("h2", {}, "Events", this.count), this.days, this.filters, h("p", { class: "buttons" }, this.review), this.list),
+        h("section", { class: "card" }, h("h2", {}, "Events", this.count), this.filterBox, h("p", { class: "buttons" }, this.review), this.list),
         this.detail,
+        h("section", { class: "card when" }, this.when),
       ),
     ];
     replace(this.detail, this.#nothingChosen());
     on("event", () => this.#loadSoon(), signal);
+    on("now", () => {
+      this.#drawReview();
+      for (const button of this.detail.querySelectorAll(".labels button")) button.disabled = Boolean(hindrance());
+    }, signal);
     addEventListener("keydown", (event) => this.#onKey(event), { signal });
     this.load();
   }
@@ -111,10 +122,12 @@ class EventsPage {
       return;
     }
     if (this.signal.aborted) return;
+    const used = [...this.#query()].map(([, value]) => value).join(", ");
+    setText(this.filtered, used ? `showing ${used}` : "");
     const n = this.events.length;
     setText(this.count, n === 1 ? "1 event" : n === MOST ? `the newest ${n} events` : `${n} events`);
     this.#drawReview();
-    this.#drawDays();
+    this.#drawHours();
     this.#drawList();
     if (this.chosen) {
       const event = this.events.find((e) => e.id === this.chosen);
@@ -128,7 +141,7 @@ class EventsPage {
 
   #drawReview() {
     const n = this.#unlabelled().length;
-    this.review.disabled = !isOperator() || n === 0;
+    this.review.disabled = Boolean(hindrance()) || n === 0;
     const what = n === 0 ? "Every alarm here has a label" : `Review next, ${n} without a label`;
     setText(this.review, isReviewing && n ? `Skip this one, ${n} without a label` : what);
   }
@@ -152,28 +165,31 @@ class EventsPage {
     this.detail.querySelectorAll(".labels button")[Number(event.key) - 1]?.click();
   }
 
-  #drawDays() {
-    const counts = new Map();
-    for (const event of this.events) {
-      const name = new Date(event.began).toDateString();
-      if (event.kind === "alarm" && !isTest(event)) counts.set(name, (counts.get(name) ?? 0) + 1);
+  // When alarms come: by day of the week and hour, of what the filters let through.
+  #drawHours() {
+    const counts = WEEK.map(() => new Array(24).fill(0));
+    const alarms = this.events.filter((e) => e.kind === "alarm" && !isTest(e));
+    for (const event of alarms) {
+      const date = new Date(event.began);
+      counts[(date.getDay() + 6) % 7][date.getHours()] += 1;
     }
-    const last = Array.from({ length: DAYS }, (_, k) => {
-      const date = new Date();
-      date.setDate(date.getDate() - (DAYS - 1 - k));
-      return { name: day(date), n: counts.get(date.toDateString()) ?? 0, of: date.getDate() };
-    });
-    const most = Math.max(1, ...last.map(({ n }) => n));
-    const said = last.filter(({ n }) => n).map(({ name, n }) => `${name} ${n}`);
-    this.days.setAttribute("aria-label", `Alarms a day, last ${DAYS} days: ${said.join(", ") || "none"}`);
-    replace(
-      this.days,
-      ...last.map(({ name, n, of }) => {
-        const bar = h("i", { class: n ? "some" : "" });
-        bar.style.height = `${n ? Math.max(4, Math.round((28 * n) / most)) : 2}px`;
-        return h("span", { title: `${name}: ${countText("alarm", n)}` }, h("b", {}, n ? String(n) : ""), bar, h("small", {}, String(of)));
+    const most = Math.max(1, ...counts.flat());
+    const said = [];
+    const cells = counts.flatMap((row, k) => [
+      h("small", {}, WEEK[k]),
+      ...row.map((n, hour) => {
+        const text = `${WEEK[k]} ${hour}:00 to ${hour + 1}:00: ${countText("alarm", n)}`;
+        if (n) said.push(text);
+        const cell = h("i", { title: text, class: n ? "some" : "" }, n && most > 1 ? String(n) : "");
+        if (n) cell.style.setProperty("--share", `${25 + (75 * n) / most}%`);
+        return cell;
       }),
-    );
+    ]);
+    const axis = [h("small", {}), ...Array.from({ length: 24 }, (_, hour) => h("small", {}, hour % 6 ? "" : String(hour)))];
+    const what = this.filters.elements.label.value === "wrong" ? "False alarms" : "Alarms";
+    setText(this.hoursNote, `${what} by day and hour. Filter by a label to see when those come.`);
+    this.hours.setAttribute("aria-label", `${what} by day and hour: ${said.join("; ") || "none"}`);
+    replace(this.hours, ...cells, ...axis);
   }
 
   #drawList() {
@@ -257,7 +273,7 @@ class EventsPage {
         {
           type: "button",
           "aria-pressed": String(event.label === label),
-          disabled: !isOperator(),
+          disabled: Boolean(hindrance()),
           "aria-keyshortcuts": String(k + 1),
           onclick: async () => {
             try {

@@ -3,7 +3,7 @@ import { GaitMap, HeatMap, TITLES, drawScale } from "../charts/heatmap.js";
 import { chancesPlot, powerPlot } from "../charts/plots.js";
 import { themeVersion } from "../charts/chart.js";
 import { lastDecision, limit, on, pictures, state } from "../state.js";
-import { card, clock, fixed, h, hasDetails, percent, replace, setText, timesText, verdict, words } from "../ui.js";
+import { card, clock, duration, fixed, h, hasDetails, percent, replace, setText, timesText, verdict, words } from "../ui.js";
 
 const SPAN_S = 30;
 const SLOW_MS = 500;
@@ -14,7 +14,10 @@ const FRAME_MS = 8;
 const MAX_SHARE = 0.25;
 const LIGHT_MPS = 299792458;
 const CAPTIONS = {
-  range: () => words("Strong: something moves at that distance.", "Power after clutter removal, by range."),
+  range: () => [
+    ...words("Strong: something moves at that distance.", "Power after clutter removal, by range."),
+    h("span", { class: "dots" }, h("span", { class: "swatch human" }), "a body", h("span", { class: "swatch pet" }), "taken for a pet"),
+  ],
   velocity: velocityCaption,
   doppler: () =>
     words(
@@ -28,8 +31,8 @@ const CAPTIONS = {
     ),
 };
 
-// What the eye sees in "How fast": one movement as several bands, where the frames come too
-// seldom to tell its speed from others.
+// What the eye sees in "How fast": one movement as one band, or as several where neither the band
+// nor its way through the ranges tells its speed from others.
 function velocityCaption(axes) {
   const { frame_rate_hz: rate_hz, carrier_hz } = state.hello;
   // As the pictures have it once they come: c fp / (2 f).
@@ -38,8 +41,8 @@ function velocityCaption(axes) {
   if (!apart || apart / 2 >= highest) return words("Coming closer is up.", "Radial velocity; approaching is positive.");
   const rate = fixed(rate_hz, 0);
   return words(
-    `Coming closer is up. Parallel bands, ${fixed(apart, 1)} m/s apart, are one movement: the strongest is the likely speed, the others repeat it.`,
-    `Radial velocity. At ${rate} Hz it is unambiguous within ±${fixed(apart / 2, 2)} m/s (dashed); beyond, aliases ${fixed(apart, 2)} m/s apart are weaker by some dB, not absent.`,
+    `Coming closer is up. One body is one band; pale bands ${fixed(apart, 1)} m/s apart are its doubles, where its way does not tell which is right.`,
+    `Radial velocity. At ${rate} Hz it is unambiguous within ±${fixed(apart / 2, 2)} m/s (dashed); beyond, aliases ${fixed(apart, 2)} m/s apart fade as far as range over time speaks against them.`,
   );
 }
 
@@ -159,7 +162,7 @@ function animate(signal, maps, plots, gait, scales) {
     left = [
       ...maps.map((map) => () => map.draw(view)),
       ...plots.map((plot) => () => plot.draw(view, state.decisions)),
-      () => gait.draw(),
+      () => gait.draw(lastDecision()?.gate === "open"),
       drawScales,
     ];
   };
@@ -242,7 +245,8 @@ function makeHero() {
     draw(d) {
       const [text, tone] = verdict(d);
       element.dataset.tone = state.panel.panel === "alarm" ? "alarm" : tone;
-      setText(word, text);
+      const isOn = state.panel.panel === "alarm";
+      setText(word, isOn ? `Now: ${text.charAt(0).toLowerCase()}${text.slice(1)}` : text);
       setText(sub, subtitle(d));
       const hasChances = d && d.fused_p_human !== null;
       const [human, pet] = bar.children;
@@ -250,7 +254,7 @@ function makeHero() {
       pet.style.width = hasChances ? `${100 * (d.fused_p_pet + d.fused_p_other)}%` : "0%";
       bar.lastChild.style.left = `${100 * (1 - limit())}%`;
       const mix = hasChances
-        ? `Person ${percent(d.fused_p_human)}, pet ${percent(d.fused_p_pet)}`
+        ? `${isOn ? "Now: person" : "Person"} ${percent(d.fused_p_human)}, pet ${percent(d.fused_p_pet)}`
         : "No evidence while nothing moves";
       setText(mixText, mix);
       bar.setAttribute("aria-label", mix);
@@ -259,18 +263,26 @@ function makeHero() {
       put("speed", fixed(nearest?.radial_velocity_mps, 1));
       put("times", timesText(d));
       put("power", d && d.power_db !== null ? fixed(d.power_db - d.threshold_db, 1) : "–");
-      put("bodies", d ? String(d.tracks.length) : "–");
+      put("bodies", d ? String(Math.max(d.tracks.length, d.gate === "open" ? 1 : 0)) : "–");
       put("latency", fixed(d?.latency_ms, 0));
     },
   };
 }
 
 function subtitle(d) {
+  if (state.connection === "lost") return "Last known; the connection is lost";
   if (!d) return "The first decision comes after 2.5 s";
+  if (d.gate === "invalid") return "Frames are missing or cannot be used";
+  const { panel } = state.panel;
+  if (panel === "alarm") {
+    if (d.alarm) return "The alarm is on";
+    return `The alarm stays on until nobody was seen for ${duration(state.latch_s)}, or somebody acknowledges it`;
+  }
+  if (panel === "entry") return "Disarm now, or the alarm follows";
+  if (panel === "exit") return "Not armed yet";
   if (!state.panel.armed) return "Disarmed: nobody is told";
-  if (state.panel.panel === "alarm") return "The alarm is on";
   if (d.alarm) return "An alarm verdict";
-  return "Armed, all is well";
+  return state.panel.open?.tamper ? "Armed, but tampered with" : "Armed, all is well";
 }
 
 const HEADINGS = [

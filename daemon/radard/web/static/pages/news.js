@@ -1,8 +1,9 @@
 // Who hears of an alarm: the outputs and what each answers a test, and this browser.
+import { offer } from "../command.js";
 import { get, post } from "../net.js";
 import { permission, setNews, wantsNews } from "../notify.js";
-import { isOperator, on, state } from "../state.js";
-import { card, copy, h, replace, setText, toast } from "../ui.js";
+import { on, state } from "../state.js";
+import { card, copy, h, replace, setText, toast, words } from "../ui.js";
 
 const EXAMPLE = `output:
   - mqtt://broker.local
@@ -20,8 +21,10 @@ export function news(signal) {
   const button = h("button", { type: "button", class: "primary" }, "Send a test alarm");
   const said = h("p", { role: "status", class: "quiet" });
   let answers = new Map();
+  let isAsking = false;
+  const { nodes, draw: drawButton } = offer(button, signal, () => (isAsking ? "Waiting for answers" : ""));
   const draw = () => {
-    button.disabled = !isOperator();
+    drawButton();
     replace(
       rows,
       ...state.outputs.map(({ name, status, reason }) =>
@@ -44,8 +47,9 @@ export function news(signal) {
     if (!signal.aborted) draw();
   };
   button.addEventListener("click", async () => {
-    button.disabled = true;
-    setText(said, "Sent; waiting for answers …");
+    isAsking = true;
+    drawButton();
+    setText(said, "");
     try {
       const { outputs } = await post("/api/v1/test-alarm", {});
       answers = new Map(outputs.map(({ output, answer }) => [output, answer]));
@@ -55,6 +59,7 @@ export function news(signal) {
       setText(said, "");
       toast(`No test: ${error.message}`, "bad");
     }
+    isAsking = false;
     await load();
   });
   const timer = setInterval(load, 5000);
@@ -65,14 +70,13 @@ export function news(signal) {
   return card(
     "Notifications",
     "who hears of an alarm",
-    h("p", { class: "buttons" }, button),
+    h("p", { class: "buttons" }, ...nodes),
     said,
     table,
     h("h3", {}, "In this browser ", h("small", {}, "while this page is open, also in the background")),
     browserNews(),
-    h("h3", {}, "Elsewhere ", h("small", {}, "in config.yaml; docs/reference/outputs.md lists all kinds")),
-    lines,
-    h("p", { class: "buttons" }, h("button", { type: "button", onclick: () => copy(EXAMPLE) }, "Copy")),
+    h("h3", {}, "Elsewhere ", words(h("small", {}, "a phone, home automation, a mail: the configuration names them"), h("small", {}, "in config.yaml; docs/reference/outputs.md lists all kinds"))),
+    h("div", { class: "exact" }, lines, h("p", { class: "buttons" }, h("button", { type: "button", onclick: () => copy(EXAMPLE) }, "Copy"))),
   );
 }
 

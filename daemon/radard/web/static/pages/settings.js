@@ -1,6 +1,7 @@
 // What may be set without editing a file: sensitivity, delays, how the sensor is mounted.
+import { offer } from "../command.js";
 import { get, post } from "../net.js";
-import { isOperator, on, state, tell } from "../state.js";
+import { hindrance, on, state, tell } from "../state.js";
 import { card, h, replace, setText, toast } from "../ui.js";
 
 const NAMES = { low: "Low", normal: "Normal", high: "High" };
@@ -12,7 +13,8 @@ class SettingsForm {
     this.fields = fields;
     this.isTouched = false;
     this.isSending = false;
-    this.save = h("button", { type: "submit", class: "primary" }, "Save");
+    this.save = offer(h("button", { type: "submit", class: "primary" }, "Save"), signal, () => this.#fault());
+    this.buttons = h("p", { class: "buttons" }, ...this.save.nodes);
     this.said = h("p", { role: "status", class: "quiet" });
     this.element = h("form", {
       class: "settings",
@@ -32,11 +34,18 @@ class SettingsForm {
   draw() {
     const now = state.settings?.[this.section];
     for (const { element } of Object.values(this.fields)) {
-      element.disabled = !isOperator() || !now;
+      element.disabled = Boolean(hindrance()) || !now;
     }
-    this.save.disabled = !isOperator() || !this.isTouched || !this.element.checkValidity();
+    this.save.draw();
     if (this.isTouched || this.isSending || !now) return;
     for (const [key, { show }] of Object.entries(this.fields)) show(now[key]);
+  }
+
+  // Why there is nothing to save, or what is wrong with it.
+  #fault() {
+    if (!this.isTouched) return "Nothing is changed yet";
+    const bad = Object.values(this.fields).map(({ element }) => element).find((e) => !e.checkValidity());
+    return bad ? `${bad.getAttribute("aria-label")}: ${bad.validationMessage}` : "";
   }
 
   async #send() {
@@ -76,7 +85,7 @@ async function told(section, wanted) {
 }
 
 function number(label, unit, note, { min, max, step, isOptional = false }) {
-  const input = h("input", { type: "number", min, max, step, required: !isOptional, inputmode: "decimal" });
+  const input = h("input", { type: "number", min, max, step, required: !isOptional, inputmode: "decimal", "aria-label": label });
   if (isOptional) input.placeholder = "unknown";
   return {
     input,
@@ -120,7 +129,7 @@ export function alarmSettings(signal) {
     },
     signal,
   );
-  form.element.append(levels, note, entry.row, exit.row, h("p", { class: "buttons" }, form.save), form.said);
+  form.element.append(levels, note, entry.row, exit.row, form.buttons, form.said);
   const load = async () => {
     try {
       const { choices, given } = await get("/api/v1/sensitivities");
@@ -153,9 +162,7 @@ function sayings(choices) {
 function forgetting(signal) {
   const button = h("button", { type: "button" }, "Forget these settings");
   const said = h("p", { role: "status", class: "quiet" });
-  const draw = () => {
-    button.disabled = !isOperator() || !state.hasSavedSettings;
-  };
+  const { nodes, draw } = offer(button, signal, () => (state.hasSavedSettings ? "" : "Nothing is saved here"));
   button.addEventListener("click", async () => {
     try {
       await post("/api/v1/settings", { forget: true });
@@ -166,16 +173,14 @@ function forgetting(signal) {
     }
     draw();
   });
-  on("now", draw, signal);
-  draw();
-  return h("div", {}, h("p", { class: "buttons" }, button), said);
+  return h("div", {}, h("p", { class: "buttons" }, ...nodes), said);
 }
 
 export function mounting(signal) {
   const height = number("Height above the floor", "m", "of the sensor's face", { min: 0.1, max: 5, step: "any", isOptional: true });
   const tilt = number("Tilt", "°", "downwards; 0 looks straight ahead", { min: -30, max: 60, step: "any", isOptional: true });
   const form = new SettingsForm("mount", { height_m: height.field, tilt_deg: tilt.field }, signal);
-  form.element.append(height.row, tilt.row, h("p", { class: "buttons" }, form.save), form.said);
+  form.element.append(height.row, tilt.row, form.buttons, form.said);
   form.draw();
   return card(
     "Mounting",

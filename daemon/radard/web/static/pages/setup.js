@@ -1,8 +1,8 @@
 // Set up: calibrate, walk the room, choose what makes an alarm and who hears of it, draw zones.
-import { command } from "../command.js";
+import { command, offer } from "../command.js";
 import { powerPlot } from "../charts/plots.js";
 import { get, post } from "../net.js";
-import { isOperator, lastDecision, on, pictures, state, swath } from "../state.js";
+import { lastDecision, on, pictures, state, swath } from "../state.js";
 import { card, copy, day, fixed, h, setText, toast, words } from "../ui.js";
 import { news } from "./news.js";
 import { alarmSettings, mounting } from "./settings.js";
@@ -10,18 +10,20 @@ import { walkTest, walkedSpan } from "./walk.js";
 import { ZoneEditor } from "./zones.js";
 
 export function setupPage(_argument, signal) {
+  const first = [calibration(signal), walkTest(signal)];
+  const second = [alarmSettings(signal), mounting(signal)];
+  const last = [zones(signal), news(signal)];
+  const links = [...first, ...second, ...last].map((part) => {
+    const title = part.querySelector("h2").firstChild.textContent;
+    return h("button", { type: "button", onclick: () => part.scrollIntoView({ block: "start" }) }, title);
+  });
   return {
     wantsPictures: true,
     nodes: [
       h("h1", { class: "hidden" }, "Set up"),
-      h(
-        "div",
-        { class: "columns setup" },
-        h("div", { class: "stack" }, calibration(signal), walkTest(signal)),
-        h("div", { class: "stack" }, alarmSettings(signal), mounting(signal)),
-      ),
-      zones(signal),
-      news(signal),
+      h("nav", { class: "contents", "aria-label": "On this page" }, links),
+      h("div", { class: "columns setup" }, h("div", { class: "stack" }, first), h("div", { class: "stack" }, second)),
+      ...last,
     ],
   };
 }
@@ -29,14 +31,14 @@ export function setupPage(_argument, signal) {
 // Calibration ------------------------------------------------------------------------------
 
 function calibration(signal) {
-  const button = h("button", { type: "button", class: "primary", disabled: !isOperator() }, "Calibrate the empty room");
+  const button = h("button", { type: "button", class: "primary" }, "Calibrate the empty room");
   const said = h("p", { role: "status" });
   const bar = h("progress", { max: "100", value: "0", hidden: true, "aria-label": "Calibration" });
   const box = card(
     "Calibration",
     "what the room looks like with nobody in it",
     h("p", { class: "quiet" }, "The radar learns the echoes of walls and furniture and the level of its own noise. Do this once it is mounted, and again when furniture has moved."),
-    h("p", { class: "buttons" }, button),
+    h("p", { class: "buttons" }, ...offer(button, signal).nodes),
     bar,
     said,
     h("h3", {}, "Motion ", words(h("small", {}, "in an empty room it stays under the dashed line"), h("small", {}, "an empty room stays under the threshold"))),
@@ -88,10 +90,15 @@ function zones(signal) {
   const save = h("button", { type: "button", class: "primary" }, "Save the zones");
   const forget = h("button", { type: "button" }, "Forget what was saved");
   const suggest = h("button", { type: "button" }, "Suggest zones");
+  const undo = h("button", { type: "button", hidden: true }, "Undo the changes");
+  const offers = [
+    offer(save, signal, () => (editor.isTouched ? "" : "Nothing is changed yet")),
+    offer(forget, signal, () => (state.hasSavedZones ? "" : "Nothing is saved here")),
+  ];
   const draw = () => {
     setText(lines, editor.yaml());
-    save.disabled = !isOperator() || !editor.isTouched;
-    forget.disabled = !isOperator() || !state.hasSavedZones;
+    undo.hidden = !editor.isTouched;
+    for (const each of offers) each.draw();
   };
   const begin = () => {
     // What is being edited stays.
@@ -118,15 +125,24 @@ function zones(signal) {
   forget.addEventListener("click", () => send({ forget: true }, false));
   suggest.addEventListener("click", async () => {
     const found = await suggestions();
-    for (const { kind, span } of found.spans) editor.add(kind, span);
+    editor.suggest(found.spans);
     setText(said, found.text);
   });
+  undo.addEventListener("click", () => {
+    editor.isTouched = false;
+    setText(said, "");
+    begin();
+  });
   box.append(
-    h("p", { class: "buttons" }, save, forget, suggest),
+    h("p", { class: "buttons" }, suggest, undo, ...offers.flatMap(({ nodes }) => nodes)),
     said,
-    h("h3", {}, "For config.yaml ", h("small", {}, "instead of saving here, or for another sensor")),
-    lines,
-    h("p", { class: "buttons" }, h("button", { type: "button", onclick: () => copy(editor.yaml()) }, "Copy")),
+    h(
+      "div",
+      { class: "exact" },
+      h("h3", {}, "For config.yaml ", h("small", {}, "instead of saving here, or for another sensor")),
+      lines,
+      h("p", { class: "buttons" }, h("button", { type: "button", onclick: () => copy(editor.yaml()) }, "Copy")),
+    ),
   );
   editor.onchange = () => {
     setText(said, "");
@@ -171,7 +187,7 @@ async function suggestions() {
   } else {
     texts.push("A walk test would say how far the alarm should reach.");
   }
-  if (spans.length) texts.push("Look at what is drawn, then save it.");
+  if (spans.length) texts.push("This is drawn in place of what was there of its kind; nothing is saved until you save it.");
   return { spans, text: texts.join(" ") };
 }
 

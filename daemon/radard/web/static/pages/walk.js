@@ -1,5 +1,5 @@
 // Walk test: where a person is noticed, and whether that is everywhere.
-import { command } from "../command.js";
+import { command, offer } from "../command.js";
 import { isOperator, on, state, swath } from "../state.js";
 import { card, download, fixed, h, replace, setText } from "../ui.js";
 
@@ -25,7 +25,7 @@ export function walkTest(signal) {
     "Walk test",
     "where a person is noticed",
     h("p", { class: "quiet" }, "Start it, then walk the room: slowly, straight towards the radar and back, and along the edges. While the sensor is armed this raises the alarm."),
-    h("p", { class: "buttons" }, button, arming, save),
+    h("p", { class: "buttons" }, ...offer(button, signal, () => "", { isForAll: true }).nodes, arming, save),
     verdict,
     said,
     h("h3", {}, "By distance ", h("small", {}, "filled: taken for a person; outlined: seen only")),

@@ -21,7 +21,7 @@ const MAX_TICKS = 90;
 
 export function whyPage(argument, signal) {
   const chosen = Number(argument) || lastDecision()?.seq;
-  const strip = makeStrip(chosen);
+  const strip = makeStrip(chosen, signal);
   on("decision", strip.draw, signal);
   strip.draw();
   const detail = h("div", { class: "detail" });
@@ -38,28 +38,26 @@ export function whyPage(argument, signal) {
 }
 
 // The last decisions as a strip of ticks, walked with the arrow keys.
-function makeStrip(chosen) {
+function makeStrip(chosen, signal) {
   const ticks = h("div", {
     class: "ticks",
     role: "listbox",
     tabindex: "0",
     "aria-label": "Decisions; arrow keys choose",
-    onkeydown: (event) => {
-      const by = { ArrowLeft: -1, ArrowRight: 1, Home: -1e9, End: 1e9 }[event.key];
-      if (!by) return;
-      event.preventDefault();
-      const known = state.decisions.map((d) => d.seq);
-      const at = known.indexOf(chosen);
-      const next = known[Math.min(known.length - 1, Math.max(0, (at < 0 ? known.length - 1 : at) + by))];
-      sessionStorage.setItem("radard-strip-focus", "1");
-      location.hash = `#/why/${next}`;
-    },
   });
-  const element = card("Decisions", "newest on the right", ticks);
-  if (sessionStorage.getItem("radard-strip-focus")) {
-    sessionStorage.removeItem("radard-strip-focus");
-    requestAnimationFrame(() => ticks.focus());
-  }
+  // Wherever on the page the focus is, unless what has it needs these keys itself.
+  const onKey = (event) => {
+    const by = { ArrowLeft: -1, ArrowRight: 1, Home: -1e9, End: 1e9 }[event.key];
+    const isTaken = event.target.closest?.("input, select, textarea");
+    if (!by || isTaken || event.ctrlKey || event.metaKey || event.altKey) return;
+    event.preventDefault();
+    const known = state.decisions.map((d) => d.seq);
+    const at = known.indexOf(chosen);
+    const next = known[Math.min(known.length - 1, Math.max(0, (at < 0 ? known.length - 1 : at) + by))];
+    location.hash = `#/why/${next}`;
+  };
+  addEventListener("keydown", onKey, { signal });
+  const element = card("Decisions", "newest on the right; the arrow keys walk along them", ticks);
   return {
     element,
     draw() {
@@ -178,7 +176,7 @@ function drawFrozen(box, d, signal) {
     } else {
       setText(
         status,
-        "There are no pictures of this moment: none are made while nobody watches. An alarm's clip has its own, on the events page.",
+        "There are no pictures of this moment: they begin half a minute before the page was opened. An alarm's clip has its own, on the events page.",
       );
     }
   };

@@ -26,6 +26,7 @@ class RangeAxis extends Chart {
       c.fill();
       c.globalAlpha = 1;
     }
+    const named = [];
     for (const zone of editor.zones) {
       const left = this.x(zone.from);
       const right = this.x(zone.to);
@@ -37,11 +38,9 @@ class RangeAxis extends Chart {
       c.fillRect(right - 1, y, 2, height);
       c.fillRect(left - 4, y + height / 2 - 10, 8, 20);
       c.fillRect(right - 4, y + height / 2 - 10, 8, 20);
-      c.fillStyle = colour("ink");
-      c.textAlign = "center";
-      c.textBaseline = "top";
-      if (right - left > 60) c.fillText(KINDS[zone.kind], (left + right) / 2, y + 6);
+      named.push({ text: KINDS[zone.kind], middle: (left + right) / 2 });
     }
+    this.drawNames(c, named);
     for (const { range_m, isHeeded } of editor.targets) {
       c.beginPath();
       c.arc(Math.min(Math.max(this.x(range_m), x), x + w), bottom - 14, 6, 0, 2 * Math.PI);
@@ -52,6 +51,23 @@ class RangeAxis extends Chart {
       c.stroke();
     }
     this.drawRange(c);
+  }
+
+  // Each on the first line on which it meets no other.
+  drawNames(c, named) {
+    const { x, y, w } = this.box;
+    const ends = [];
+    c.fillStyle = colour("ink");
+    c.textAlign = "left";
+    c.textBaseline = "top";
+    for (const { text, middle } of named.sort((a, b) => a.middle - b.middle)) {
+      const width = c.measureText(text).width;
+      const left = Math.min(Math.max(middle - width / 2, x + 2), x + w - width - 2);
+      let line = ends.findIndex((end) => end < left);
+      if (line < 0) line = ends.length;
+      ends[line] = left + width + 8;
+      c.fillText(text, left, y + 4 + 14 * line);
+    }
   }
 
   drawRange(c) {
@@ -79,6 +95,14 @@ export class ZoneEditor {
     this.axis.canvas.classList.add("zones");
     this.rows = h("div", { class: "zonerows" });
     host.append(
+      h(
+        "p",
+        { class: "caption dots" },
+        h("span", { class: "swatch human" }),
+        "moves where it counts",
+        h("span", { class: "swatch" }),
+        "moves where it does not",
+      ),
       this.rows,
       h(
         "p",
@@ -135,13 +159,21 @@ export class ZoneEditor {
     return `zones:\n  include: [${list(include)}]\n  exclude: [${list(exclude)}]${atHome}`;
   }
 
-  // Adds a zone to edit; without a span, one in the middle.
-  add(kind, span) {
+  // Puts suggested zones in place of those of their kinds.
+  suggest(spans) {
+    if (!spans.length) return;
+    const kinds = new Set(spans.map(({ kind }) => kind));
+    this.zones = this.zones.filter(({ kind }) => !kinds.has(kind));
+    for (const { kind, span: [from, to] } of spans) this.zones.push({ kind, from, to });
+    this.#changed(true);
+  }
+
+  // Adds a zone to edit, in the middle.
+  add(kind) {
     const { near, far } = this.swath;
     const middle = (near + far) / 2;
     const half = (far - near) / (kind === "include" ? 3 : 10);
-    const [from, to] = span ?? [middle - half, middle + half];
-    this.zones.push({ kind, from, to });
+    this.zones.push({ kind, from: middle - half, to: middle + half });
     this.#changed(true);
   }
 
