@@ -91,10 +91,10 @@ class StoreError(RadardError):
 def open_log_file(path: Path, more: str = "") -> sqlite3.Connection:
     """Open or make a log in autocommit mode; every commit reaches the disk.
 
-    The file is made for its owner alone, whatever the umask. `more` are statements that make
-    further tables, and do nothing to those that exist. Any thread may use the connection, under a
-    lock of the caller's. Raises ForeignDatabase if it is not ours to change, OSError or
-    sqlite3.Error if it cannot be made, or is damaged (`is_damage`).
+    It is made for its owner alone, whatever the umask. `more` are statements that make further
+    tables where there are none. Any thread may use the connection, under the caller's lock. Raises
+    ForeignDatabase if it is not ours to change, OSError or sqlite3.Error if it cannot be made, or
+    is damaged (`is_damage`).
     """
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     with contextlib.suppress(FileExistsError):

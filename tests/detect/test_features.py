@@ -1,5 +1,3 @@
-import contextlib
-
 import numpy as np
 import pytest
 
@@ -97,10 +95,8 @@ def dwells_of(frames, lost=()):
         if k in lost:
             n_lost += 1
             continue
-        ring.push(Frame(row, k + 1, k, n_lost, False, BASEBAND))
+        yield from ring.items(Frame(row, k + 1, k, n_lost, False, BASEBAND))
         n_lost = 0
-        with contextlib.suppress(TimeoutError):
-            yield ring.next_item(0)
 
 
 def test_following_dwells_give_what_single_ones_give():

@@ -9,9 +9,6 @@ from radard.commands.config import run as run_config
 from radard.commands.detect import run as run_detect
 from radard.commands.explain import run as run_explain
 from radard.config.config import Config
-from radard.judge.bundle import EvidenceSettings
-from radard.judge.classifier import Answer, Probabilities
-from radard.judge.evidence import Evidence
 from radard.pipeline import Pipeline
 from tests.radar_helpers import BASEBAND, run_radard, stable
 from x2radar.command import run_command
@@ -43,32 +40,6 @@ def test_live_replayed_and_in_a_table_they_are_the_same(hop_s, tmp_path, monkeyp
     rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     table = [{k: v for k, v in r.items() if k not in {"file", "time"}} for r in rows]
     assert [r for r in table if r["type"] == "decision"] == made
-
-
-@pytest.mark.parametrize(("hop_s", "apart"), [(0.25, 4), (0.3, 3), (0.5, 2), (1.0, 1), (2.0, 1)])
-def test_a_memory_goes_on_from_the_window_about_a_second_before(hop_s, apart):
-    evidence, given = Evidence(EvidenceSettings(), hop_s), []
-    likely = np.log([0.5, 0.3, 0.2])
-    for k in range(9):
-        given.append(evidence.hidden)
-        evidence.fuse(Answer(Probabilities(0.5, 0.3, 0.2), likely, np.full(2, k, np.float32)))
-    assert given[:apart] == [None] * apart
-    assert [int(each[0]) for each in given[apart:]] == list(range(9 - apart))
-    evidence.reset()
-    assert evidence.hidden is None
-
-
-@pytest.mark.parametrize(("hop_s", "discount"), [(0.25, 0.1), (1.0, 0.4), (2.0, 0.8)])
-def test_a_second_of_windows_counts_as_much_at_any_hop(hop_s, discount):
-    window = Probabilities(0.6, 0.4, 0.0)
-    found = Evidence(EvidenceSettings(discount=0.4), hop_s).add(window)
-    share = 0.6**discount / (0.6**discount + 0.4**discount)
-    assert found.human == pytest.approx(share, rel=1e-12)
-
-
-def test_no_window_counts_for_more_than_itself():
-    window = Probabilities(0.6, 0.4, 0.0)
-    assert Evidence(EvidenceSettings(discount=0.6), 2.0).add(window).human == pytest.approx(0.6)
 
 
 def test_decisions_come_no_oftener_than_frames():

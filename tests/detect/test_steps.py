@@ -113,17 +113,6 @@ def test_any_cut_gives_the_same_steps(data):
     assert np.array_equal(rows[:, :3] + 1j * rows[:, 3:], wanted)
 
 
-def test_history_reaches_back_over_pushes():
-    frames = noise(400, 2)
-    wanted, _ = steps_of(frames)
-    buffer = StepBuffer(9, 4)
-    for k in range(0, 400, 4):
-        buffer.push(frames[k : k + 4])
-        n = min(k + 4, 13)
-        rows = buffer.rows(n).astype(np.float64)
-        assert np.array_equal(rows[:, :2] + 1j * rows[:, 2:], wanted[k + 4 - n : k + 4])
-
-
 def test_products_are_shared_until_the_next_push():
     buffer, rng = StepBuffer(3, 4), np.random.default_rng(0)
     a, b = rng.random((2, 10, 6), np.float32)

@@ -62,6 +62,18 @@ class Stream:
         return changes
 
 
+def walking(k):
+    """Motion of somebody who walks to and fro."""
+    start = 1.0 + 2.5 * abs((k % 10) / 5 - 1)
+    track = walker(N_SLOW, RATE_HZ, speed_mps=0.5, start_m=start, level=300.0)
+    return np.pad(track, ((0, 0), (0, AXIS.n_range - track.shape[1])))
+
+
+def crowded(_k):
+    """Motion all over the place."""
+    return np.exp(1j * np.linspace(0, 40, N_SLOW))[:, None] * room(seed=3, level=300.0)
+
+
 @pytest.fixture
 def learned():
     stream, watch = Stream(room()), TamperWatch(SETTINGS)
@@ -84,18 +96,18 @@ def test_a_covered_sensor(unit, change_db):
     assert stream.found(watch, 18) == [(SLOW, ())]
 
 
-def test_echoes_that_die_to_noise(learned):
+@pytest.mark.parametrize(
+    ("echoes", "kind", "reason"),
+    [
+        (np.zeros(AXIS.n_range), "covered", "still echoes fell "),
+        (room(seed=2), "moved", "echoes agree "),
+    ],
+)
+def test_echoes_that_die_to_noise_and_a_moved_sensor(learned, echoes, kind, reason):
     stream, watch = learned
-    stream.echoes = np.zeros(AXIS.n_range)
-    assert stream.found(watch, 6) == [(FAST, ("covered",))]
-    (finding,) = watch.update(stream.dwell())
-    assert finding.reason.startswith("still echoes fell ")
-
-
-def test_a_moved_sensor(learned):
-    stream, watch = learned
-    stream.echoes = room(seed=2)
-    assert stream.found(watch, 6) == [(FAST, ("moved",))]
+    stream.echoes = echoes
+    assert stream.found(watch, 6) == [(FAST, (kind,))]
+    assert watch.update(stream.dwell())[0].reason.startswith(reason)
 
 
 @pytest.mark.parametrize("change_db", [-7.0, 7.0, 20.0])
@@ -137,13 +149,6 @@ def test_a_change_that_does_not_last_is_none(learned):
 
 def test_people_and_furniture_change_some_cells_only(learned):
     stream, watch = learned
-    strong = 300.0
-
-    def walking(k):
-        start = 1.0 + 2.5 * abs((k % 10) / 5 - 1)
-        track = walker(N_SLOW, RATE_HZ, speed_mps=0.5, start_m=start, level=strong)
-        return np.pad(track, ((0, 0), (0, AXIS.n_range - track.shape[1])))
-
     assert stream.found(watch, 30, walking) == []
     chair = stream.echoes.copy()
     chair[40:60] += 200.0
@@ -179,18 +184,12 @@ def test_a_void_cannot_be_judged_but_its_noise_can_and_what_lasts_is_told():
 def test_who_walks_about_where_no_echoes_are_is_no_cover():
     stream, watch = Stream(np.zeros(AXIS.n_range)), TamperWatch(SETTINGS)
 
-    def walking(k):
-        start = 1.0 + 2.5 * abs((k % 10) / 5 - 1)
-        track = walker(N_SLOW, RATE_HZ, speed_mps=0.5, start_m=start, level=300.0)
-        return np.pad(track, ((0, 0), (0, AXIS.n_range - track.shape[1])))
-
     assert stream.found(watch, 60, walking) == []
 
 
 def test_somebody_who_was_there_from_the_start_is_not_learned_as_the_room():
     stream, watch = Stream(room()), TamperWatch(SETTINGS)
-    spread = np.exp(1j * np.linspace(0, 40, N_SLOW))[:, None] * room(seed=3, level=300.0)
-    stream.found(watch, 20, lambda _k: spread)
+    stream.found(watch, 20, crowded)
     assert watch.is_blind
     stream.found(watch, 8)
     assert not watch.is_blind
@@ -236,14 +235,10 @@ def findings_of(port, seconds, settings=None, change=lambda _t_s, frames: frames
     for frame in source.frames():
         if frame.index >= seconds * source.stream.frame_rate_hz:
             break
-        ring.push(frame)
-        try:
-            item = ring.next_item(0)
-        except TimeoutError:
-            continue
-        if isinstance(item, Dwell) and item.is_whole:
-            item = replace(item, frames=change(item.t_s, item.frames))
-            found |= {finding.kind for finding in watch.update(item)}
+        for item in ring.items(frame):
+            if isinstance(item, Dwell) and item.is_whole:
+                dwell = replace(item, frames=change(item.t_s, item.frames))
+                found |= {finding.kind for finding in watch.update(dwell)}
     source.close()
     return found
 
@@ -283,5 +278,4 @@ def test_a_real_room_that_changes_while_somebody_walks_in_it(name, change, kinds
 
 def test_where_everything_moves_no_echo_is_judged(learned):
     stream, watch = learned
-    spread = np.exp(1j * np.linspace(0, 40, N_SLOW))[:, None] * room(seed=3, level=300.0)
-    assert stream.found(watch, 40, lambda _k: spread) == []
+    assert stream.found(watch, 40, crowded) == []

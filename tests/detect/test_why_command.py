@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from dataclasses import asdict
 
 import numpy as np
 import onnx
@@ -54,15 +55,12 @@ def linear(tmp_path):
     model = helper.make_model(graph, opset_imports=opset, ir_version=9)
     onnx.save(model, tmp_path / "linear.onnx")
     made = (tmp_path / "linear.onnx").read_bytes()
-    settings = {
-        name: getattr(shipped.features, name) for name in shipped.features.__dataclass_fields__
-    }
     sidecar = {
         "schema": 1,
         "name": "linear",
         "onnx_sha256": hashlib.sha256(made).hexdigest(),
         "inputs": [{"name": "maps", "shape": [101, 40], "feature": "velocity_time"}],
-        "features": settings,
+        "features": asdict(shipped.features),
         "stream": {key: list(value) for key, value in shipped.stream.items()},
         "classes": ["human", "pet"],
         "temperature": 1.0,

@@ -43,12 +43,11 @@ def explain(
     events: Sequence[Record] = (),
     state: SensorState | None = None,
 ) -> dict[str, Any]:
-    """Return why the last of some decisions is what it is, as a mapping.
+    """Return why the last of `records`, decisions in order, is what it is.
 
-    `records` are decisions in order, the one to explain last, with those before it that
-    confirmation counts; `hello` and `events` are of the run; `state` is what held just before
-    the decision. The result has seq, t_s, headline, decided_by, and stages as mappings of
-    `DecisionStage`.
+    Those before it are what confirmation counts; `hello` and `events` are of the run; `state` is
+    what held just before the decision. The result has seq, t_s, headline, decided_by, and stages
+    as mappings of `DecisionStage`.
     """
     record = records[-1]
     state = state or SensorState()

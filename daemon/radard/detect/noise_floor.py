@@ -23,11 +23,10 @@ _MAX_MEMBERS = 24  # of a median: more cost time and tell little
 
 
 class NoiseFloor:
-    """Follow the noise of one stream.
+    """Follow the noise of one stream by the least level of `n_memory` dwells.
 
-    The least level of `n_memory` dwells counts. The shape moves by `most_db_per_dwell` at most
-    from one dwell to the next (in the first dwell it is taken as it is) and stays between -10 and
-    +20 dB of the common level. State is float64 in dB and bounded, so it cannot drift.
+    The shape moves by `most_db_per_dwell` at most, but in the first dwell, and stays between -10
+    and +20 dB of the common level. State is float64 in dB and bounded, so it cannot drift.
     """
 
     def __init__(self, n_memory: int, most_db_per_dwell: float) -> None:

@@ -51,9 +51,9 @@ class Picture:
 class Columns:
     """New columns of the pictures; `t_s` is stream time of the middle of the last one's CPI.
 
-    `valid`, shape (n,), is False where a lost frame touches a column. Of `values`, by picture,
-    shape (n_rows, n), 255 is the strongest cell of the column, or the span and 4 dB above the
-    noise where nothing is as strong as that; 0 is the span below it, see `SPANS_DB`.
+    `valid`, shape (n,), is False where a lost frame touches a column; `values` are by picture,
+    shape (n_rows, n). 255 is the strongest cell of the column, or the span (`SPANS_DB`) and 4 dB
+    above the noise where nothing is as strong; 0 is the span below it.
     """
 
     t_s: float

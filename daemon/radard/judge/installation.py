@@ -32,11 +32,10 @@ def echo_at_1m_db(
 ) -> float | None:
     """Return how strong what moves would be at 1 m, in dB over the noise; None if nothing moves.
 
-    `power` and `floor`, the receiver's noise (`Gate.noise`), are of the bins without static
-    clutter, `range_m` their ranges. The powers of all bins that stand out are added, for a body
-    fills several, and its echoes' tail as well; they are taken to the fourth power of the
-    strongest one's range (the radar equation), not of each bin's own, which would count a tail too
-    much.
+    Of the bins' power without static clutter, the receiver's noise (`Gate.noise`) and their
+    ranges. All that stand out are added, for a body fills several, and its echoes' tail as well;
+    they are taken to the fourth power of the strongest one's range (the radar equation), not of
+    each one's own, which would count a tail too much.
     """
     over = np.where(power > _STANDS_OUT * floor, power - floor, 0.0)
     noise = float(np.median(floor)) if len(floor) else 0.0

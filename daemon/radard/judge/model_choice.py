@@ -15,8 +15,7 @@ def model_for(name: str, stream: StreamInfo | None = None) -> str:
     """Return the name of the bundle that `name`, of the configuration's `model.name`, means.
 
     All but `AUTO_MODEL` means itself. That is `DEFAULT_MODEL`, unless only a bundle in
-    `OF_ONE_MODULE` takes such streams; without a stream, or if its bandwidth is not known, no
-    module can be told from another.
+    `OF_ONE_MODULE` takes such streams; without a bandwidth no module can be told from another.
     """
     if name != AUTO_MODEL:
         return name

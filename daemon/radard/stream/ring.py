@@ -81,11 +81,10 @@ class Recent:
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """Something that happened to the stream between two dwells.
+    """Something that happened to the stream between two dwells, or that is asked of the worker.
 
     'restart': counter or device started again; 'lost' and 'found': the device is away, is back;
-    'paused', 'moved': a replay stands still, goes on elsewhere; 'silent': nothing comes. The
-    others ask the worker for something.
+    'paused', 'moved': a replay stands still, goes on elsewhere; 'silent': nothing comes.
     """
 
     kind: str
