@@ -1,7 +1,6 @@
 """Far ends that are real: brokers, HTTP servers, sockets; and records to send there."""
 
 import contextlib
-import getpass
 import http.server
 import json
 import shutil
@@ -22,7 +21,7 @@ from radard.health.health import Status
 from radard.log import EventLog
 from radard.outputs import open_output
 from radard.outputs.base import SinkContext
-from tests.waiting import free_port, wait_for
+from tests.waiting import free_port
 
 QUICK = LogSection(first_retry_s=0.02, longest_retry_s=0.05, attempts=3)
 USER, PASSWORD = "hall", "correct horse"
@@ -155,19 +154,13 @@ def open_sink(url, options=None, *, state_dir=None, **context):
 
 
 class MqttBroker:
-    """mosquitto where installed, else amqtt, in a process; on one port, with stops."""
+    """amqtt in a process; on one port, with stops."""
 
     def __init__(self, folder: Path, *, cert: tuple[Path, Path] | None = None, auth=False):
         self.port = free_port()
         self._folder, self._cert, self._auth = folder, cert, auth
         self._process = None
         self.start()
-
-    def start(self):
-        if shutil.which("mosquitto"):
-            self._start_mosquitto()
-        else:
-            self._start_amqtt()
 
     def stop(self):
         """Kill it: a signal that comes before the broker's loop has begun is forgotten by it."""
@@ -176,34 +169,7 @@ class MqttBroker:
                 self._process.kill()
             self._process = None
 
-    def _start_mosquitto(self):
-        lines = [f"listener {self.port} 127.0.0.1", "persistence false", "log_type none"]
-        # As root it would become another user, who may not read what is in this folder.
-        lines += [f"user {getpass.getuser()}"]
-        if self._auth:
-            words = self._folder / "passwords"
-            command = ["mosquitto_passwd", "-b", "-c", str(words), USER, PASSWORD]
-            subprocess.run(command, check=True, capture_output=True)
-            words.chmod(0o644)
-            lines += ["allow_anonymous false", f"password_file {words}"]
-        else:
-            lines += ["allow_anonymous true"]
-        if self._cert:
-            lines += [f"certfile {self._cert[0]}", f"keyfile {self._cert[1]}"]
-        file = self._folder / "mosquitto.conf"
-        file.write_text("\n".join(lines) + "\n")
-        self._process = subprocess.Popen(
-            [shutil.which("mosquitto"), "-c", str(file)],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-        wait_for(self._answers)
-
-    def _answers(self):
-        with socket.socket() as sock:
-            return sock.connect_ex(("127.0.0.1", self.port)) == 0
-
-    def _start_amqtt(self):
+    def start(self):
         listener = {"type": "tcp", "bind": f"127.0.0.1:{self.port}"}
         if self._cert:
             listener |= {

@@ -13,7 +13,6 @@ EXTRAS = {
     "pylsl": "lsl",
     "apprise": "notify",
     "shtab": "completion",
-    "rich": "daemon",
 }
 """The extra of pyproject.toml that brings each package."""
 

@@ -37,7 +37,6 @@ class HomeAssistant:
         )
 
     def ask(self, **wanted):
-        """One question, one answer."""
         self._process.stdin.write(json.dumps(wanted) + "\n")
         self._process.stdin.flush()
         answer = json.loads(self._process.stdout.readline())
@@ -49,11 +48,9 @@ class HomeAssistant:
         return self.ask(states=True).get(entity_id)
 
     def shows(self, entity_id, wanted):
-        """Wait until an entity has a state."""
         wait_for(lambda: (self.state(entity_id) or {}).get("state") == wanted)
 
     def call(self, service, **data):
-        """Call a service and wait for it."""
         self.ask(call=[service, data])
 
     def close(self):

@@ -20,7 +20,6 @@ def path(tmp_path):
 
 @pytest.fixture
 def opened(path):
-    """Open the log; all are closed at the end."""
     made = []
 
     def begin(**more):

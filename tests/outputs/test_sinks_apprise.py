@@ -23,7 +23,6 @@ TOKEN = "t0ken"  # noqa: S105 - of nothing
 
 @pytest.fixture
 def sink(server):
-    """Opens a sink to the server; closed at the end."""
     made = []
 
     def begin(url=None, **section):

@@ -203,7 +203,6 @@ def opened(far_end, tmp_path):
 
 
 def in_time(function, *arguments):
-    """Call a function that must not hang."""
     thread = threading.Thread(target=function, args=arguments, daemon=True)
     thread.start()
     thread.join(60)

@@ -102,7 +102,6 @@ def test_a_record_that_is_refused_is_given_up_for_those_behind_it(server, caplog
 
 
 def ids_of(server):
-    """The ids of what was posted, in order."""
     return [json.loads(body)["id"] for _, _, body in server.posts]
 
 

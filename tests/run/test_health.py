@@ -15,8 +15,6 @@ STALE_S = 5.0
 
 
 class Clock:
-    """A clock that a test turns."""
-
     now_s = 100.0
 
     def __call__(self):
@@ -45,7 +43,6 @@ class HealthMachine(RuleBasedStateMachine):
         self.wrong = {}
 
     def hear(self, status):
-        """Every change of state is told, once."""
         expected = self.expected()
         if status is None:
             assert expected.state == self.told

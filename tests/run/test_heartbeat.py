@@ -65,8 +65,6 @@ def test_without_a_watchdog_nothing_is_fed(environ):
 
 
 class Spy(Notifier):
-    """A notifier that remembers."""
-
     def __init__(self):
         super().__init__({"WATCHDOG_USEC": "2000000"})
         self.sent = []

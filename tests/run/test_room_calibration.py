@@ -23,7 +23,6 @@ def phase_of(daemon):
 
 
 def ended(daemon):
-    """Ask for a calibration and return how it ended."""
     radar = daemon.radar
     wait_for(lambda: told(radar).get("seq"))
     seen = set()

@@ -46,7 +46,6 @@ def start(*argv, **environ):
 
 
 def records_until(process, what, most=400):
-    """Read records up to the first whose text has `what`."""
     records = []
     for line in process.stdout:
         records.append(json.loads(line))
@@ -178,7 +177,6 @@ def test_a_second_signal_forces_the_end():
 
 
 def panel_of(daemon, key, wanted):
-    """Wait until the panel says so."""
     wait_for(lambda: daemon.panel().get(key) == wanted)
 
 

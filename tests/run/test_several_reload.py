@@ -31,7 +31,6 @@ def two_rooms(launch, **how):
 
 
 def with_others(daemon, sensors):
-    """The configuration of a daemon, with other sensors."""
     options = daemon.config.model_dump(exclude={"sensors", "sensor"})
     options["sensor"] = {"speed": "10"}
     return load_config(environ={}, options={**options, "sensors": sensors})

@@ -91,7 +91,6 @@ def asked(config: Config, sensor: str, command: str) -> Mapping[str, Any]:
 
 
 def _lines(name: str, answer: Mapping[str, Any]) -> list[str]:
-    """Return what a person is told of an answer."""
     if name == "test-alarm":
         return [f"{each['output']}: {each['answer']}" for each in answer["outputs"]]
     armed, ended = answer["armed"], answer["ended"]

@@ -10,12 +10,16 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
 from radard.commands.control import asked, sensors_asked
 from radard.commands.health import told
 from radard.config.config import Config, load_config
 from radard.errors import RadardError
 from x2radar.command import Parser, new_parser
-from x2radar.extras import needed
 
 _EXAMPLES = """\
 examples:
@@ -39,14 +43,13 @@ def run(argv: Sequence[str]) -> int:
     config = load_config(args.config)
     view = View(config, sensors_asked(config, args.sensor))
     view.look(is_first=True)
-    console = needed("rich.console", what="radard top").Console(highlight=False)
+    console = Console(highlight=False)
     if args.once or not console.is_terminal:
         console.print(view.shown())
         return 0
-    live = needed("rich.live", what="radard top").Live
     with (
         contextlib.suppress(KeyboardInterrupt),
-        live(view.shown(), console=console, screen=True, auto_refresh=False) as screen,
+        Live(view.shown(), console=console, screen=True, auto_refresh=False) as screen,
         _keys() as is_pressed,
     ):
         while not is_pressed("q"):
@@ -110,14 +113,11 @@ class View:
             kept = sorted({**self._columns, **new}.items())[-_MAX_COLUMNS:]
             self._columns = dict(kept)
 
-    def shown(self) -> Any:
-        """Return what rich draws: all of one sensor, a line for each of several."""
-        group = needed("rich.console", what="radard top").Group
-        if len(self._names) > 1:
-            return group(*self._several())
-        return group(*self._one(self._names[0]))
+    def shown(self) -> RenderableType:
+        """Return what is drawn: all of one sensor, a line for each of several."""
+        return self._several() if len(self._names) > 1 else Group(*self._one(self._names[0]))
 
-    def _several(self) -> Iterator[Any]:
+    def _several(self) -> Table:
         table = _table("sensor", "sees", "person", "pet", "outputs", "state")
         for name, answer in self._answers.items():
             last = _decisions(answer)[-1:] or [{}]
@@ -131,9 +131,9 @@ class View:
                 f"{waiting} wait" if waiting else "ok",
                 _styled(line, no_wrap=True, overflow="ellipsis"),
             )
-        yield table
+        return table
 
-    def _one(self, name: str) -> Iterator[Any]:
+    def _one(self, name: str) -> Iterator[RenderableType]:
         answer = self._answers[name]
         yield _styled(f"{name}: {self._faults.get(name) or _line(answer)}")
         for kind, reason in (answer["panel"] or {}).get("open", {}).items():
@@ -165,17 +165,17 @@ class View:
         yield ""
 
 
-def _table(*columns: str) -> Any:
-    table = needed("rich.table", what="radard top").Table(box=None, pad_edge=False)
+def _table(*columns: str) -> Table:
+    table = Table(box=None, pad_edge=False)
     for name in columns:
         table.add_column(name, header_style="dim", no_wrap=name not in {"", "state"})
     return table
 
 
-def _styled(text: str, **how: Any) -> Any:
+def _styled(text: str, **how: Any) -> Text:
     """Return a text that says no more than it says: what stands in brackets is no style."""
     style = "bold red" if "ALARM" in text else "" if "online" in text else "yellow"
-    return needed("rich.text", what="radard top").Text(text, style, **how)
+    return Text(text, style, **how)
 
 
 def _line(answer: Answer) -> str:
@@ -201,12 +201,10 @@ def _bar(p: float | None, width: int) -> str:
     return f"{'█' * n}{'░' * (width - n)} {_percent(p):>5}"
 
 
-def _outputs(answer: Answer) -> Any:
+def _outputs(answer: Answer) -> Table:
     table = _table("output", "state", "sent", "wait", "dropped", "")
     for each in answer["outputs"]:
         counts = (str(each[f"n_{key}"]) for key in ("sent", "waiting", "dropped"))
-        text = needed("rich.text", what="radard top").Text
-        table.add_row(
-            text(each["name"]), each["status"], *counts, text(each["reason"] or each["remark"])
-        )
+        why = Text(each["reason"] or each["remark"])
+        table.add_row(Text(each["name"]), each["status"], *counts, why)
     return table

@@ -187,7 +187,6 @@ def _taken(config: Config, places: Places, found: Path | None) -> tuple[str, ...
 
 
 def _is_built_in(config: Config, where: Where) -> bool:
-    """Return whether a key has the value that it would have anyway."""
     now: Any = config
     default: Any = Config()
     for key in where:

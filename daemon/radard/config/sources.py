@@ -154,7 +154,6 @@ def _keep_text(node: yaml.Node | None, annotation: Any) -> None:
 
 
 def _kinds(annotation: Any) -> tuple[Any, ...]:
-    """Return the types that a value may have."""
     origin, of = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return _kinds(of[0])

@@ -257,7 +257,6 @@ class Outputs:
                 sink.write(record)
 
     def _forget(self, sink: Sink | None) -> None:
-        """Let go of what the log still holds for a sink."""
         if (name := _cursor_of(sink)) is not None:
             self.log.forget(name)
 

@@ -187,7 +187,6 @@ class SyslogSink(DirectSink):
 
 
 def _message_of(record: Record) -> tuple[int, str]:
-    """Return severity, as syslog counts it, and text of a record."""
     kind = record["type"]
     if kind == "event":
         severity = _NEW.get(record["kind"], _WARNING) if record["phase"] == "new" else _NOTICE

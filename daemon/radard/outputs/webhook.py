@@ -119,7 +119,6 @@ class WebhookSink(DeliverySink):
     def _post(
         self, url: str, body: bytes, headers: dict[str, str], timeout_s: float
     ) -> tuple[int, str]:
-        """Return an answer's code, and where it redirects to."""
         parts = urlsplit(url)
         host, port = parts.hostname or "", parts.port
         link: http.client.HTTPConnection

@@ -215,7 +215,6 @@ def _take_away(sock: socket.socket, path: Path, inode: int) -> None:
 
 
 def _user_of(line: socket.socket) -> int:
-    """Return the user id of the program at the other end."""
     size = struct.calcsize("3i")
     credentials = line.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, size)
     return int(struct.unpack("3i", credentials)[1])

@@ -183,7 +183,6 @@ class Process:
         return states
 
     def _end(self) -> bool:
-        """End all radars; return whether something is stuck."""
         self._stop(self._keepers)
         return any(k.is_alive for k in self._left) or any(k.stuck for k in self._keepers)
 
@@ -196,7 +195,6 @@ class Process:
             keeper.join(max(0.1, end_s - time.monotonic()))
 
     def _shut(self, *, is_stuck: bool) -> None:
-        """Report the shutdown and close what all radars share."""
         self._control.stop()
         self._heart.stop()
         self._outputs.close()

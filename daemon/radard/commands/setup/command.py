@@ -59,7 +59,6 @@ def _whole(args: argparse.Namespace) -> Iterator[str]:
 
 
 def _file_of(args: argparse.Namespace) -> tuple[Path, str]:
-    """Return path and text of one file."""
     match args.what:
         case "udev":
             return files.UDEV_FILE, files.udev_rules(args.usb, args.serial)
@@ -75,7 +74,6 @@ def _file_of(args: argparse.Namespace) -> tuple[Path, str]:
 
 
 def _one(args: argparse.Namespace, path: Path, text: str) -> Iterator[str]:
-    """Print or install one file."""
     if not args.install:
         yield text.removesuffix("\n")
         return
