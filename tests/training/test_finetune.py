@@ -11,7 +11,7 @@ import pytest
 
 from radard.errors import UsageError
 from radard.judge.bundle import CLASSES, load_bundle
-from radard.web.labels import LabelFile
+from radard.web.labels import add_label
 from tests.alarm_helpers import write_recording
 from tests.radar_helpers import run_radard
 from tests.training_helpers import (
@@ -160,10 +160,10 @@ def test_misses_count_people_alone_by_the_policy(each_bundle, policy):
 
 
 def label_file(tmp_path, *lines):
-    file = LabelFile(tmp_path / "labels.jsonl")
+    path = tmp_path / "labels.jsonl"
     for event, label, clip, kind in lines:
-        file.add({"event": ULID + event, "label": label, "clip": clip, "kind": kind})
-    return file.path
+        add_label(path, {"event": ULID + event, "label": label, "clip": clip, "kind": kind})
+    return path
 
 
 def test_labels_of_the_dashboard_point_to_clips(made, tmp_path):

@@ -9,14 +9,13 @@ import yaml
 from jsonschema import Draft202012Validator, FormatChecker
 from openapi_spec_validator import validate
 
-from tests.dashboard_helpers import all_routes, maker, post
+from tests.dashboard_helpers import all_routes, post
 from tests.web_helpers import HEADERS, Client, Running, open_decision
 
 PATH = Path(__file__).parents[2] / "docs" / "reference" / "openapi.yaml"
 SPEC = yaml.safe_load(PATH.read_text("utf-8"))
 PAGES = {"/", "/sw.js", "/ws", "/static"}
 """Routes that are no interface for programs."""
-make = pytest.fixture(maker)
 
 
 def resolved(node):

@@ -1,24 +1,20 @@
 """axe-core finds nothing on any page: light and dark, phone and desk, plain and with details."""
 
-import importlib
 import os
 from pathlib import Path
 
 import pytest
 
+from tests.browser_helpers import MARKS, Tab
 from tests.web_helpers import Running
 
-pytest.importorskip("playwright.sync_api", reason="no playwright: pip install '.[browser]'")
-# Not before: a module that was skipped stays half loaded.
-browser_tests = importlib.import_module("tests.web.test_web_browser")
-browser, radard, tab = browser_tests.browser, browser_tests.radard, browser_tests.tab
 # Where .ci/run has npm put it.
 AXE = Path(
     os.environ.get("AXE")
     or Path(__file__).parents[2] / ".venv/axe/node_modules/axe-core/axe.min.js"
 )
 pytestmark = [
-    *browser_tests.pytestmark,
+    *MARKS,
     pytest.mark.skipif(
         not AXE.is_file(), reason="no axe-core: npm install --prefix .venv/axe axe-core"
     ),
@@ -84,8 +80,8 @@ def test_banners(tab, scheme):
                 take({ type: 'now', panel });
                 const shown = document.querySelector('#banner strong')?.textContent;
                 const { violations } = await axe.run('#banner', { resultTypes: ['violations'] });
-                told = "{id}: {html} {why}"
-    return [shown, violations.map((v) => v.id)]; }""",
+                return [shown, violations.map((v) => v.id)];
+            }""",
             panel,
         )
         assert (bool(shown), found) == (True, []), name
@@ -97,7 +93,7 @@ def test_the_question_for_a_token(browser, tmp_path, scheme):
     running = Running(tmp_path, "--port", "sim:empty", "--model", "none", environ=environ)
     try:
         running.wait_online()
-        one = browser_tests.Tab(browser, running, scheme=scheme)
+        one = Tab(browser, running, scheme=scheme)
         one.page.goto(running.base)
         one.page.wait_for_selector("#token")
         assert faults(one) == []

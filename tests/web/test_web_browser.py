@@ -1,99 +1,18 @@
 """The dashboard in a real browser: what a person sees, with a simulated person before it."""
 
-import os
-import shutil
-
 import pytest
 
 from radard.judge.bundle import load_bundle
 from tests.alarm_helpers import write_recording
+from tests.browser_helpers import MARKS, Tab
 from tests.radar_helpers import noise
 from tests.waiting import wait_for
 from tests.web_helpers import Running, is_finished
 from x2train.finetune.labels import labelled_clips
 from x2train.finetune.windows import own_windows
 
-playwright = pytest.importorskip(
-    "playwright.sync_api", reason="no playwright: pip install '.[browser]'"
-)
-CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium")
-pytestmark = [
-    pytest.mark.nightly,
-    pytest.mark.skipif(CHROMIUM is None, reason="no chromium: apt-get install chromium"),
-    pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
-]
+pytestmark = MARKS
 PAGES = ("live", "why", "events", "setup")
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with playwright.sync_playwright() as p:
-        made = p.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield made
-        made.close()
-
-
-@pytest.fixture(scope="module")
-def radard(tmp_path_factory):
-    """A daemon before which somebody walks, fast, with a model that alarms."""
-    folder = tmp_path_factory.mktemp("radard")
-    environ = {
-        "RADARD_ALARM__LATCH_S": "600",
-        "RADARD_ALARM__REFRACTORY_S": "0",
-        "RADARD_ALARM__SENSITIVITY": "high",
-    }
-    running = Running(
-        folder, "--port", "sim:human?seed=1", "-o", f"store:{folder}/radard.db", environ=environ
-    )
-    running.wait_online()
-    yield running
-    running.end()
-
-
-class Tab:
-    """A page, and everything that its console complained of."""
-
-    def __init__(self, browser, running, *, width=1280, height=900, scheme="light"):
-        self.running = running
-        self.page = browser.new_page(
-            viewport={"width": width, "height": height}, color_scheme=scheme
-        )
-        self.page.set_default_timeout(60_000)
-        self.complaints = []
-        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
-        self.page.on("console", self._note)
-
-    def _note(self, message):
-        # Reading canvases back is these tests' own doing.
-        is_ours = "willReadFrequently" in message.text
-        if message.type in {"error", "warning"} and not is_ours:
-            self.complaints.append(message.text)
-
-    def open(self, page="live"):
-        self.page.goto(f"{self.running.base}/#/{page}")
-        self.page.wait_for_selector("#page .card")
-        return self
-
-    def until(self, script):
-        """Wait until an expression of the page is true; what is not there yet is not true."""
-        # Not wait_for_function: the page's own policy forbids what that does.
-        asked = f"() => {{ try {{ return {script} }} catch {{ return false }} }}"
-        wait_for(lambda: self.page.evaluate(asked), explain=lambda: script)
-
-
-@pytest.fixture
-def tab(browser, radard):
-    """A function that opens tabs; each must end without complaints, unless it says so."""
-    made = []
-
-    def build(running=radard, **options):
-        made.append(Tab(browser, running, **options))
-        return made[-1]
-
-    yield build
-    for one in made:
-        one.page.close()
-        assert one.complaints == []
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -216,7 +135,7 @@ def test_events_are_filtered_replayed_and_labelled(tab, radard):
     one.until("document.querySelector('.labels [aria-pressed=true]')?.textContent === 'Pet'")
     assert f'"event": "{event_id}"' in (radard.folder / "labels.jsonl").read_text()
     # What train-export finetune makes of it.
-    (clip,) = labelled_clips(radard.folder / "labels.jsonl").clips
+    (clip,), _ = labelled_clips(radard.folder / "labels.jsonl")
     assert (clip.path.name, clip.label) == (f"{event_id}.h5", "pet")
     # It goes on for a while behind the alarm's end.
     radard.wait(lambda: is_finished(clip.path))

@@ -1,6 +1,5 @@
 """The events page in a real browser: counts, small pictures, and alarms labelled in a row."""
 
-import importlib
 import json
 import re
 from datetime import UTC, datetime, timedelta
@@ -10,14 +9,11 @@ import pytest
 
 from radard.clips.spectrogram_png import encode_png
 from radard.log import EventLog
+from tests.browser_helpers import MARKS
 from tests.sink_helpers import event, ulid
 from tests.web_helpers import Running
 
-pytest.importorskip("playwright.sync_api", reason="no playwright: pip install '.[browser]'")
-# Not before: a module that was skipped stays half loaded.
-browser_tests = importlib.import_module("tests.web.test_web_browser")
-browser, tab = browser_tests.browser, browser_tests.tab
-pytestmark = browser_tests.pytestmark
+pytestmark = MARKS
 AXES = {"velocity_mps": [-0.66, 0.66], "range_m": [0.6, 3.41], "length_s": 17.2}
 
 

@@ -1,18 +1,14 @@
 """The dashboard of several radars in a real browser: whose page it is, and calibrating one."""
 
-import importlib
 import json
 
 import pytest
 import yaml
 
+from tests.browser_helpers import MARKS, Tab
 from tests.web_helpers import Running
 
-pytest.importorskip("playwright.sync_api", reason="no playwright: pip install '.[browser]'")
-# Not before: a module that was skipped stays half loaded.
-browser_tests = importlib.import_module("tests.web.test_web_browser")
-browser, Tab = browser_tests.browser, browser_tests.Tab
-pytestmark = browser_tests.pytestmark
+pytestmark = MARKS
 
 
 @pytest.fixture

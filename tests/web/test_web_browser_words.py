@@ -1,18 +1,13 @@
 """The dashboard's words in a real browser: for a person, for an engineer, and what is not real."""
 
-import importlib
-
 import pytest
 
 from tests.alarm_helpers import write_recording
+from tests.browser_helpers import MARKS, Tab
 from tests.radar_helpers import noise
 from tests.web_helpers import Running
 
-pytest.importorskip("playwright.sync_api", reason="no playwright: pip install '.[browser]'")
-# Not before: a module that was skipped stays half loaded.
-browser_tests = importlib.import_module("tests.web.test_web_browser")
-browser, radard, tab = browser_tests.browser, browser_tests.radard, browser_tests.tab
-pytestmark = browser_tests.pytestmark
+pytestmark = MARKS
 SHOWN = "[...document.querySelectorAll('{}')].filter(e => e.checkVisibility()).length"
 
 
@@ -36,7 +31,7 @@ def test_a_replay_does_not_look_live(browser, tmp_path):
     argv = ("--port", f"replay:{path}", "--speed", "1", "--model", "none")
     running = Running(tmp_path, *argv).wait_online()
     try:
-        one = browser_tests.Tab(browser, running).open()
+        one = Tab(browser, running).open()
         one.until("document.querySelector('#badge').textContent === 'Replayed'")
         assert "no model" in one.page.inner_text("header")
         one.page.close()
@@ -128,34 +123,6 @@ def test_nothing_overlaps_in_any_state_and_the_alarm_is_the_largest_word(tab, wi
         assert (size > 0, said.startswith("Now: ")) == (name == "alarm", name == "alarm")
         assert "all is well" not in told
     assert one.page.evaluate("document.documentElement.scrollWidth") <= width
-
-
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_small_words_are_readable(tab, scheme):
-    one = tab(scheme=scheme).open()
-    worst = one.page.evaluate(
-        """() => {
-          const options = { willReadFrequently: true };
-          const c = document.createElement('canvas').getContext('2d', options);
-          const light = (colour) => {
-            c.fillStyle = colour; c.fillRect(0, 0, 1, 1);
-            const [r, g, b] = [...c.getImageData(0, 0, 1, 1).data].map((v) => v / 255)
-              .map((v) => v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
-            return 0.2126 * r + 0.7152 * g + 0.0722 * b;
-          };
-          const kinds = ['pill human', 'pill pet', 'pill invalid', 'pill', 'unreal', 'pill clip'];
-          return kinds.map((kind) => {
-            const e = Object.assign(document.createElement('span'), { className: kind });
-            document.querySelector('.card').append(e);
-            const { color, backgroundColor } = getComputedStyle(e);
-            const [a, b] = [light(color), light(backgroundColor)];
-            return [(Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05), kind];
-          }).sort()[0];
-        }"""
-    )
-    # WCAG 2.2, 1.4.3.
-    assert worst[0] >= 4.5, worst
-    assert one.page.evaluate("[...document.querySelectorAll('th')].every(e => e.textContent)")
 
 
 def test_a_page_that_opens_late_takes_the_backlog_and_stays(tab):

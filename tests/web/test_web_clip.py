@@ -18,7 +18,6 @@ from radard.web.pictures import clip_process
 from radard.web.pictures.clip_process import read_clip
 from radard.web.pictures.clip_view import clip_view
 from tests.alarm_helpers import write_recording
-from tests.dashboard_helpers import maker
 from tests.radar_helpers import BASEBAND, frames_of, noise
 from tests.sink_helpers import decision
 from tests.web_helpers import event
@@ -27,7 +26,6 @@ from x2radar.frame import StreamInfo
 pytestmark = pytest.mark.integration
 
 ULID = "01J0000000000000000000000A"
-make = pytest.fixture(maker)
 
 
 @pytest.fixture

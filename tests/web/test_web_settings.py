@@ -1,7 +1,6 @@
 """Settings, a test alarm and what helps to choose: the routes behind the set-up page."""
 
 import gzip
-import json
 import threading
 from pathlib import Path
 
@@ -12,10 +11,9 @@ from radard.clips.spectrogram_png import encode_png
 from radard.config.config import load_config
 from radard.config.saved import change
 from radard.detect.calibration import Calibration, load_calibration, restless_spans
-from tests.dashboard_helpers import maker, post
+from tests.dashboard_helpers import post
 from tests.web_helpers import decision, event
 
-make = pytest.fixture(maker)
 ULID = "01J0000000000000000000000A"
 HELLO = {"type": "hello", "version": "1", "frame_rate_hz": 60.0}
 
@@ -97,19 +95,6 @@ def test_a_file_of_settings_that_was_tampered_with_is_named(make, tmp_path):
     # It is taken away by forgetting.
     assert post(client, "/api/v1/settings", {"forget": True}).status_code == 202
     assert not path.exists()
-
-
-def test_viewers_change_nothing_and_try_no_alarm(make):
-    look = "-".join(("a", "token", "for", "looking"))
-    client = make(tokens=(look, None))
-    client.post(
-        "/api/v1/login",
-        content=json.dumps({"token": look}),
-        headers={"Content-Type": "application/json", "X-Radard": "1"},
-    )
-    for path in ("/api/v1/settings", "/api/v1/test-alarm"):
-        assert post(client, path, {}).status_code == 403
-    assert not settings_file(client).exists()
 
 
 def test_a_test_alarm_waits_for_a_real_one(make):

@@ -4,14 +4,7 @@ import contextlib
 import socket
 import time
 
-import pytest
 from prometheus_client.parser import text_string_to_metric_families
-
-from tests.dashboard_helpers import maker
-from tests.web_helpers import event
-
-ULID = "01J0000000000000000000000A"
-make = pytest.fixture(maker)
 
 
 def test_ready_is_more_than_alive(make):
@@ -58,13 +51,3 @@ def test_what_the_process_uses(make):
     assert 0.15 < used_s < 60
     assert after["radard_process_open_fds"] >= before["radard_process_open_fds"] + 15
     assert after["radard_process_threads"] >= 1
-
-
-def test_events_keep_what_says_that_they_are_not_real(make):
-    client = make()
-    client.tell({**event(ULID), "simulated": True})
-    client.tell({**event(ULID, "end", end_t_s=9.0), "simulated": True})
-    client.tell(event("01J0000000000000000000000B", kind="fault", reason="no frames"))
-    events = {e["id"]: e for e in client.get("/api/v1/events").json()["events"]}
-    assert events[ULID]["simulated"] is True
-    assert "simulated" not in events["01J0000000000000000000000B"]

@@ -13,7 +13,7 @@ from radard.config.saved import Kind, change, forget
 from radard.outputs.base import COMMANDS, Host
 from radard.web.answers import json_body, refusal
 from radard.web.auth import SESSION_S, AccessControl, address_of
-from radard.web.guard import Guard
+from radard.web.guard import Guard, NoRunError
 from radard.web.view import View
 
 log = logging.getLogger("radard")
@@ -36,12 +36,18 @@ class Actions:
             *_session_routes(guard.access),
         ]
 
+    @property
+    def _host(self) -> Host:
+        """The sensor's run; raises NoRunError before there is one."""
+        if self._view.host is None:
+            raise NoRunError
+        return self._view.host
+
     async def _command(self, body: dict[str, Any]) -> Response:
-        name, host = body.get("command"), self._view.host
+        name = body.get("command")
         if not isinstance(name, str) or name not in COMMANDS:
             return refusal(400, f"command is one of {', '.join(COMMANDS)}")
-        if host is None:
-            return _refuse_early()
+        host = self._host
         log.info("command from the dashboard: %s", name)
         host.command(name)
         return JSONResponse({"accepted": name}, 202)
@@ -54,10 +60,7 @@ class Actions:
 
     async def _change(self, kind: Kind, body: dict[str, Any], sections: Any) -> Response:
         """Save sections, or forget what was saved, and have the configuration read again."""
-        host = self._view.host
-        if host is None:
-            return _refuse_early()
-        path = saved_file(self._view.config, kind)
+        host, path = self._host, saved_file(self._view.config, kind)
         is_forgotten = body.get("forget") is True
         if is_forgotten:
             await self._read(forget, path)
@@ -69,17 +72,14 @@ class Actions:
         return JSONResponse({"file": None if is_forgotten else str(path)}, 202)
 
     async def _test_alarm(self, _body: dict[str, Any]) -> Response:
-        host = self._view.host
-        if host is None:
-            return _refuse_early()
+        host = self._host
         log.warning("test alarm from the dashboard")
         # Threads of its own: outputs may take seconds to answer.
         answers = await to_thread.run_sync(host.test_alarm, limiter=self._testing)
         return JSONResponse({"outputs": answers})
 
     async def _playback(self, body: dict[str, Any]) -> Response:
-        host: Host | None = self._view.host
-        playback = host.playback() if host is not None else None
+        playback = self._host.playback()
         if playback is None:
             return refusal(409, "this is no replay")
         action, value = body.get("action"), body.get("value")
@@ -95,10 +95,6 @@ class Actions:
         else:
             return refusal(400, "action is play, pause, seek or speed, with its value")
         return JSONResponse(self._view.now()["playback"], 202)
-
-
-def _refuse_early() -> JSONResponse:
-    return refusal(503, "there is no run yet")
 
 
 def _session_routes(access: AccessControl) -> list[Route]:

@@ -1,5 +1,6 @@
 """Events for a page: listed, exported, labelled, with their clips and pictures."""
 
+import base64
 import csv
 import io
 import json
@@ -16,19 +17,21 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Route
 
+from radard.clips.spectrogram_png import decode_png, encode_png
 from radard.config.sink_table import KINDS
 from radard.errors import RadardError, UsageError
 from radard.log_file import MARKS, StoredEvent, parse_since
 from radard.outputs.records import utc_now
 from radard.web.answers import attached, query_number, refusal
 from radard.web.guard import Guard
-from radard.web.labels import LABELS
+from radard.web.labels import LABELS, add_label, read_labels
 from radard.web.pictures.clip_process import ClipTimeoutError, read_clip
-from radard.web.pictures.thumbnail import thumbnail
 from radard.web.view import View
 
+_NO_CLIP = "there is no clip of this event"
 _ULID = re.compile(r"[0-9A-HJKMNP-TV-Z]{26}")
 _MAX_EVENTS = 2000  # of an answer: some hundred kilobytes
+_MAX_PICTURE = 20_000_000  # bytes of a file: ten minutes take a third of that
 _MAX_WAITING = 4  # requests for a clip's pictures: each takes seconds
 _FIELDS = ("id", "sensor", "kind", "began", "ended", "peak", "reason", "label", "clip", *MARKS)
 _SAME = ("id", "kind", "phase", "start_t_s", "end_t_s", "peak", "clip", "reason")
@@ -80,15 +83,13 @@ class EventRoutes:
         return Response(text, media_type=kind, headers=attached(name))
 
     async def _clip(self, request: Request) -> Response:
-        path = await self._read(self._clip_of, request.path_params["id"])
-        if path is None:
-            return refusal(404, "there is no clip of this event")
+        if (path := await self._read(self._clip_of, request.path_params["id"])) is None:
+            return refusal(404, _NO_CLIP)
         return FileResponse(path, media_type="application/x-hdf5", headers=attached(path.name))
 
     async def _pictures(self, request: Request) -> Response:
-        path = await self._read(self._clip_of, request.path_params["id"])
-        if path is None:
-            return refusal(404, "there is no clip of this event")
+        if (path := await self._read(self._clip_of, request.path_params["id"])) is None:
+            return refusal(404, _NO_CLIP)
         if self._painting.statistics().tasks_waiting >= _MAX_WAITING:
             return refusal(503, "others wait for pictures; try again soon")
         try:
@@ -105,7 +106,7 @@ class EventRoutes:
         if path is None or not path.is_file():
             return refusal(404, "there is no picture of this event")
         try:
-            return JSONResponse(await self._read(thumbnail, path))
+            return JSONResponse(await self._read(_thumbnail, path))
         except (OSError, ValueError) as err:
             return refusal(422, f"the picture cannot be shown: {err}")
 
@@ -123,12 +124,12 @@ class EventRoutes:
             "model": self._view.history.hello.get("model"),
             "time": utc_now(),
         }
-        await self._read(self._view.label_file.add, line)
+        await self._read(add_label, self._view.label_file, line)
         return JSONResponse({"event": event_id, "label": label}, 201)
 
     def _events(self, wanted: _Filter) -> list[dict[str, Any]]:
         """Return events of the log, the newest first."""
-        view, labels = self._view, self._view.label_file.labels()
+        view, labels = self._view, read_labels(self._view.label_file)
         logged = view.log.events(since_s=wanted.since_s, kinds=wanted.kinds, limit=_MAX_EVENTS)
         own = (each for each in reversed(logged) if not view.sensor or each.sensor == view.sensor)
         found = (each for each in own if wanted.fits(each, labels.get(each.id)))
@@ -177,6 +178,19 @@ def _filter(request: Request) -> _Filter:
         text=text,
         limit=query_number(request, "limit", 200, _MAX_EVENTS),
     )
+
+
+def _thumbnail(path: Path) -> dict[str, Any]:
+    """Return `png`, a data: URL with a quarter of the pixels, and `axes`; None in an old picture.
+
+    Raises OSError, or ValueError if the file is no picture of a clip.
+    """
+    if path.stat().st_size > _MAX_PICTURE:
+        msg = "it is too large"
+        raise ValueError(msg)
+    picture, axes = decode_png(path.read_bytes())
+    small = base64.b64encode(encode_png(picture[::2, ::2])).decode()
+    return {"png": f"data:image/png;base64,{small}", "axes": axes}
 
 
 def _csv(events: list[dict[str, Any]]) -> str:

@@ -17,6 +17,10 @@ Endpoint = Callable[[Request], Awaitable[Response]]
 Handler = Callable[[dict[str, Any]], Awaitable[Response]]
 
 
+class NoRunError(Exception):
+    """The sensor has not begun to run."""
+
+
 class Guard:
     """Makes routes of one sensor for those who may look, and for those who may change it."""
 
@@ -60,6 +64,8 @@ class Guard:
                 return body
             try:
                 return await handler(body)
+            except NoRunError:
+                return refusal(503, "there is no run yet")
             except OverflowError:
                 return refusal(400, "a number is too large")
             except ValueError as err:

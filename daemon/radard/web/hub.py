@@ -21,7 +21,6 @@ class Viewer:
 
     def __init__(self) -> None:
         self.wants_pictures = False
-        self.n_dropped = 0
         self.is_overrun = False
         self._texts: deque[str] = deque()
         self._pictures: deque[bytes] = deque()
@@ -42,7 +41,6 @@ class Viewer:
         """Queue a picture, or drop it."""
         in_flight = self._n_sent - self._n_drawn + len(self._pictures)
         if not self.wants_pictures or in_flight >= MAX_IN_FLIGHT:
-            self.n_dropped += self.wants_pictures
             return
         self._pictures.append(data)
         self._wake.set()

@@ -63,8 +63,7 @@ class _Connection(H11Protocol):
             transport.abort()
             return
         super().connection_made(transport)
-        own: socket.socket | None = transport.get_extra_info("socket")
-        if own is not None:
+        if (own := transport.get_extra_info("socket")) is not None:
             own.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
         self._since_s = self.loop.time()
         self._late = self.loop.call_later(_HEADER_S, self.give_way)
@@ -123,21 +122,11 @@ def _drop_idle(connections: list[Any]) -> bool:
 
 
 class WebServer:
-    """Serve an application.
+    """Serve an application; port 0 is any free one.
 
-    Parameters
-    ----------
-    host, port
-        Where to listen; port 0 is any free one.
-    app : ASGI application
-        What to serve.
-    beside : callable
-        Takes the loop of the web's thread, returns a coroutine that runs beside the server.
-    on_trouble : callable
-        Takes why it does not listen; an empty text once it does.
-    last_words : callable
-        Returns a coroutine that ends once pages have all they are to get; it is waited for, not
-        long, before their connections are closed.
+    `beside` takes the loop of the web's thread and returns a coroutine that runs beside the
+    server; `on_trouble` takes why it does not listen, an empty text once it does; `last_words` is
+    waited for, not long, before connections are closed.
     """
 
     def __init__(

@@ -15,7 +15,6 @@ from radard.log import EventLog
 from radard.outputs.base import Host, Record
 from radard.web.history import History
 from radard.web.hub import Hub
-from radard.web.labels import LabelFile
 from radard.web.metrics import Metrics
 from radard.web.pictures.picture_thread import PictureThread
 
@@ -27,18 +26,8 @@ _MAX_STATES = 4000  # above the decisions of `radard.web.history`
 class View:
     """One sensor's records, counters, pages and pictures.
 
-    Parameters
-    ----------
-    section : WebSection
-        Of the configuration.
-    log : EventLog
-        Of the process; all its events are shown.
-    post : callable
-        See `Post`.
-    sensor : str
-        Its name; empty where there is only one.
-    make_app : callable
-        Returns the routes of a view.
+    `log` is of the process, `sensor` empty where there is only one; `make_app` returns the routes
+    of a view.
     """
 
     def __init__(
@@ -63,7 +52,6 @@ class View:
         )
         self.app = make_app(self)
         self._post = post
-        self._labels: LabelFile | None = None
         self._last: Mapping[str, Any] = {}
 
     @property
@@ -72,12 +60,9 @@ class View:
         return self.host.config() if self.host is not None else Config()
 
     @property
-    def label_file(self) -> LabelFile:
+    def label_file(self) -> Path:
         """The file of labels."""
-        path = self.section.labels_file or state_dir(self.config) / "labels.jsonl"
-        if self._labels is None or self._labels.path != path:
-            self._labels = LabelFile(path)
-        return self._labels
+        return self.section.labels_file or state_dir(self.config) / "labels.jsonl"
 
     @property
     def store(self) -> Path | None:

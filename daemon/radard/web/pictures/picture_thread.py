@@ -31,14 +31,8 @@ Announce = Callable[[dict[str, Any]], None]
 class PictureThread:
     """Make pictures of the frames in a ring.
 
-    Parameters
-    ----------
-    ring : callable
-        Returns the ring, None before there is one.
-    announce : callable
-        Takes the axes (`radard.web.pictures.wire.axes`) of a stream before its first picture.
-    emit : callable
-        Takes every message.
+    `ring` returns the ring, None before there is one; `announce` takes the axes of a stream
+    (`radard.web.pictures.wire.axes`) before its first picture, `emit` every message.
     """
 
     def __init__(

@@ -13,6 +13,7 @@ and one of the gait picture::
 """
 
 import struct
+from dataclasses import asdict
 from typing import Any
 
 from radard.dsp.pictures import SPANS_DB, Bytes, Columns, Spectrograms
@@ -28,17 +29,7 @@ def axes(spectrograms: Spectrograms) -> dict[str, Any]:
         "column_s": spectrograms.column_s,
         "gait_step_hz": spectrograms.gait_step_hz,
         "unambiguous_mps": spectrograms.unambiguous_mps,
-        "pictures": [
-            {
-                "name": p.name,
-                "unit": p.unit,
-                "first": p.first,
-                "step": p.step,
-                "n_rows": p.n_rows,
-                "span_db": SPANS_DB[p.name],
-            }
-            for p in spectrograms.pictures
-        ],
+        "pictures": [{**asdict(p), "span_db": SPANS_DB[p.name]} for p in spectrograms.pictures],
     }
 
 

@@ -1,0 +1,61 @@
+"""What tests of the dashboard share: a browser, and a daemon before which somebody walks."""
+
+import pytest
+
+from tests.browser_helpers import CHROMIUM, Tab
+from tests.dashboard_helpers import maker
+from tests.web_helpers import Running
+
+make = pytest.fixture(maker)
+
+
+@pytest.fixture(scope="session")
+def browser():
+    playwright = pytest.importorskip(
+        "playwright.sync_api", reason="no playwright: pip install '.[browser]'"
+    )
+    with playwright.sync_playwright() as p:
+        made = p.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield made
+        made.close()
+
+
+@pytest.fixture(scope="module")
+def radard(tmp_path_factory):
+    """A daemon before which somebody walks, fast, with a model that alarms."""
+    folder = tmp_path_factory.mktemp("radard")
+    environ = {
+        "RADARD_ALARM__LATCH_S": "600",
+        "RADARD_ALARM__REFRACTORY_S": "0",
+        "RADARD_ALARM__SENSITIVITY": "high",
+    }
+    running = Running(
+        folder, "--port", "sim:human?seed=1", "-o", f"store:{folder}/radard.db", environ=environ
+    )
+    running.wait_online()
+    yield running
+    running.end()
+
+
+@pytest.fixture
+def empty(tmp_path):
+    """A daemon before an empty room."""
+    running = Running(tmp_path, "--port", "sim:empty", "--model", "none").wait_online()
+    yield running
+    running.end()
+
+
+@pytest.fixture
+def tab(browser, request):
+    """A function that opens tabs; each must end without complaints, unless it says so."""
+    made = []
+
+    def build(running=None, **options):
+        running = running or request.getfixturevalue("radard")
+        made.append(Tab(browser, running, **options))
+        return made[-1]
+
+    yield build
+    for one in made:
+        one.page.close()
+        assert one.complaints == []
