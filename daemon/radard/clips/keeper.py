@@ -31,7 +31,7 @@ _SLACK_S = 4.0  # held beyond `pre_s`; a decision is never so late
 _MAX_JOBS = 200  # that wait for the disk; some minutes
 _WAIT_S = 0.5  # as long as an alarm waits for the disk of the event log
 _POLL_S = 0.1  # a clip that ends late holds up the end of the process by so much
-_MAX_PAST = 128  # decisions; twice the longest `pre_s`
+_MAX_PAST = 512  # decisions; twice the longest `pre_s`, of the shortest hop
 
 
 @dataclass(slots=True)
