@@ -52,7 +52,7 @@ Scores = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Elements:
-    """Two-second records of one body each, person and animal in turn."""
+    """Records of one body each, 2 s of spectrogram columns, person and animal in turn."""
 
     vector: NDArray[np.float32]  # (n, 784) or (n, 1176): the thesis' type 1 or type 2 vector
     # (n, 28, 40): micro-Doppler spectrogram, 0 to 1 for 30 dB; rows ascend in velocity, cells of

@@ -23,8 +23,6 @@ PAGES = sorted(
     for pattern in ("README.md", "CONTRIBUTING.md", "docs/**/*.md", "deploy/*.md")
     for path in ROOT.glob(pattern)
 )
-GENERATED = {"docs/thesis-results.md": "takes hours", "docs/tradeoff.md": "takes an hour"}
-"""Pages that a command writes: why that command is not run."""
 _MARK = re.compile(r"<!-- not run: (.+) -->")
 
 
@@ -53,8 +51,7 @@ def blocks_of(path):
     """Every block of code of a page: fenced ones, and indented ones that begin with a command."""
     lines = path.read_text("utf-8").splitlines()
     page = str(path.relative_to(ROOT))
-    always = GENERATED.get(page, "")
-    reason, k = always, 0
+    reason, k = "", 0
     while k < len(lines):
         line = lines[k]
         fence = re.match(r"( *)(```+)(\w*)", line)
@@ -65,17 +62,17 @@ def blocks_of(path):
             indent = len(fence[1])
             text = "\n".join(each[indent:] for each in lines[k + 1 : end])
             yield Block(page, k + 1, fence[3], text, reason)
-            k, reason = end, always
+            k, reason = end, ""
         elif begins and words and words[0] in FIRST_WORDS:
             end = k
             while end < len(lines) and lines[end].startswith("    "):
                 end += 1
             yield Block(page, k + 1, "sh", "\n".join(x[4:] for x in lines[k:end]), reason)
-            k, reason = end, always
+            k, reason = end, ""
         elif mark := _MARK.search(line):
             reason = mark[1]
         elif words:
-            reason = always
+            reason = ""
         k += 1
 
 

@@ -147,7 +147,8 @@ def features(
     Returns
     -------
     list of FeatureWindow
-        One for every whole window of 2 s, a second apart. Windows with too many lost frames are
+        One for every whole window, a second apart: 2 s of spectrogram columns, made of 2.45 s of
+        frames at 60 Hz. Windows with too many lost frames are
         left out.
 
     Raises

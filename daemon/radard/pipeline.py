@@ -7,7 +7,7 @@ A frame's way through the program (docs/research/follow-a-frame.md tells it)::
     x2radar.wire.codec         packets -> messages
     x2radar.device.assemble    messages -> Frame (numbered, losses stated)
     radard.dsp.downconvert     RF -> baseband, matched filter             [reader thread]
-    radard.stream.ring         frames -> Dwell, 2 s of them every hop     [reader | worker]
+    radard.stream.ring         frames -> Dwell, 2.45 s of them every hop  [reader | worker]
     radard.detect.clutter_map  takes out what stands still, with its jitter     [worker]
     radard.detect.gate         does anything move?
     radard.detect.tracks       where, and how many?

@@ -50,6 +50,7 @@ def test_the_page_is_written_by_one_command(published):
     assert "T2D60 | relu | 83.6 |" in text
     assert "| D60 | 83.6 |" in text
     assert "--parts networks,own --publish docs/thesis-results.md" in text
+    assert "--share 0.01" in text.partition("about a minute")[2]
     assert "2 repeats with new initial weights (the thesis: 10)" in text
     assert str(folder) not in text
     for name in text.split("](")[1:]:
@@ -76,6 +77,7 @@ def test_a_second_run_trains_nothing(published, monkeypatch, capsys):
     ("args", "says"),
     [
         (["--cpi", "500"], "M = 500: must be 2 to 120, the columns of the record"),
+        (["--share", "2"], "--share 2: must be above 0, and 1 at most"),
         (["--cadences", "61"], "I alpha = 61: must be 1 to 60, half the columns"),
         (["--frame-rate", "10"], "M = 28: must be 2 to 20"),
         (["--frame-rate", "-1"], "frame rate -1: must be 1 to 1000"),
@@ -160,7 +162,7 @@ def test_the_page_says_what_it_counts(tmp_path):
         CellResult(cell.name, "relu", 0, (100,) * 3, some, some, some, "x", settings)
         for cell in wanted_cells()
     ]
-    text = page(results, {}, command="c", folder=tmp_path)
+    text = page(results, {}, commands=("full", "trial"), folder=tmp_path)
     assert "Mean of the eight relu sets: 50.0 (thesis 79.4)." in text
     assert "| T1D60 | relu | 50.0 (50.0, 50.0) | -11.4 | 50.0 |" in text
     assert "| T1D60 | relu | 61.4 | 50.0 | 100.0 | 0.0 | 50.0 | 0.369 | 0.693 | 0.693 |" in text
@@ -183,6 +185,8 @@ def test_recordings_stop_and_retrain(published, tmp_path, capsys):
     shutil.copytree(published[0] / "cache" / "data", tmp_path / "data")
     path = record(tmp_path / "a.h5", [(0, 6, "dog"), (0, 6, "human"), (0, 6, "chair")])
     loaded = load_recordings([path], ElementSpec(), 2)
+    whole = [tmp_path / f"a.h5={label}" for label in ("dog", "human")]
+    np.testing.assert_array_equal(load_recordings(whole, ElementSpec(), 2).x, loaded.x)
     assert loaded.x.shape == (8, 1176)
     np.testing.assert_array_equal(loaded.y, [0, 1] * 4)
     assert load_recordings([path], ElementSpec(), 1).x.shape == (8, 784)

@@ -65,7 +65,8 @@ def explained(config: Config, *, pass_s: float) -> Iterator[str]:
     yield f"and one of the two is at least {MIN_P:g},"
     hop_s = config.decision.hop_s
     if decides == "window":
-        yield f"judged every {hop_s:g} s on the last {bundle.features.dwell_s:g} s alone"
+        columns_s = bundle.features.dwell_s
+        yield f"judged every {hop_s:g} s on one window alone, {columns_s:g} s of spectrogram columns"
     else:
         yield f"judged every {hop_s:g} s on the evidence of all windows since motion began"
     if warning := hop_warning(bundle, hop_s):

@@ -143,7 +143,7 @@ class DownConverter:
 
 def _kernel(axis: FastTimeAxis) -> NDArray[np.complex128]:
     """Return the pulse on its carrier, conjugated, shape (odd,), unit gain for an echo."""
-    # Gaussian whose spectrum is -10 dB at half the bandwidth (the thesis, 8.1).
+    # Gaussian whose spectrum is -10 dB at half the bandwidth (table B.5 of the thesis).
     sigma = np.sqrt(np.log(10)) / (np.pi * axis.bandwidth_hz) * axis.sample_rate_hz
     half = max(1, int(np.ceil(_REACH_SIGMA * sigma)))
     k = np.arange(-half, half + 1)

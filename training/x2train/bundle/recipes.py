@@ -125,6 +125,12 @@ RECIPES: Mapping[str, Recipe] = MappingProxyType(
             f"train-export temporal --model models/x4m03.onnx {_X4_LONG_SETS} --size accurate "
             "--epochs 6 --seed 0",
         ),
+        "thesis": Recipe(
+            (
+                "train-export thesis --pretrain 12,3 --output-epochs 9 --epochs 200 "
+                "--bundle models/thesis",
+            )
+        ),
     }
 )
 """By name of the bundle."""
@@ -167,7 +173,11 @@ def arguments(
                 words.append(str(models / rest) if top == "models" and rest else word)
         if share < _SMALL_SHARE:
             words = [word for word in words if word not in _FAST]
-        made[command] = words if models == Path("models") else [*words, "--out", str(models)]
+        if words[0] == "thesis":
+            words += ["--workers", str(workers), "--share", f"{share:g}"]
+        elif models != Path("models"):
+            words += ["--out", str(models)]
+        made[command] = words
     return list(made.values())
 
 

@@ -23,12 +23,16 @@ _EXAMPLES = """\
 examples:
   train-export thesis                                   all eight sets, both activations
   train-export thesis --animal dog --frame-rate 60 --repeats 3
-  train-export thesis --finetune walks.h5 dogs.h5       retrain on labelled recordings
+  train-export thesis --finetune walks.h5=human dogs.h5=dog    retrain on recordings
+  train-export thesis --share 0.01 --publish try.md     all of it within a minute, to try it
   train-export thesis --publish docs/thesis-results.md    everything, and the page
   train-export thesis --bundle models/mine              a bundle of such a network
 A run that was interrupted goes on with the next training when the command is given again.
 """
 PARTS = ("networks", "own", "switches")
+_TRIAL = {"share": 0.01, "animal": "dog", "frame_rate": 60, "parts": "networks,own"}
+"""What the page has beside its command: a minute of one core."""
+_MIN_ELEMENTS = 60  # of a share: three of each class evaluate
 
 
 def register(commands: Commands) -> None:
@@ -75,6 +79,7 @@ def _add_data(group: Any) -> None:
     add("--train-rate", type=int, metavar="HZ", help="train at another frame rate")
     add("--seed", type=int, default=0, help="same seed, same results (0)")
     add("--workers", type=int, default=os.cpu_count() or 1, help="processes (all cores)")
+    add("--share", type=float, default=1.0, metavar="F", help="of all that, to try it (1)")
 
 
 def _add_training(group: Any) -> None:
@@ -97,7 +102,13 @@ def _add_training(group: Any) -> None:
     add("--epochs", type=int, default=2000, help="of the whole network, at most (2000)")
     add("--look-every", type=int, default=100, help="epochs between looks (100)")
     add("--patience", type=int, default=2, help="looks without a gain that end it (2)")
-    add("--finetune", type=Path, nargs="+", metavar="FILE", help="labelled recordings (HDF5)")
+    add(
+        "--finetune",
+        type=Path,
+        nargs="+",
+        metavar="FILE[=LABEL]",
+        help="recordings with labels in them, or of one: pet, dog, cat, human or person",
+    )
     add("--own-epochs", type=int, default=30, help="of the network on our features (30)")
     add("--own-repeats", type=int, default=3, help="its initial weights (3)")
 
@@ -107,6 +118,7 @@ def _run(args: argparse.Namespace) -> int:
     from x2train.thesis.recipe import StudyRecipe  # noqa: PLC0415
 
     parts = _parts(args)
+    given, args = args, _small(args)
     recipe = StudyRecipe(
         folder=args.folder,
         n_elements=args.elements // 20 * 20,
@@ -117,7 +129,7 @@ def _run(args: argparse.Namespace) -> int:
         workers=args.workers,
     )
     if args.bundle:
-        return _bundle(args, recipe)
+        return _bundle(args, recipe, _command(given, "--bundle", f"models/{args.bundle.name}"))
     jobs = list(_jobs(args, recipe, parts))
     results: list[CellResult] = []
     with progress() as bar:
@@ -140,12 +152,36 @@ def _run(args: argparse.Namespace) -> int:
     if args.publish:
         from x2train.thesis.pictures import publish  # noqa: PLC0415
 
-        command = _command(args, "--publish", f"docs/{args.publish.name}")
-        console.print(str(publish(recipe, results, args.publish, command)))
+        trial = argparse.Namespace(**{**vars(given), **_TRIAL})
+        commands = (
+            _command(given, "--publish", f"docs/{args.publish.name}"),
+            _command(trial, "--folder", "build/trial", "--publish", "build/trial.md"),
+        )
+        console.print(str(publish(recipe, results, args.publish, commands)))
     return 0
 
 
-def _bundle(args: argparse.Namespace, recipe: "StudyRecipe") -> int:
+def _small(args: argparse.Namespace) -> argparse.Namespace:
+    """Return the arguments with `--share` of the elements, repeats and epochs."""
+    if not 0 < args.share <= 1:
+        msg = f"--share {args.share:g}: must be above 0, and 1 at most"
+        raise UsageError(msg)
+    if args.share == 1:
+        return args
+    made = argparse.Namespace(**vars(args))
+    for names, least in (
+        (("elements", "fresh"), _MIN_ELEMENTS),
+        (("repeats", "epochs", "output_epochs", "own_epochs", "own_repeats"), 1),
+    ):
+        for name in names:
+            setattr(made, name, max(least, round(args.share * getattr(args, name))))
+    epochs = _whole_numbers("--pretrain", args.pretrain)
+    made.pretrain = ",".join(str(max(1, round(args.share * n))) for n in epochs)
+    made.look_every = min(args.look_every, made.epochs)
+    return made
+
+
+def _bundle(args: argparse.Namespace, recipe: "StudyRecipe", command: str) -> int:
     """Write a bundle: of the type 2 vector of dogs and cats at 60 Hz, unless told otherwise."""
     from x2train.thesis.bundle import write_thesis_bundle  # noqa: PLC0415
     from x2train.thesis.cells import Cell  # noqa: PLC0415
@@ -155,7 +191,6 @@ def _bundle(args: argparse.Namespace, recipe: "StudyRecipe") -> int:
         raise UsageError(msg)
     cell = Cell(args.vector or 2, args.animal or "pet", args.frame_rate or 60)
     variant = _variant(args, args.activation or "relu")
-    command = _command(args, "--bundle", f"models/{args.bundle.name}")
     with progress() as bar:
         metrics = write_thesis_bundle(
             args.bundle, recipe, cell, variant, _teller(bar), command=command

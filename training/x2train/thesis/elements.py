@@ -1,4 +1,4 @@
-"""Elements of the thesis' data sets: two seconds of one body, as its simulator draws them.
+"""Elements of the thesis' data sets: 2 s of spectrogram columns of one body, as it draws them.
 
 Every element begins at t = 0 with new draws (table B.4) and lasts I + M - 1 frames; some
 bodies never enter the swath, and belong to the data all the same. RF at 41 GS/s, white noise
@@ -122,18 +122,27 @@ def _converter() -> DownConverter:
     return DownConverter(_axis())
 
 
-def dwell(spec: ElementSpec, body: str, number: int) -> tuple[Dwell, float]:
-    """Return one element's frames, and the share of them with its torso in the swath.
+def scatterers(
+    spec: ElementSpec, body: str, number: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], np.random.Generator]:
+    """Return ranges of one element's scatterers, the torso first, and their cross sections.
 
-    The same number is the same body at every frame rate.
+    Ranges have shape (n_slow, n_points). The generator goes on to the noise. The same number is
+    the same body at every frame rate.
     """
-    axis, budget = _axis(), spec.budget
     rng = np.random.default_rng([spec.seed, BODIES.index(body), number])
     points = draw(THESIS_BODIES[f"thesis_{body}"], rng)
     n_slow = DwellShape.of(
         dwell_s=spec.dwell_s, hop_s=1.0, frame_rate_hz=spec.frame_rate_hz, n_cpi=spec.n_cpi
     ).n_slow
-    range_m, rcs_m2 = ranges(points, np.arange(n_slow) / spec.frame_rate_hz)
+    return *ranges(points, np.arange(n_slow) / spec.frame_rate_hz), rng
+
+
+def dwell(spec: ElementSpec, body: str, number: int) -> tuple[Dwell, float]:
+    """Return one element's frames, and the share of them with its torso in the swath."""
+    axis, budget = _axis(), spec.budget
+    range_m, rcs_m2, rng = scatterers(spec, body, number)
+    n_slow = len(range_m)
     level = budget.amplitude(range_m, rcs_m2, axis)
     echo = echo_frames(range_m, level, axis, error_db=_ERROR_DB)
     if spec.clutter:

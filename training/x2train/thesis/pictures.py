@@ -1,6 +1,7 @@
 """The page and its pictures: one element (2.5-2.7, 3.7-3.9), results, bodies, pulse."""
 
 from collections.abc import Sequence
+from itertools import count
 from pathlib import Path
 
 import matplotlib as mpl
@@ -22,7 +23,7 @@ from x2radar.sim.bodies.thesis_bodies import THESIS_BODIES, ranges_xyz
 from x2radar.sim.signal.pulse import pulse_sigma_s
 from x2train.sets.shards import write_whole
 from x2train.thesis.cells import RATES_HZ
-from x2train.thesis.elements import PROFILE, ElementSpec, dwell
+from x2train.thesis.elements import PROFILE, ElementSpec, dwell, scatterers
 from x2train.thesis.mlp import ACTIVATIONS
 from x2train.thesis.page import MAIN, page
 from x2train.thesis.recipe import StudyRecipe
@@ -31,7 +32,7 @@ from x2train.thesis.results import CellResult
 _CLASSES = ("pet", "person")
 _MOVED_S = 0.3  # limbs are apart
 _MIN_DB = -40.0  # as in the thesis' plots
-_EXAMPLE = 3  # number of the element that is drawn
+_NEAR_M, _FAR_M = 1.5, 3.0  # of the torso in the elements that are drawn
 _Extent = tuple[float, float, float, float]
 
 
@@ -141,39 +142,45 @@ def confidence(path: Path, result: CellResult) -> Path:
     return save(figure, path)
 
 
-def features(folder: Path, spec: ElementSpec, body: str, number: int) -> Path:
-    """Draw one element of a body into a folder; return the file."""
+def features(folder: Path, spec: ElementSpec, body: str) -> Path:
+    """Draw an element of a body, in view all the time, into a folder; return the file."""
+    number = next(k for k in count() if _is_in_view(spec, body, k))
     made, _ = dwell(spec, body, number)
-    n_cpi, rate_hz = spec.n_cpi, spec.frame_rate_hz
+    n_cpi, rate_hz, range_m = spec.n_cpi, spec.frame_rate_hz, made.axis.range_m
     first = len(made.frames) // 2 - n_cpi // 2
     mu = micro_doppler(made.frames, n_cpi)
     diagram = cadence_velocity_diagram(mu)
-    n_columns = mu.shape[1]
     lines = doppler_hz(n_cpi, rate_hz)
     rows = (float(lines[0]), float(lines[-1]))
-    range_m = made.axis.range_m
-    figure, axes = plt.subplots(2, 3, figsize=(12, 5.6))
-    _map(
-        axes[0, 0],
-        _range_doppler(made.frames[first : first + n_cpi]),
-        (range_m[0], range_m[-1], *rows),
-        f"G: {body}, {rate_hz} Hz",
-        "range (m)",
-    )
-    _map(axes[0, 1], mu, (0, n_columns / rate_hz, *rows), "µ", "slow time (s)")
-    cadences_hz = spec.n_cadence * rate_hz / n_columns
-    _map(axes[0, 2], diagram[:, : spec.n_cadence], (0, cadences_hz, *rows), "D", "cadence (Hz)")
-    axes[0, 0].set_ylabel("Doppler (Hz)")
+    figure, axes = plt.subplots(2, 3, figsize=(13, 6), layout="constrained")
+    figure.suptitle(f"{body}, {rate_hz} Hz, element {number}")
+    middle = _range_doppler(made.frames[first : first + n_cpi])
+    _map(axes[0, 0], middle, (range_m[0], range_m[-1], *rows), "G, middle CPI", "range (m)")
+    _map(axes[0, 1], mu, (0, mu.shape[1] / rate_hz, *rows), "µ", "slow time (s)")
+    cadences = (0, spec.n_cadence / spec.dwell_s, *rows)
+    _map(axes[0, 2], diagram[:, : spec.n_cadence], cadences, "D", "cadence (Hz)")
     type1 = type1_vector(diagram, spec.n_cadence)
     profile = extent_profile(made.frames, n_cpi, PROFILE)
-    axes[1, 0].plot(profile, lw=0.8)
-    axes[1, 0].set(title="range profile of the widest extent", xlabel="sample")
-    axes[1, 1].plot(type1, lw=0.8)
-    axes[1, 1].set(title="type 1 vector", xlabel="element")
-    axes[1, 2].plot(np.concatenate([profile, type1]), lw=0.8)
-    axes[1, 2].set(title="type 2 vector", xlabel="element")
-    figure.tight_layout()
+    extent_m = np.arange(PROFILE) * made.axis.bin_length_m
+    axes[1, 0].plot(extent_m, profile, lw=0.8)
+    axes[1, 0].set(
+        title="range profile of the widest extent",
+        xlabel="behind its first sample (m)",
+        ylabel="amplitude, of its peak",
+    )
+    for axis, vector, name in (
+        (axes[1, 1], type1, "type 1 vector"),
+        (axes[1, 2], np.concatenate([profile, type1]), "type 2 vector"),
+    ):
+        axis.plot(vector, lw=0.8)
+        axis.set(title=name, xlabel="element", ylabel="value")
     return save(figure, folder / f"features-{body}-{rate_hz}.png")
+
+
+def _is_in_view(spec: ElementSpec, body: str, number: int) -> bool:
+    """Return whether an element's torso stays where the radar sees it well."""
+    torso_m = scatterers(spec, body, number)[0][:, 0]
+    return bool(torso_m.min() > _NEAR_M and torso_m.max() < _FAR_M)
 
 
 def _range_doppler(cpi: NDArray[np.complex64]) -> NDArray[np.float64]:
@@ -185,23 +192,31 @@ def _range_doppler(cpi: NDArray[np.complex64]) -> NDArray[np.float64]:
 
 def _map(axis: Axes, power: NDArray[np.floating], extent: _Extent, title: str, label: str) -> None:
     level_db = 10 * np.log10(np.maximum(power / max(float(power.max()), 1e-300), 1e-12))
-    axis.imshow(level_db, aspect="auto", origin="lower", extent=extent, vmin=_MIN_DB, vmax=0)
-    axis.set(title=title, xlabel=label)
+    image = axis.imshow(
+        level_db, aspect="auto", origin="lower", extent=extent, vmin=_MIN_DB, vmax=0
+    )
+    axis.figure.colorbar(image, ax=axis, label="dB under the peak")
+    axis.set(title=title, xlabel=label, ylabel="Doppler (Hz)")
 
 
-def publish(recipe: StudyRecipe, results: Sequence[CellResult], path: Path, command: str) -> Path:
+def publish(
+    recipe: StudyRecipe, results: Sequence[CellResult], path: Path, commands: tuple[str, str]
+) -> Path:
     """Write tables of results, and pictures into a folder of the page's name beside it.
 
-    The page says that `command` made it. Raises RecordingError if the disk does not take it.
+    The page has the command that made it, and a trial of it. Raises RecordingError if the disk
+    does not take it.
     """
     try:
-        return _publish(recipe, results, path, command)
+        return _publish(recipe, results, path, commands)
     except OSError as err:
         msg = f"{path}: cannot write the page or its pictures: {err.strerror or err}"
         raise RecordingError(msg) from err
 
 
-def _publish(recipe: StudyRecipe, results: Sequence[CellResult], path: Path, command: str) -> Path:
+def _publish(
+    recipe: StudyRecipe, results: Sequence[CellResult], path: Path, commands: tuple[str, str]
+) -> Path:
     folder = path.parent / path.stem
     main = [r for r in results if r.label in MAIN]
     pictures: dict[str, list[Path]] = {}
@@ -218,7 +233,7 @@ def _publish(recipe: StudyRecipe, results: Sequence[CellResult], path: Path, com
         ]
         pictures["Confidence over epochs, a good and a poor initialisation (5.1, 5.2)"] = drawn
     made = [
-        features(folder, recipe.spec(rate_hz), body, _EXAMPLE)
+        features(folder, recipe.spec(rate_hz), body)
         for rate_hz in RATES_HZ
         for body in ("human", "dog", "cat")
     ]
@@ -229,7 +244,7 @@ def _publish(recipe: StudyRecipe, results: Sequence[CellResult], path: Path, com
         activations(folder / "activations.png"),
     ]
     path.parent.mkdir(parents=True, exist_ok=True)
-    text = page(results, pictures, command=command, folder=path.parent)
+    text = page(results, pictures, commands=commands, folder=path.parent)
     write_whole(path, text.encode())
     return path
 

@@ -154,21 +154,26 @@ LABELS = {"pet": 0, "dog": 0, "cat": 0, "human": 1, "person": 1}
 def load_recordings(paths: Sequence[Path], spec: ElementSpec, vector: int) -> CellData:
     """Return the windows inside labels of recordings, hop one second, with a cell's vector.
 
-    Labels are pet, dog, cat, human or person; others are left out. A recording may differ by 5 %
+    Labels are pet, dog, cat, human or person; others are left out. FILE=LABEL is a label of all of
+    the file; otherwise those in it count. A recording may differ by 5 %
     in its rate from the spec's. Raises UsageError if one differs more, or none holds a labelled
     window of each class.
     """
     rows: list[NDArray[np.float32]] = []
     classes: list[int] = []
     for path in paths:
-        reader = open_recording(str(path))
+        name, _, whole = path.name.rpartition("=")
+        is_named = bool(name) and whole in LABELS
+        reader = open_recording(str(path.with_name(name) if is_named else path))
         rate_hz = reader.stream.frame_rate_hz
         if abs(rate_hz / spec.frame_rate_hz - 1) > 0.05:
             msg = f"{path}: {rate_hz:g} frames a second; these sets have {spec.frame_rate_hz}"
             raise UsageError(msg)
         labels = [label for label in reader.labels if label[2] in LABELS]
+        if is_named:
+            labels = [(0.0, reader.n_frames / rate_hz, whole)]
         if not labels:
-            msg = f"{path}: no labels of {', '.join(LABELS)} in it"
+            msg = f"{path}: no labels of {', '.join(LABELS)} in it; FILE=LABEL gives it one"
             raise UsageError(msg)
         samples = np.stack([frame.samples for frame in reader.frames()])
         for label in labels:
