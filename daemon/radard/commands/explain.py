@@ -66,7 +66,7 @@ def explained(config: Config, *, pass_s: float) -> Iterator[str]:
     hop_s = config.decision.hop_s
     if decides == "window":
         columns_s = bundle.features.dwell_s
-        yield f"judged every {hop_s:g} s on one window alone, {columns_s:g} s of spectrogram columns"
+        yield f"judged every {hop_s:g} s on one window alone: {columns_s:g} s of columns"
     else:
         yield f"judged every {hop_s:g} s on the evidence of all windows since motion began"
     if warning := hop_warning(bundle, hop_s):
