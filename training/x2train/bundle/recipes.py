@@ -85,12 +85,13 @@ class Recipe:
     """
 
     fit: str
-    temporal: str
+    temporal: str = ""  # none for the thesis' network
     recorded: tuple[str, ...] = ()
 
     def commands(self, *, with_motion: bool) -> tuple[str, ...]:
         """Return the commands, with recorded motion or without."""
-        return (self.fit, *self.recorded) if with_motion else (self.fit, self.temporal)
+        more = self.recorded if with_motion else (self.temporal,)
+        return (self.fit, *filter(None, more))
 
 
 def _recipe(
@@ -126,10 +127,8 @@ RECIPES: Mapping[str, Recipe] = MappingProxyType(
             "--epochs 6 --seed 0",
         ),
         "thesis": Recipe(
-            (
-                "train-export thesis --pretrain 12,3 --output-epochs 9 --epochs 200 "
-                "--bundle models/thesis",
-            )
+            "train-export thesis --pretrain 12,3 --output-epochs 9 --epochs 200 "
+            "--bundle models/thesis"
         ),
     }
 )
