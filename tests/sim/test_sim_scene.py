@@ -122,6 +122,7 @@ FAULTS = [
     (STEP + "antenna: {height_m: -1}\n", "antenna.height_m: -1 is not in"),
     (STEP + "surfaces: [{axis: w}]\n", "surfaces[0].axis: must be one of x, y, z"),
     (STEP + "background: [{thing: ghost}]\n", "background[0].thing: no thing 'ghost'"),
+    (STEP + "error_db: -30\n", "error_db: -30 is not in -100 to -40"),
     (STEP + "mount: {hum_hz: 0}\n", "mount.hum_hz: 0 is not in"),
     ("steps: [\n", "not YAML"),
     ("steps: []\nsteps: []\n", "the key 'steps' stands twice, in lines 1 and 2"),

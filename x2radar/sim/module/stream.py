@@ -9,6 +9,7 @@ from x2radar.modules.base import ModuleSettings
 from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.bodies.thesis_bodies import SEED_GAIN
 from x2radar.sim.echo import frames as echo_frames
+from x2radar.sim.place.antenna import EchoRows
 from x2radar.sim.place.room import Room
 from x2radar.sim.scene.scene import Scene, StaticPoint
 from x2radar.sim.scene.stage import Stage
@@ -17,8 +18,6 @@ from x2radar.sim.signal.receiver import Receiver
 
 _BLOCK = 16
 """Frames made at a time: their arrays stay in a core's cache, and frames come soon."""
-ERROR_DB = -60.0
-"""Of a frame's echoes, see `x2radar.sim.echo`: 20 dB under the noise beside a body at 1 m."""
 _UNSEEN = 0.1
 """Echoes under this share of a bin's noise, 20 dB below it, are not made."""
 _NOISE, _ROOM = 0x4E01, 0x2001
@@ -47,7 +46,8 @@ class EchoStream:
             seed=seed,
         )
         self._stage = Stage(scene, seed, settings.frame_rate_hz)
-        self._static = self._static_echo(scene.clutter)
+        self._static = self._static_echo(scene.clutter) if scene.clutter else None
+        self._error_db = scene.error_db
         self._room: Room | None = None
         if scene.room is not None:
             rng = np.random.default_rng([seed, _ROOM])
@@ -75,17 +75,25 @@ class EchoStream:
     def _frames(self) -> np.ndarray[Any, Any]:
         times_s = self._receiver.draws.times_s(self._at, _BLOCK)
         block = self._stage.next_block(_BLOCK, times_s if self._has_jitter else None)
-        rows = block.rows
-        # Physical cross sections get the module's integration gain here.
-        amplitude = rows.amplitude(self._budget, self.axis) * np.sqrt(SEED_GAIN)
-        is_rf = self.axis.kind == "rf"
-        frames: np.ndarray[Any, Any] = echo_frames(
-            rows.range_m, amplitude, self.axis, error_db=ERROR_DB, floor=self._floor
-        )
-        frames += self._static
+        frames = self._echo(block.rows)
+        if self._static is not None:
+            frames += self._static
         if self._room is not None:
             frames += self._room.echo(times_s[: block.n_slow], block.offset_m)
+        is_rf = self.axis.kind == "rf"
         return self._receiver.rf(frames) if is_rf else self._receiver.baseband(frames)
+
+    def _echo(self, rows: EchoRows) -> np.ndarray[Any, Any]:
+        """Return the echoes of what moves, shape (n_slow, n_range); nothing costs nothing."""
+        n_slow, n_rows = rows.range_m.shape
+        if not n_rows:
+            dtype = np.float32 if self.axis.kind == "rf" else np.complex64
+            return np.zeros((n_slow, self.axis.n_range), dtype)
+        # Physical cross sections get the module's integration gain here.
+        amplitude = rows.amplitude(self._budget, self.axis) * np.sqrt(SEED_GAIN)
+        return echo_frames(
+            rows.range_m, amplitude, self.axis, error_db=self._error_db, floor=self._floor
+        )
 
     def _static_echo(self, points: tuple[StaticPoint, ...]) -> np.ndarray[Any, Any]:
         range_m = np.array([[p.range_m for p in points]])

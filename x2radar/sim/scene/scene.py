@@ -31,6 +31,11 @@ from x2radar.sim.things import draw_mount
 _T = TypeVar("_T")
 _MAX_MESSAGE = 1000
 """Characters of an error: a file's values may be of any length."""
+ERRORS_DB = (-40.0, -60.0, -80.0, -100.0)
+"""Bounds of the echoes' error, coarsest and finest first and last; 20 dB apart."""
+_USUAL_ERROR_DB = -60.0
+"""20 dB under the noise beside a body at 1 m."""
+_ERROR = Key(ERRORS_DB[-1], ERRORS_DB[0], "largest error of a bin over the echoes' sum, dB")
 _DURATION = Key(0.1, 86_400.0, "s")
 _WEIGHT = Key(0.0, 1e6, "weight")
 _POINT = {"range_m": Key(0.1, 1000, "m"), "rcs_m2": Key(0, 1e9, "m2, processing gain included")}
@@ -88,6 +93,7 @@ class Scene:
     tail: TailSettings | None = None  # the moving clutter behind bodies
     mount: Mapping[str, float] | None = None  # vibration of the antenna's mount
     receiver: ReceiverEffects = field(default_factory=ReceiverEffects)
+    error_db: float = _USUAL_ERROR_DB  # bound of the echoes' error, see `x2radar.sim.echo`
 
 
 def scene_names() -> tuple[str, ...]:
@@ -219,6 +225,11 @@ def _mount(raw: Any, where: str) -> Mapping[str, float]:
     return MappingProxyType(dict(raw or {}))
 
 
+def _error_db(raw: Any, where: str) -> float:
+    _ERROR.judge(raw, where)
+    return float(raw)
+
+
 def _text(raw: Any, where: str) -> str:
     if not isinstance(raw, str | None):
         msg = f"{where}: must be text"
@@ -249,6 +260,7 @@ _READERS: Mapping[str, Callable[[Any, str], Any]] = {
     "antenna": partial(settings_from, Antenna),
     "tail": partial(settings_from, TailSettings),
     "receiver": partial(settings_from, ReceiverEffects),
+    "error_db": _error_db,
 }
 """What a scene may say, and who judges it."""
 _SCENE_KEYS = dict.fromkeys(("description", "like", *list(_READERS)[1:]))

@@ -1,0 +1,156 @@
+"""What a scene costs: milliseconds of CPU for a second of the stream, part by part.
+
+A part costs what the stream costs with it, less what it costs without it: its echoes and their
+ways by floor, walls and things included. Rounds are interleaved and the cheapest of each counts.
+"""
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from x2radar.modules.x2 import RadarSettings
+from x2radar.sim.echo import frames as echo_frames
+from x2radar.sim.module.stream import EchoStream
+from x2radar.sim.scene.cast import BODIES, Actor
+from x2radar.sim.scene.scene import ERRORS_DB, Scene, SceneChoice, SceneStep
+from x2radar.sim.scene.stage import Stage
+from x2radar.sim.signal.effects import ReceiverEffects
+
+_BLOCK, _ROUNDS = 16, 3
+"""Frames that a stream makes at a time; how often everything is timed."""
+_USUAL_HZ, _FAST_HZ = 60, 200
+_WHOLE, _NOISE = "the whole scene", "noise of the receiver"
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """A line of the bill."""
+
+    part: str
+    cpu_ms: float  # for a second of the stream
+    error_db: float | None = None  # measured, of echoes made with a bound
+
+
+def bill(scene: Scene, seed: int = 0) -> list[Cost]:
+    """Return what a scene's parts cost, the whole at other settings, and echoes by their bound."""
+    usual = RadarSettings.for_frame_rate(_USUAL_HZ, output="iq")
+    fast = RadarSettings.for_frame_rate(_FAST_HZ, output="iq")
+    nothing = Scene(scene.name, "", (SceneStep((), 1.0, 1.0),))
+    without = {name: (left, usual) for name, left in parts(scene)}
+    whole = {
+        _WHOLE: (scene, usual),
+        f"{_WHOLE} as RF": (scene, replace(usual, output="rf")),
+        f"{_WHOLE} at {_FAST_HZ} Hz": (scene, fast),
+    }
+    streams = {_NOISE: (nothing, usual), **without, **whole}
+    spent = dict.fromkeys(streams, np.inf)
+    for _ in range(_ROUNDS):
+        for name, (played, settings) in streams.items():
+            spent[name] = min(spent[name], _cpu_ms(played, seed, settings))
+    saved = {name: spent[_WHOLE] - spent[name] for name in without}
+    lines = [Cost(name, cpu_ms) for name, cpu_ms in (spent | saved).items()]
+    return [*lines, *echoes(scene, seed, usual)]
+
+
+def parts(scene: Scene) -> Iterator[tuple[str, Scene]]:
+    """Return every part that a scene names, and the scene without it."""
+    items = [s for item in scene.steps for s in _choices(item)]
+    actors = [actor for step in items for actor in step.actors] + list(scene.background)
+    for name in dict.fromkeys(map(_name, actors)):
+        yield name, _without(scene, name)
+    if scene.clutter:
+        yield "clutter", replace(scene, clutter=())
+    if scene.antenna.shape != "isotropic":
+        isotropic = replace(scene.antenna, shape="isotropic")
+        yield "antenna's pattern", replace(scene, antenna=isotropic)
+    if scene.surfaces:
+        yield "multipath: surfaces", replace(scene, surfaces=())
+    for part, what in (("room", "room"), ("tail", "multipath: tail"), ("mount", "mount")):
+        if getattr(scene, part) is not None:
+            yield what, replace(scene, **{part: None})
+    for field in fields(ReceiverEffects):
+        if getattr(scene.receiver, field.name) != field.default:
+            off = replace(scene.receiver, **{field.name: field.default})
+            yield f"receiver: {field.name}", replace(scene, receiver=off)
+
+
+def echoes(scene: Scene, seed: int, settings: RadarSettings) -> Iterator[Cost]:
+    """Return what echoes alone cost at every bound of their error, with the error measured.
+
+    That is the largest of any bin over the sum of the frame's amplitudes.
+    """
+    rate_hz = settings.frame_rate_hz
+    rows = Stage(scene, seed, rate_hz).next_block(round(rate_hz)).rows
+    amplitude = rows.root_rcs_m / rows.range_m**2
+    total = np.maximum(np.abs(amplitude).sum(axis=1, keepdims=True), np.finfo(np.float32).tiny)
+    blocks = [slice(at, at + _BLOCK) for at in range(0, len(amplitude), _BLOCK)]
+
+    def made(bound_db: float) -> np.ndarray[Any, Any]:
+        parts = (
+            echo_frames(rows.range_m[at], amplitude[at], settings.axis, error_db=bound_db)
+            for at in blocks
+        )
+        return np.concatenate(list(parts))
+
+    exact = made(-130.0)
+    for bound_db in ERRORS_DB if amplitude.any() else ():
+        worst = (np.abs(made(bound_db) - exact) / total).max()
+        spent_ms = min(_timed_ms(lambda bound_db=bound_db: made(bound_db)) for _ in range(_ROUNDS))
+        scaled_ms = spent_ms * rate_hz / len(amplitude)
+        yield Cost(f"echoes within {bound_db:g} dB", scaled_ms, float(20 * np.log10(worst)))
+
+
+def _choices(item: SceneStep | SceneChoice) -> tuple[SceneStep, ...]:
+    return item.steps if isinstance(item, SceneChoice) else (item,)
+
+
+def _name(actor: Actor) -> str:
+    """Return what an actor is on the bill: a body by its skin, or a thing."""
+    if actor.kind not in BODIES and actor.plugged is None:
+        return f"thing: {actor.kind}"
+    skin = (
+        "" if actor.kind.startswith("thesis") else f", skin {actor.options.get('skin', 'surface')}"
+    )
+    return f"body: {actor.kind}{skin}"
+
+
+def _without(scene: Scene, name: str) -> Scene:
+    """Return a scene without what has a name on the bill."""
+
+    def left(actors: tuple[Actor, ...]) -> tuple[Actor, ...]:
+        return tuple(actor for actor in actors if _name(actor) != name)
+
+    return _each_step(
+        replace(scene, background=left(scene.background)),
+        lambda step: replace(step, actors=left(step.actors)),
+    )
+
+
+def _each_step(scene: Scene, change: Callable[[SceneStep], SceneStep]) -> Scene:
+    steps = (
+        replace(item, steps=tuple(map(change, item.steps)))
+        if isinstance(item, SceneChoice)
+        else change(item)
+        for item in scene.steps
+    )
+    return replace(scene, steps=tuple(steps))
+
+
+def _cpu_ms(scene: Scene, seed: int, settings: RadarSettings) -> float:
+    """Return the CPU time of a second of the stream, evenly over the scene's steps."""
+    # Every step lasts a second.
+    short = _each_step(scene, lambda step: replace(step, least_s=1.0, most_s=1.0))
+    stream = EchoStream(short, seed, settings)
+    n = _BLOCK * round(len(scene.steps) * settings.frame_rate_hz / _BLOCK)
+    stream.next()  # what is made once, such as the echoes' grid
+    spent_ms = _timed_ms(lambda: [stream.next() for _ in range(n)])
+    return spent_ms * settings.frame_rate_hz / n
+
+
+def _timed_ms(work: Callable[[], object]) -> float:
+    begun_s = time.process_time()
+    work()
+    return 1000 * (time.process_time() - begun_s)
