@@ -45,8 +45,8 @@ def page(
         "Two of its sets in about a minute, on a hundredth of everything, to see that it works:",
         "",
         *_block(commands[1], 8),
-        "In place of the thesis' real recordings, since no X2 was to be had, stand those of a P4xx "
-        "and an X4M03 in [the evaluation](evaluation.md).",
+        "In place of the thesis' real recordings, since no X2 was to be had, stand those of a "
+        "P4xx and an X4M03 in [the evaluation](evaluation.md).",
         "",
     ]
     if main:
@@ -215,8 +215,8 @@ def _switches(rest: Sequence[CellResult], main: Sequence[CellResult]) -> list[st
         "",
         "Each switch against the plain ReLU network on the same set: total accuracy on the fresh "
         "elements, median of the repeats. Differences below 1 point may be chance. A switch of "
-        "the data changes the fresh elements as well. That a higher frame rate helps (4.3.3) holds "
-        "where training and radar share it: vectors of another rate are other vectors.",
+        "the data changes the fresh elements as well. That a higher frame rate helps (4.3.3) "
+        "holds where training and radar share it: vectors of another rate are other vectors.",
         "",
         "| set | switch | accuracy | against plain | cross-entropy |",
         "|---|---|---|---|---|",
