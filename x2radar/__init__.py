@@ -32,26 +32,18 @@ if TYPE_CHECKING:
     from x2radar.recording.blocks import BlockReader
 
 _PLACES = {
-    "BlockReader": "recording.blocks",
-    "Deadlines": "device.link",
-    "FastTimeAxis": "frame",
-    "Frame": "frame",
-    "Overrides": "recording.about",
-    "ProfileSettings": "modules.profile",
-    "RadarSettings": "modules.x2",
-    "RadarStats": "device.device",
-    "ReconnectingRadar": "device.reconnect",
-    "StreamEvent": "device.reconnect",
-    "StreamInfo": "frame",
-    "X2Radar": "device.device",
-    "X2RadarError": "errors",
-    "X4Settings": "modules.x4",
-    "open": "api",
-    "open_async": "api",
-    "open_reconnecting": "api",
-    "open_recording": "api",
-    "read_frames": "arrays",
-    "simulate": "arrays",
+    "api": ("open", "open_async", "open_reconnecting", "open_recording"),
+    "arrays": ("read_frames", "simulate"),
+    "device.device": ("RadarStats", "X2Radar"),
+    "device.link": ("Deadlines",),
+    "device.reconnect": ("ReconnectingRadar", "StreamEvent"),
+    "errors": ("X2RadarError",),
+    "frame": ("FastTimeAxis", "Frame", "StreamInfo"),
+    "modules.profile": ("ProfileSettings",),
+    "modules.x2": ("RadarSettings",),
+    "modules.x4": ("X4Settings",),
+    "recording.about": ("Overrides",),
+    "recording.blocks": ("BlockReader",),
 }
 """Where the names of `__all__` are."""
 __all__ = [
@@ -80,7 +72,8 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     """Import what is asked for, so that a command answers signals before numpy is loaded."""
-    if name not in _PLACES:
-        msg = f"module 'x2radar' has no attribute '{name}'"
-        raise AttributeError(msg)
-    return getattr(import_module(f"x2radar.{_PLACES[name]}"), name)
+    for place, names in _PLACES.items():
+        if name in names:
+            return getattr(import_module(f"x2radar.{place}"), name)
+    msg = f"module 'x2radar' has no attribute '{name}'"
+    raise AttributeError(msg)

@@ -4,15 +4,10 @@ import zlib
 
 
 class Backoff:
-    """Waits that double, up to a longest one.
+    """Waits that double, from `first_s` up to `longest_s` seconds.
 
-    Parameters
-    ----------
-    first_s, longest_s : float
-        First and longest wait, in seconds.
-    name : str
-        Shifts the waits by up to a third, so that many sensors do not come back to a far end
-        at the same moment. A name gives the same waits every time.
+    `name` shifts them by up to a third, so that many sensors do not come back to a far end at the
+    same moment; it gives the same waits every time.
     """
 
     def __init__(self, first_s: float, longest_s: float, name: str) -> None:

@@ -14,7 +14,7 @@ from difflib import get_close_matches
 from importlib import import_module
 from typing import Any, NoReturn, TextIO
 
-from x2radar.distribution import DISTRIBUTION, install_hint
+from x2radar.extras import DISTRIBUTION, install_hint
 from x2radar.startup import begin, interrupts
 
 _EXTRAS = {"radard": "daemon", "train-export": "train"}
@@ -128,11 +128,16 @@ def new_parser(prog: str, description: str, examples: str) -> Parser:
 
 def installed_version() -> str:
     """Return the version of the installed distribution, or 'unknown'."""
+    return version_of(DISTRIBUTION)
+
+
+def version_of(distribution: str) -> str:
+    """Return the version of an installed distribution, or 'unknown'."""
     # Late: it loads much, and signals must be heard before.
     from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415
 
     try:
-        return version(DISTRIBUTION)
+        return version(distribution)
     except PackageNotFoundError:
         return "unknown"
 

@@ -1,29 +1,4 @@
-"""Every error the driver raises on purpose.
-
-The tree::
-
-    X2RadarError                    base; carries the exit code of the commands
-     +-- SettingsError              (also ValueError) a setting the module cannot take
- |    +-- PortUrlError          a port's URL that makes no sense
-     +-- PortError                  a port cannot be opened
-     |    +-- PortNotFound          nothing there
-     |    +-- PortDenied            there, but no permission
-     |    +-- PortBusy              another program holds it
- |    +-- NoPort                what is there is no serial port
-     +-- TransportClosed            the port went away while it was open
-     +-- ReadTimeout                (also TimeoutError) nothing came within the deadline
-     +-- ProtocolError              bytes that break the wire format
-     |    +-- MessageError          a sound packet whose content makes no sense
-     +-- DeviceError                the module answered with an error, or not at all
-     |    +-- SafeModeError         the module is in fail-safe mode and refuses commands
-     |    +-- RestartRequired       the module must be reset before it obeys
-     +-- RecordingError             a file is missing, damaged or no recording
-     +-- SceneError                 a scene does not exist or makes no sense
-     +-- PluginError                a plug-in is broken
-     +-- MissingExtra               an optional package is not installed
-
-Any other exception that leaves this package is a bug.
-"""
+"""Every error the driver raises on purpose; any other that leaves this package is a bug."""
 
 _MAX_CHARACTERS = 2000
 """Of a message. What a damaged file says of itself may be longer than a log can take."""

@@ -3,9 +3,10 @@
 from importlib import import_module
 from typing import Any
 
-from x2radar.distribution import install_hint
 from x2radar.errors import MissingExtra
 
+DISTRIBUTION = "uwb-radar-alarm"
+"""`project.name` of pyproject.toml: x2radar, radard and x2train are installed from it."""
 EXTRAS = {
     "matplotlib": "plot",
     "pyarrow": "parquet",
@@ -18,22 +19,10 @@ EXTRAS = {
 
 
 def needed(module: str, *, what: str) -> Any:
-    """Return a module of an optional package.
+    """Return a module of an optional package; `what` needs it, for people.
 
-    Parameters
-    ----------
-    module : str
-        Full name, such as ``pyarrow.parquet``.
-    what : str
-        What asks for it, for people: ``Parquet files``.
+    Raises MissingExtra, one line that names the extra, if it is not installed or cannot be loaded.
 
-    Raises
-    ------
-    MissingExtra
-        If it is not installed, or cannot be loaded; one line that names the extra.
-
-    Examples
-    --------
     >>> needed("mcap.writer", what="MCAP files").__name__
     'mcap.writer'
     """
@@ -42,11 +31,17 @@ def needed(module: str, *, what: str) -> Any:
     except (ImportError, RuntimeError) as err:
         package = module.partition(".")[0]
         extra = EXTRAS[package]
-        why = "which is not installed" if _is_missing(err, package) else f"which fails: {err}"
+        name = (getattr(err, "name", None) or "").partition(".")[0]
+        is_missing = isinstance(err, ModuleNotFoundError) and name == package
+        why = "which is not installed" if is_missing else f"which fails: {err}"
         msg = f"{what}: needs {package}, {why}: {install_hint(extra)}"
         raise MissingExtra(msg) from err
 
 
-def _is_missing(err: Exception, package: str) -> bool:
-    name = getattr(err, "name", None) or ""
-    return isinstance(err, ModuleNotFoundError) and name.partition(".")[0] == package
+def install_hint(extra: str) -> str:
+    """Return the command that adds an extra.
+
+    >>> install_hint("daemon")
+    "pip install 'uwb-radar-alarm[daemon]'"
+    """
+    return f"pip install '{DISTRIBUTION}[{extra}]'"

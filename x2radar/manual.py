@@ -10,8 +10,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from x2radar.command import Parser, installed_version
-from x2radar.distribution import DISTRIBUTION
-from x2radar.extras import needed
+from x2radar.extras import DISTRIBUTION, needed
 
 SHELLS = ("bash", "zsh")
 """Of those that shtab writes for; its tcsh leaves most options out."""

@@ -117,12 +117,12 @@ def _check_url(url: str) -> None:
         return
     try:
         parts = urlsplit(url)
-        host, number = parts.hostname, parts.port
+        host = parts.hostname or ""
         # As the socket does it; a label of a name is neither empty nor longer than 63.
-        is_host = bool(host) and not re.search(r"\s", host or "") and (host or "").encode("idna")
+        is_good = parts.port and host and not re.search(r"\s", host) and host.encode("idna")
     except ValueError:
-        host, number, is_host = None, None, False
-    if not is_host or not number:
+        is_good = False
+    if not is_good:
         form = f"{scheme}://HOST:PORT"
         msg = f"port '{url}': must be {form}, with a host and a port from 1 to 65535"
         raise PortUrlError(msg)

@@ -33,19 +33,9 @@ def make_radar(
 ) -> X2Radar:
     """Return the radar that a port names, not opened yet.
 
-    Parameters
-    ----------
-    port : Port
-        From `parse_port`.
-    speed : float or None
-        For ``sim:``, scene seconds per real second; None is as fast as it is read.
-    settings : ModuleSettings, optional
-        Instead of those that device, rate and kind ask for.
-
-    Raises
-    ------
-    SettingsError, SceneError
-        If the string names something unknown or impossible.
+    `speed` is for ``sim:``, in scene seconds per real second; None is as fast as it is read.
+    `settings` go before those that device, rate and kind ask for. Raises SettingsError or
+    SceneError if the port names something unknown or impossible.
     """
     if port.kind == "replay":
         msg = f"port 'replay:{port.target}': a recording is no radar that can be opened"
@@ -58,13 +48,9 @@ def make_radar(
         msg = f"port key 'run': '{run_id}' must be 1 to 64 letters, digits, '.', '_' or '-'"
         raise SettingsError(msg)
     is_paced_by_reader = port.kind == "sim" and speed is None and "fault" not in port.options
-    return X2Radar(
-        connect,
-        wanted,
-        deadlines=_PATIENT if is_paced_by_reader else None,
-        name=f"{'sim' if port.kind == 'sim' else 'serial'}:{port.target}",
-        run_id=run_id,
-    )
+    deadlines = _PATIENT if is_paced_by_reader else None
+    name = f"{'sim' if port.kind == 'sim' else 'serial'}:{port.target}"
+    return X2Radar(connect, wanted, deadlines=deadlines, name=name, run_id=run_id)
 
 
 def port_settings(port: Port) -> ModuleSettings | SettingsChooser:

@@ -22,7 +22,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "daemon"), str(ROOT / "training")]
 
 from tests.packaging_helpers import build, copy_source  # noqa: E402 - the path comes first
 from x2radar.device.discovery import USB_IDS  # noqa: E402
-from x2radar.distribution import DISTRIBUTION  # noqa: E402
+from x2radar.extras import DISTRIBUTION  # noqa: E402
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 SOURCES = {"x2radar": "x2radar", "daemon/radard": "radard", "training/x2train": "x2train"}

@@ -11,13 +11,12 @@ import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from x2radar.command import installed_version
+from x2radar.command import installed_version, version_of
 from x2radar.commands import Commands, add_command, check_above_zero
 from x2radar.device.device import X2Radar
 from x2radar.errors import DeviceError, PortError, ReadTimeout, RecordingError, TransportClosed
@@ -96,7 +95,12 @@ def _run(args: argparse.Namespace) -> int:
     radar = make_radar(parse_port(args.port))
     found = _tested(radar, args.duration)
     report = {
-        "software": _software(),
+        "software": {
+            "x2radar": installed_version(),
+            "python": platform.python_version(),
+            "system": platform.system(),
+            **{name: version_of(name) for name in ("numpy", "pyserial", "h5py")},
+        },
         "port": args.port,
         "started_utc": now.isoformat(timespec="seconds").replace("+00:00", "Z"),
         "ping": found.ping or None,
@@ -112,21 +116,6 @@ def _run(args: argparse.Namespace) -> int:
     if found.error is not None and not found.frames:
         raise found.error
     return 0
-
-
-def _software() -> dict[str, str]:
-    """Return the versions of what takes part in a test."""
-    found = {
-        "x2radar": installed_version(),
-        "python": platform.python_version(),
-        "system": platform.system(),
-    }
-    for name in ("numpy", "pyserial", "h5py"):
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = "unknown"
-    return found
 
 
 def _record(out: Path, radar: X2Radar, frames: list[Frame], report: dict[str, Any]) -> None:

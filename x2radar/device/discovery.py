@@ -35,14 +35,12 @@ _MAX_AT_ONCE = 16
 """Ports asked at the same time: more than most machines have."""
 
 _PING = encode(Ping())
-_NEVER_ASKED = ("rfcomm",)
-"""Opening one of these sets up a radio connection."""
 
-USB_IDS: dict[tuple[int, int], tuple[str, str]] = {
-    (0x03EB, 0x6124): ("XeThru X4 module (Atmel CDC)", "documented"),
-    (0x03EB, 0x2404): ("XeThru bootloader; perhaps an X2 module", "inferred"),
-    (0x0403, 0x6001): ("FTDI serial adapter, as used with XeThru modules", "documented"),
-    (0x0403, 0x6014): ("FTDI FT232H adapter, as used with X2 kits", "documented"),
+USB_IDS = {
+    "03eb:6124": ("XeThru X4 module (Atmel CDC)", "documented"),
+    "03eb:2404": ("XeThru bootloader; perhaps an X2 module", "inferred"),
+    "0403:6001": ("FTDI serial adapter, as used with XeThru modules", "documented"),
+    "0403:6014": ("FTDI FT232H adapter, as used with X2 kits", "documented"),
 }
 """What is known of a USB id, and how: see docs/research/hardware.md. The bootloader's is
 documented; that an X2 module may have it too is inferred from its being the maker's default."""
@@ -70,23 +68,15 @@ def list_ports() -> list[PortRow]:
     # Late: looking through the system's devices is slow, and most runs name their port.
     from serial.tools import list_ports as tool  # noqa: PLC0415
 
+    links = {link.resolve(): str(link) for link in _BY_ID.glob("*")}
     rows = []
     for port in sorted(tool.comports()):
-        vendor, number = port.vid, port.pid
-        is_usb = vendor is not None and number is not None
-        known, known_from = USB_IDS.get((vendor, number), ("", "")) if is_usb else ("", "")
-        rows.append(
-            PortRow(
-                path=port.device,
-                usb_id=f"{vendor:04x}:{number:04x}" if is_usb else "",
-                manufacturer=port.manufacturer or "",
-                product=port.product or "",
-                serial_number=port.serial_number or "",
-                by_id=_by_id(port.device),
-                known=known,
-                known_from=known_from,
-            )
-        )
+        is_usb = port.vid is not None and port.pid is not None
+        usb_id = f"{port.vid:04x}:{port.pid:04x}" if is_usb else ""
+        said = (port.manufacturer or "", port.product or "", port.serial_number or "")
+        known = USB_IDS.get(usb_id, ("", ""))
+        by_id = links.get(Path(port.device).resolve(), "")
+        rows.append(PortRow(port.device, usb_id, *said, by_id, *known))
     return rows
 
 
@@ -127,7 +117,8 @@ def find_module(candidates: Iterable[str] | None = None, timeout_s: float = _ANS
     at the same time. Raises PortNotFound if none or several answer, with what was found.
     """
     if candidates is None:
-        candidates = [r.path for r in list_ports() if not _is_radio_link(r.path)]
+        # Opening an rfcomm device sets up a radio connection.
+        candidates = [r.path for r in list_ports() if "/rfcomm" not in r.path]
     paths = list({os.path.realpath(path): path for path in candidates}.values())
     if not paths:
         msg = "no module answers: there is no serial port; is the module plugged in?"
@@ -152,14 +143,13 @@ def port_state(path: str, timeout_s: float = _ANSWER_S) -> tuple[bool, str]:
     """Probe a port; return whether a module answers, and a few words for people."""
     try:
         said = probe(path, timeout_s)
-    except PortBusy:
-        return False, "in use"
-    except PortDenied:
-        return False, "no permission: see the group 'dialout'"
-    except PortNotFound:
-        return False, "gone"
-    except PortError:
-        return False, "cannot be opened"
+    except PortError as err:
+        words = {
+            PortBusy: "in use",
+            PortDenied: "no permission: see the group 'dialout'",
+            PortNotFound: "gone",
+        }
+        return False, words.get(type(err), "cannot be opened")
     return bool(said), said or "silent"
 
 
@@ -194,14 +184,3 @@ def _refuse_locked(path: str) -> None:
             continue
         msg = f"{path}: in use by another program"
         raise PortBusy(msg)
-
-
-def _is_radio_link(path: str) -> bool:
-    return Path(path).name.startswith(_NEVER_ASKED)
-
-
-def _by_id(path: str) -> str:
-    if not _BY_ID.is_dir():
-        return ""
-    real = Path(path).resolve()
-    return next((str(link) for link in _BY_ID.iterdir() if link.resolve() == real), "")

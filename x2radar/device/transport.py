@@ -65,7 +65,6 @@ class SerialTransport:
             self._serial.write_timeout = _WRITE_TIMEOUT_S
         except (serial.SerialException, OSError, ValueError) as err:
             raise _port_error(url, err) from err
-        self._is_socket = url.startswith("socket://")
         self.url = url
 
     @property
@@ -84,7 +83,13 @@ class SerialTransport:
                 first = self._serial.read(1)
                 if not first:
                     return b""
-            return first + self._read_what_is_there()
+            waiting = self._serial.in_waiting
+            if waiting and self.url.startswith("socket://"):
+                # pyserial says 1 for any number of bytes on a socket.
+                self._set_timeout(0)
+                waiting = _READ_SIZE
+            rest: bytes = self._serial.read(min(waiting, _READ_SIZE))
+            return first + rest
         except (serial.SerialException, OSError, TypeError) as err:
             # TypeError: pyserial reads from a descriptor that another thread has closed.
             if first:
@@ -92,15 +97,6 @@ class SerialTransport:
                 return first
             msg = f"{self.url}: the port is gone ({err})"
             raise TransportClosed(msg) from err
-
-    def _read_what_is_there(self) -> bytes:
-        waiting = self._serial.in_waiting
-        if waiting and self._is_socket:
-            # pyserial says 1 for any number of bytes on a socket.
-            self._set_timeout(0)
-            waiting = _READ_SIZE
-        data: bytes = self._serial.read(min(waiting, _READ_SIZE))
-        return data
 
     def _set_timeout(self, timeout_s: float) -> None:
         # pyserial configures the whole port again for this, over rfc2217 through the network.
@@ -155,9 +151,7 @@ class _Pipe:
     def put(self, data: bytes) -> None:
         with self._changed:
             self._changed.wait_for(lambda: self._closed or self._size < self._capacity)
-            if self._closed:
-                msg = "the far end of the memory pair is closed"
-                raise TransportClosed(msg)
+            self._check()
             self._chunks.append(data)
             self._size += len(data)
             self._changed.notify_all()
@@ -166,16 +160,13 @@ class _Pipe:
         with self._changed:
             if not self._chunks and not self._closed and timeout_s > 0:
                 self._changed.wait_for(lambda: self._closed or self._chunks, timeout_s)
-            if self._chunks:
-                n = 1 if self._keeps_pieces else len(self._chunks)
-                data = b"".join(self._chunks.popleft() for _ in range(n))
-                self._size -= len(data)
-                self._changed.notify_all()
-                return data
-            if self._closed:
-                msg = "the far end of the memory pair is closed"
-                raise TransportClosed(msg)
-            return b""
+            if not self._chunks:
+                self._check()
+            n = min(1, len(self._chunks)) if self._keeps_pieces else len(self._chunks)
+            data = b"".join(self._chunks.popleft() for _ in range(n))
+            self._size -= len(data)
+            self._changed.notify_all()
+            return data
 
     def close(self, *, forget: bool = False) -> None:
         with self._changed:
@@ -184,6 +175,11 @@ class _Pipe:
                 self._chunks.clear()
                 self._size = 0
             self._changed.notify_all()
+
+    def _check(self) -> None:
+        if self._closed:
+            msg = "the far end of the memory pair is closed"
+            raise TransportClosed(msg)
 
 
 class MemoryTransport:

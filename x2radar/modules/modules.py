@@ -80,20 +80,14 @@ def pulse_bandwidth_hz(sample_rate_hz: float, carrier_hz: float) -> float:
     >>> pulse_bandwidth_hz(41e9, 6.8e9) / 1e9
     2.3
     """
-    off, found_hz = min(
-        (
-            (abs(carrier_hz / own_hz - 1), width_hz)
-            for row in MODULES.values()
-            if _is_near(sample_rate_hz, *row.samplers_hz)
-            for own_hz, width_hz in row.pulses
-        ),
-        default=(1.0, 0.0),
-    )
+    near = [
+        (abs(carrier_hz / own_hz - 1), width_hz)
+        for row in MODULES.values()
+        if (1 - _NEAR) * row.samplers_hz[0] <= sample_rate_hz <= (1 + _NEAR) * row.samplers_hz[1]
+        for own_hz, width_hz in row.pulses
+    ]
+    off, found_hz = min(near, default=(1.0, 0.0))
     return found_hz if off <= _NEAR else 0.0
-
-
-def _is_near(value: float, low: float, high: float) -> bool:
-    return (1 - _NEAR) * low <= value <= (1 + _NEAR) * high
 
 
 def module_of(settings: ModuleSettings) -> ModuleRow:
@@ -107,9 +101,6 @@ def settings_from_mapping(known: Mapping[str, Any]) -> ModuleSettings:
     The class is the one that most of the names belong to, RadarSettings for none; names of later
     versions are left out. Raises SettingsError if a value is out of range.
     """
-    classes: list[Any] = [row.settings for row in MODULES.values()]
+    classes = [row.settings for row in MODULES.values()]
     cls = max(classes, key=lambda c: len(c.__dataclass_fields__.keys() & known.keys()))
-    settings: ModuleSettings = cls(
-        **{name: known[name] for name in cls.__dataclass_fields__ if name in known}
-    )
-    return settings
+    return cls(**{name: known[name] for name in cls.__dataclass_fields__ if name in known})

@@ -9,7 +9,6 @@ holds until the first one.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
 
 from x2radar.errors import SettingsError
 from x2radar.frame import FastTimeAxis
@@ -36,18 +35,12 @@ _PULSE = PULSE_GENERATORS[6]
 """A user's figures of a real module, and the inferred pulse (docs/research/hardware.md)."""
 
 
-class _ProfileRow(NamedTuple):
-    """A profile of these modules: its id, and the zone that clients give it, in metres."""
-
-    app_id: Profile
-    zone_m: tuple[float, float]
-
-
 PROFILES = {
-    "respiration": _ProfileRow(Profile.RESPIRATION, (0.5, 1.2)),
-    "sleep": _ProfileRow(Profile.SLEEP, (0.4, 2.0)),
-    "presence": _ProfileRow(Profile.PRESENCE, (0.5, 3.3)),
+    "respiration": (Profile.RESPIRATION, (0.5, 1.2)),
+    "sleep": (Profile.SLEEP, (0.4, 2.0)),
+    "presence": (Profile.PRESENCE, (0.5, 3.3)),
 }
+"""The profiles of these modules: id, and the zone that clients give it, in metres."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,7 +65,7 @@ class ProfileSettings(ModuleSettings):
         """Return settings with the zone that clients give this profile."""
         if profile not in PROFILES:
             return cls(profile=profile, output=output)
-        start_m, end_m = PROFILES[profile].zone_m
+        _, (start_m, end_m) = PROFILES[profile]
         return cls(profile=profile, zone_start_m=start_m, zone_end_m=end_m, output=output)
 
     @classmethod
@@ -90,7 +83,7 @@ class ProfileSettings(ModuleSettings):
         """As in `ModuleSettings`, in the order of clients of real modules."""
         return (
             SetMode(Mode.IDLE),
-            LoadProfile(PROFILES[self.profile].app_id),
+            LoadProfile(PROFILES[self.profile][0]),
             SetLed(self.led),
             SetDetectionZone(self.zone_start_m, self.zone_end_m),
             SetSensitivity(self.sensitivity),

@@ -87,6 +87,7 @@ class X4Settings(ModuleSettings):
         """
         if Key(_LOWEST_HZ, 1000).fault(frame_rate_hz):
             return cls(frame_rate_hz=frame_rate_hz)
+        most, one = 0, cls(frame_rate_hz=_LOWEST_HZ)
         for pulses in (16, 8, 4, 2, 1):
             one = cls(
                 frame_rate_hz=_LOWEST_HZ,
@@ -94,17 +95,12 @@ class X4Settings(ModuleSettings):
                 pulses_per_step=pulses,
                 iterations=1,
             )
-            if frame_rate_hz > one.highest_frame_rate_hz:
-                continue
-            iterations = int(one.highest_frame_rate_hz / frame_rate_hz)
-            if iterations >= 16 or pulses == 1:
-                return replace(
-                    one,
-                    frame_rate_hz=frame_rate_hz,
-                    iterations=min(_DEFAULT_ITERATIONS, iterations),
-                )
-        # No sweep is that fast: say so.
-        return cls(frame_rate_hz=frame_rate_hz, is_baseband=is_baseband, pulses_per_step=1)
+            most = int(one.highest_frame_rate_hz / frame_rate_hz)
+            if most >= 16 or pulses == 1:
+                break
+        # Where no sweep is that fast, this says so.
+        iterations = min(_DEFAULT_ITERATIONS, max(1, most))
+        return replace(one, frame_rate_hz=frame_rate_hz, iterations=iterations)
 
     @classmethod
     def for_port(cls, rate_hz: float | None, kind: str | None) -> "X4Settings":

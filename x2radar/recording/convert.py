@@ -7,9 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from x2radar.errors import SettingsError, X2RadarError
+from x2radar.errors import RecordingError, SettingsError, X2RadarError
 from x2radar.recording.about import NO_OVERRIDES, Overrides
-from x2radar.recording.blocks import BlockReader
 from x2radar.recording.faults import refuse
 from x2radar.recording.registry import (
     FORMATS,
@@ -53,8 +52,7 @@ def convert(
     """
     found = _format_to_write(out, out_kind)
     for path in found.files(out):
-        if path.exists():
-            raise refuse(path, "exists already; recordings are never overwritten")
+        _refuse_taken(path)
     with open_recording(source, kind=source_kind, overrides=overrides) as reader:
         with _beside(out) as folder:
             try:
@@ -63,7 +61,8 @@ def convert(
                 msg = f"{out}: cannot write: {err.strerror or err}"
                 raise X2RadarError(msg) from err
             _put_in_place(folder, out)
-        duration_s = _duration_s(reader)
+        *_, last = reader.blocks(samples=False)
+        duration_s = float(last.t_s[-1]) + 1 / reader.stream.frame_rate_hz
         warnings = [reader.warning] if reader.warning else []
         return Converted(found.name, reader.n_frames, duration_s, (*warnings, *notes))
 
@@ -94,25 +93,21 @@ def _beside(out: Path) -> Iterator[Path]:
 
 def _put_in_place(folder: Path, out: Path) -> None:
     """Move what was written to its place; nothing is replaced."""
-    # Data before meta: a program that sees the meta file finds its data.
-    pairs = [(made, out.parent / made.name) for made in sorted(folder.iterdir())]
-    for _, place in pairs:
-        if place.exists():
-            raise refuse(place, "exists already; recordings are never overwritten")
     moved: list[Path] = []
     try:
-        for made, place in pairs:
+        # Data before meta: a program that sees the meta file finds its data.
+        for made in sorted(folder.iterdir()):
+            _refuse_taken(place := out.parent / made.name)
             made.rename(place)
             moved.append(place)
-    except OSError as err:
+    except (OSError, RecordingError) as err:
         for place in moved:
-            with contextlib.suppress(OSError):
-                place.unlink()
+            place.unlink(missing_ok=True)
+        if isinstance(err, RecordingError):
+            raise
         raise refuse(out, f"cannot make it there: {err.strerror}") from err
 
 
-def _duration_s(reader: BlockReader) -> float:
-    end_s = 0.0
-    for block in reader.blocks(samples=False):
-        end_s = float(block.t_s[-1])
-    return end_s + 1 / reader.stream.frame_rate_hz
+def _refuse_taken(path: Path) -> None:
+    if path.exists():
+        raise refuse(path, "exists already; recordings are never overwritten")

@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 from x2radar.wire.wire_ids import PING_SEED
 
 _FloatArray = NDArray[np.float32]
-_ByteArray = NDArray[np.uint8]
-_IntArray = NDArray[np.int32]
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +81,7 @@ class SetSensitivity(Message):
 
 @dataclass(frozen=True, slots=True)
 class SetBaudRate(Message):
-    """Set the UART's rate (`wire_ids.BAUD_RATES`); acknowledged at the old rate."""
+    """Set the UART's rate, 115,200 at first and 4,000,000 at most; acknowledged at the old one."""
 
     baud: int
 
@@ -203,7 +201,7 @@ class Data(Message):
 
     content_id: int
     info: int
-    values: _FloatArray | _ByteArray | _IntArray
+    values: _FloatArray | NDArray[np.uint8] | NDArray[np.int32]
 
 
 @dataclass(frozen=True, slots=True)

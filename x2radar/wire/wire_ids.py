@@ -8,11 +8,6 @@ from collections.abc import Mapping
 from enum import IntEnum
 
 PING_SEED = 0xEEAAEAAE
-BAUD_RATES = (
-    *(9600, 19_200, 38_400, 115_200, 230_400, 460_800, 500_000, 576_000, 921_600),
-    *(1_000_000, 2_000_000, 3_000_000, 4_000_000),
-)
-"""Rates that the firmware's headers allow; 115,200 is what a module starts with."""
 
 
 class PongCode(IntEnum):
@@ -31,7 +26,6 @@ class Mode(IntEnum):
     IDLE = 0x11
     MANUAL = 0x12
     STOP = 0x13  # X4 only
-    REG = 0x50  # with a submode
 
 
 class Led(IntEnum):
@@ -124,12 +118,9 @@ class SysCfg(IntEnum):
 
 
 class OutputRef(IntEnum):
-    """References of APP_SETINT; BASEBAND is attested, the rest is from the enum."""
+    """References of APP_SETINT; BASEBAND is attested, the other is from the enum."""
 
     BASEBAND = 0x10
-    STATUS = 0x11
-    STATUS_EXT = 0x12
-    RF = 0x13
     PULSE_DOPPLER = 0x14
 
 
@@ -139,8 +130,6 @@ class BasebandOutput(IntEnum):
     OFF = 0
     IQ = 1
     AMPLITUDE_PHASE = 2
-    AMPLITUDE = 3
-    PHASE = 4
 
 
 class DataType(IntEnum):

@@ -61,7 +61,7 @@ _INFO = {
     InfoItem.SERIAL_NUMBER: "000000000000",
     InfoItem.ORDER_CODE: "",
 }
-_RUNS = {row.app_id: name for name, row in PROFILES.items()}
+_RUNS = {app_id: name for name, (app_id, _) in PROFILES.items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,7 +179,7 @@ class X2Firmware(Firmware):
         return RadarSettings(**known, output=self._output)
 
     def _profile_settings(self, profile: str) -> ProfileSettings:
-        start_m, end_m = self._zone_m or PROFILES[profile].zone_m
+        start_m, end_m = self._zone_m or PROFILES[profile][1]
         return ProfileSettings(
             profile=profile, zone_start_m=start_m, zone_end_m=end_m, output=self._output
         )
