@@ -1,6 +1,5 @@
 """From port to stream: X2Radar against modules that answer late, wrongly or not at all."""
 
-import itertools
 import threading
 import time
 from collections.abc import Callable
@@ -57,18 +56,79 @@ from x2radar.wire.messages import (
 )
 from x2radar.wire.wire_ids import ErrorCode, Mode, PongCode, SysCfg, SystemCode
 
+Answer = Callable[[Message], list[Message]]
+IDLE, START = SetMode(Mode.IDLE), SetMode(Mode.MANUAL)
+
+
+def turns(kind: type[Message], *answers: list[Message]) -> Answer:
+    """Answer the first commands of a type as given, one a turn; obey otherwise."""
+    left = list(answers)
+    return lambda command: left.pop(0) if left and isinstance(command, kind) else obey(command)
+
 
 def test_settings_become_commands_in_order() -> None:
     with scripted() as (radar, far):
         radar.open()
-        assert far.commands[:2] == [Reset(), SetMode(Mode.IDLE)]
-        assert far.commands[-1] == SetMode(Mode.MANUAL)
+        assert far.commands[:2] == [Reset(), IDLE]
+        assert far.commands[-1] == START
         assert SetSysInt(SysCfg.FPS, 60) in far.commands
         assert SetSysInt(SysCfg.FRAME_STITCH, 1) in far.commands
         assert isinstance(far.commands[-2], SetOutput)
         radar.close()
         far.join()
-    assert far.commands[-1] == SetMode(Mode.IDLE)
+    assert far.commands[-1] == IDLE
+
+
+BUSY = [ErrorReply(ErrorCode.BUSY)]
+BOOTING = SystemMessage(SystemCode.BOOTING)
+RESTARTING = [ErrorReply(ErrorCode.RESTARTING)]
+NOT_READY = [Pong(PongCode.NOT_READY)]
+DAMAGED = [ErrorReply(ErrorCode.CRC_FAILED)]
+FRAME = Data(0, 1, np.zeros(256, np.float32))
+
+
+def asleep() -> Answer:
+    pings = turns(Ping, NOT_READY, NOT_READY)
+    return lambda command: [Ack()] if command == Reset() else pings(command)
+
+
+def frames_for_an_answer() -> Answer:
+    return lambda command: [FRAME] if command == START else obey(command)
+
+
+OPENINGS = {
+    "a READY from before the reset says nothing": (
+        lambda: obey_but(Reset, READY, Ack()),
+        {Ping(): 1},
+    ),
+    "who is not ready is asked again": (asleep, {Ping(): 3}),
+    "a lost reset is sent again": (lambda: turns(Reset, []), {Reset(): 2}),
+    "a reset whose answer is lost shows": (
+        lambda: obey_but(Reset, BOOTING, READY),
+        {Reset(): 1, Ping(): 0},
+    ),
+    "a busy module is asked again": (lambda: turns(Reset, BUSY, BUSY, BUSY), {Reset(): 4}),
+    "so is one that took no command": (lambda: turns(Reset, DAMAGED), {Reset(): 2}),
+    "who wants a restart is told all again": (
+        lambda: turns(SetOutput, RESTARTING),
+        {Reset(): 2, IDLE: 2},
+    ),
+    "who restarts is told all again": (
+        lambda: turns(SetSysInt, [BOOTING, READY, Ack()]),
+        {IDLE: 2, START: 1, Reset(): 1},
+    ),
+    "where frames come, only an answer was lost": (frames_for_an_answer, {START: 1}),
+}
+
+
+@pytest.mark.parametrize(("answer", "counts"), OPENINGS.values(), ids=OPENINGS)
+def test_an_opening_that_needs_patience(answer, counts) -> None:
+    with scripted(answer(), HASTY) as (radar, far):
+        radar.open()
+        for command, n in counts.items():
+            assert far.commands.count(command) == n or (command == Ping() and n > 0)
+        far.send(raw(1))
+        assert take(radar, 1)[0].counter == 1
 
 
 def test_missed_ready_message_is_asked_for() -> None:
@@ -79,15 +139,8 @@ def test_missed_ready_message_is_asked_for() -> None:
         radar.close()
 
 
-def test_ready_from_before_the_reset_does_not_count() -> None:
-    with scripted(obey_but(Reset, READY, Ack())) as (radar, far):
-        radar.open()
-        assert Ping() in far.commands
-
-
 def test_silent_module() -> None:
-    short = Deadlines(reply_s=0.03)
-    with scripted(lambda _: [], short) as (radar, far):
+    with scripted(lambda _: [], Deadlines(reply_s=0.03)) as (radar, far):
         with pytest.raises(DeviceError, match="no answer to a reset"):
             radar.open()
         far.join()
@@ -97,53 +150,23 @@ def test_silent_module() -> None:
             far.near.read(0)
 
 
-def test_reset_is_sent_again_when_its_answer_is_lost() -> None:
-    answers = itertools.chain([[]], itertools.repeat([Ack(), READY]))
-
-    def answer(command: Message) -> list[Message]:
-        return next(answers) if isinstance(command, Reset) else obey(command)
-
-    with scripted(answer, Deadlines(reply_s=0.3)) as (radar, far):
-        radar.open()
-        assert far.commands[:2] == [Reset(), Reset()]
-
-
-def silent_when_asked(command: Message) -> list[Message]:
-    return [] if isinstance(command, Ping) else [Ack()]
-
-
-def in_safe_mode(command: Message) -> list[Message]:
-    return [Pong(PongCode.SAFE_MODE)] if isinstance(command, Ping) else [Ack()]
+REFUSED = [ErrorReply(ErrorCode.COMMAND_FAILED)]
+SAFE = {Ping: [Pong(PongCode.SAFE_MODE)]}
+SLOW = Deadlines(ready_s=0.1, ping_every_s=0.02)
+WHY = [
+    (lambda c: [] if c == Ping() else [Ack()], SLOW, DeviceError, r"not ready 0\.1 s after"),
+    (lambda c: SAFE.get(type(c), [Ack()]), SHORT, SafeModeError, "fail-safe mode"),
+    (lambda c: SAFE.get(type(c), REFUSED), SHORT, SafeModeError, "power it off"),
+    (obey_but(SetOutput), Deadlines(reply_s=0.3), DeviceError, "no answer to SetOutput"),
+    (obey_but(SetOutput, *BUSY), HASTY, DeviceError, r"refused SetOutput.*\(busy\)"),
+    (obey_but(SetSysInt, *REFUSED), SHORT, DeviceError, r"0x21 \(command failed\)"),
+    (obey_but(SetSysInt, *RESTARTING), SHORT, RestartRequired, r"0x22 \(restarting\)"),
+    (obey_but(SetSysInt, ErrorReply(0x77)), SHORT, DeviceError, r"0x77 \(unknown\)"),
+    (obey_but(SetSysInt, READY, Ack()), SHORT, DeviceError, "again and again"),
+]
 
 
-@pytest.mark.parametrize(
-    ("answer", "deadlines", "error", "words"),
-    [
-        (
-            silent_when_asked,
-            Deadlines(ready_s=0.1, ping_every_s=0.02),
-            DeviceError,
-            r"not ready 0\.1 s after",
-        ),
-        (in_safe_mode, SHORT, SafeModeError, "fail-safe mode"),
-        (obey_but(SetOutput), Deadlines(reply_s=0.3), DeviceError, "no answer to SetOutput"),
-        (
-            obey_but(SetOutput, ErrorReply(ErrorCode.BUSY)),
-            HASTY,
-            DeviceError,
-            r"refused SetOutput.*\(busy\)",
-        ),
-        *(
-            (obey_but(SetSysInt, ErrorReply(code)), SHORT, error, f"refused SetSysInt.*{words}")
-            for code, error, words in (
-                (ErrorCode.COMMAND_FAILED, DeviceError, r"0x21 \(command failed\)"),
-                (ErrorCode.NOT_RECOGNIZED, DeviceError, r"0x1 \(not recognized\)"),
-                (ErrorCode.RESTARTING, RestartRequired, r"0x22 \(restarting\)"),
-                (0x77, DeviceError, r"0x77 \(unknown\)"),
-            )
-        ),
-    ],
-)
+@pytest.mark.parametrize(("answer", "deadlines", "error", "words"), WHY)
 def test_why_a_module_does_not_start_is_said(answer, deadlines, error, words) -> None:
     with scripted(answer, deadlines) as (radar, _):
         with pytest.raises(error, match=words) as caught:
@@ -151,46 +174,21 @@ def test_why_a_module_does_not_start_is_said(answer, deadlines, error, words) ->
         assert type(caught.value) is error
 
 
-def once(command_type: type[Message], *answers: Message) -> Callable[[Message], list[Message]]:
-    """Obey, but answer the first command of a type otherwise."""
-    left = [list(answers)]
-
-    def answer(command: Message) -> list[Message]:
-        return left.pop() if left and isinstance(command, command_type) else obey(command)
-
-    return answer
-
-
 def test_a_lost_answer_is_asked_for_again_and_a_ping_draws_the_line() -> None:
-    with scripted(once(SetSysInt), HASTY) as (radar, far):
+    with scripted(turns(SetSysInt, []), HASTY) as (radar, far):
         radar.open()
         first, second, ping, third = far.commands[2:6]
         assert first == second != third
-        assert ping == Ping()
-        assert far.commands[-1] == SetMode(Mode.MANUAL)
-        assert radar.stats.retries == 1
+        assert (ping, far.commands[-1], radar.stats.retries) == (Ping(), START, 1)
 
 
 def test_an_answer_that_comes_too_late_is_not_taken_for_the_next_ones() -> None:
-    asked = []
-
-    def answer(command: Message) -> list[Message]:
-        if not isinstance(command, SetSysInt):
-            return obey(command)
-        asked.append(command)
-        match len(asked):
-            case 1:
-                return []
-            case 2:
-                return [Ack(), Ack()]
-            case 4:
-                return [ErrorReply(ErrorCode.COMMAND_FAILED)]
-        return [Ack()]
-
-    with scripted(answer, HASTY) as (radar, _):
+    late = turns(SetSysInt, [], [Ack(), Ack()], [Ack()], REFUSED)
+    with scripted(late, HASTY) as (radar, far):
         with pytest.raises(DeviceError, match="refused") as caught:
             radar.open()
-        assert SysCfg(asked[3].ref).name in str(caught.value)
+        fourth = [c for c in far.commands if isinstance(c, SetSysInt)][3]
+        assert SysCfg(fourth.ref).name in str(caught.value)
 
 
 def test_a_command_that_must_not_be_sent_twice_is_not() -> None:
@@ -202,66 +200,14 @@ def test_a_command_that_must_not_be_sent_twice_is_not() -> None:
         assert radar.stats.retries == 0
 
 
-@pytest.mark.parametrize("code", [ErrorCode.BUSY, ErrorCode.CRC_FAILED])
-def test_a_busy_module_is_asked_again(code: int) -> None:
-    left = {SetOutput: 4, Reset: 3}
-
-    def answer(command: Message) -> list[Message]:
-        if left.get(type(command), 0):
-            left[type(command)] -= 1
-            return [ErrorReply(code)]
-        return obey(command)
-
-    with scripted(answer) as (radar, far):
-        radar.open()
-        assert far.commands.count(Reset()) == 4
-        assert radar.stats.retries == 7
-
-
-def test_a_module_that_wants_a_restart_is_reset_and_told_again_once() -> None:
-    with scripted(once(SetOutput, ErrorReply(ErrorCode.RESTARTING))) as (radar, far):
-        radar.open()
-        second = far.commands.index(Reset(), 1)
-        assert far.commands[:second][-1] != SetMode(Mode.MANUAL)
-        assert far.commands[second + 1] == SetMode(Mode.IDLE)
-        assert far.commands[-1] == SetMode(Mode.MANUAL)
-    with scripted(obey_but(SetOutput, ErrorReply(ErrorCode.RESTARTING))) as (radar, far):
-        with pytest.raises(RestartRequired):
-            radar.open()
-        assert far.commands.count(Reset()) == 2
-
-
-def test_a_module_in_safe_mode_that_refuses_everything() -> None:
-    def answer(command: Message) -> list[Message]:
-        if isinstance(command, Ping):
-            return [Pong(PongCode.SAFE_MODE)]
-        return [ErrorReply(ErrorCode.COMMAND_FAILED)]
-
-    with scripted(answer) as (radar, far):
-        with pytest.raises(SafeModeError, match="power it off"):
-            radar.open()
-        assert far.commands == [Reset(), Ping()]
-
-
-def test_a_reset_whose_answer_is_lost_shows_in_what_the_module_says() -> None:
-    with scripted(obey_but(Reset, SystemMessage(SystemCode.BOOTING), READY), HASTY) as (
-        radar,
-        far,
-    ):
-        radar.open()
-        assert far.commands.count(Reset()) == 1
-        assert Ping() not in far.commands
-
-
 def test_the_late_answer_to_a_ping_counts() -> None:
     pings = []
 
     def answer(command: Message) -> list[Message]:
         if isinstance(command, Ping):
             pings.append(command)
-            if len(pings) > 1:
-                return []
-            threading.Timer(0.06, lambda: far.send(wire(Pong(PongCode.READY)))).start()
+            if len(pings) == 1:
+                threading.Timer(0.06, lambda: far.send(wire(Pong(PongCode.READY)))).start()
             return []
         return [Ack()]
 
@@ -272,12 +218,7 @@ def test_the_late_answer_to_a_ping_counts() -> None:
 
 def test_a_module_that_streams_meanwhile_is_configured_and_its_old_frames_are_none() -> None:
     data = Data(0, 500, np.zeros(256, np.float32))
-
-    def answer(command: Message) -> list[Message]:
-        return [data, data, *obey(command), data] if command != start else obey(command)
-
-    start = SetMode(Mode.MANUAL)
-    with scripted(answer) as (radar, far):
+    with scripted(lambda c: obey(c) if c == START else [data, *obey(c), data]) as (radar, far):
         radar.open()
         far.send(raw(1))
         (frame,) = take(radar, 1)
@@ -296,31 +237,6 @@ def test_a_simulated_module_that_streams_already_is_taken_over() -> None:
         transports[-1].close()
         with X2Radar(connect, SETTINGS) as radar:
             assert [f.index for f in take(radar, 3)] == [0, 1, 2]
-
-
-def test_a_start_whose_answer_is_lost_is_not_made_twice() -> None:
-    def answer(command: Message) -> list[Message]:
-        if command == SetMode(Mode.MANUAL):
-            return [Data(0, 1, np.zeros(256, np.float32))]
-        return obey(command)
-
-    with scripted(answer, HASTY) as (radar, far):
-        radar.open()
-        assert far.commands.count(SetMode(Mode.MANUAL)) == 1
-        assert take(radar, 1)[0].counter == 1
-
-
-@pytest.mark.parametrize("at", [SetSysInt, SetOutput])
-def test_a_module_that_restarts_while_it_is_configured_is_told_from_the_beginning(at) -> None:
-    with scripted(once(at, SystemMessage(SystemCode.BOOTING), READY, Ack())) as (radar, far):
-        radar.open()
-        assert far.commands.count(SetMode(Mode.IDLE)) == 2
-        assert far.commands.count(SetMode(Mode.MANUAL)) == 1
-    with (
-        scripted(obey_but(at, READY, Ack())) as (radar, _),
-        pytest.raises(DeviceError, match="again and again"),
-    ):
-        radar.open()
 
 
 def test_opening_without_a_stream_tells_the_module_nothing() -> None:

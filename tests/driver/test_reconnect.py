@@ -202,18 +202,15 @@ class FakeRadar:
         self._index = 0
         self._now = []
 
-    def open(self, *, halt):  # noqa: ARG002 - as X2Radar
-        self._open("open")
-
-    def reopen(self, *, halt):  # noqa: ARG002 - as X2Radar
-        self._open("reopen")
-
-    def _open(self, how):
+    def open(self, *, halt, how="open"):  # noqa: ARG002 - as X2Radar
         self.opened.append(how)
         now = self.script.pop(0)
         if isinstance(now, Exception):
             raise now
         self._now = now
+
+    def reopen(self, *, halt):
+        self.open(halt=halt, how="reopen")
 
     def frames(self):
         is_first = self.opened[-1] == "reopen" and self._index > 0
@@ -291,22 +288,16 @@ def test_a_device_that_is_lost_soon_again_is_left_alone_longer():
     assert clock.slept == [first, 2 * first, 4 * first, first]
 
 
-@pytest.mark.parametrize("error", [PortNotFound("no"), PortDenied("no"), GONE, DeviceError("no")])
-def test_at_start_errors_are_raised_or_waited_for(error):
-    radar, fake, _ = scripted(error)
-    with pytest.raises(type(error)) as caught:
-        next(radar.items())
-    assert caught.value is error
-    assert fake.n_closed == 1
-    radar, _, _ = scripted(error, [7], wait=True)
-    assert kinds(take_until(radar.items(), is_frame)) == ["lost", "found", "frame"]
-
-
-def test_what_is_no_port_is_not_waited_for():
-    radar, fake, _ = scripted(NoPort("f: is no serial port"), wait=True)
-    with pytest.raises(NoPort):
-        next(radar.items())
-    assert fake.n_closed == 1
+def test_at_start_errors_are_raised_or_waited_for_but_what_is_no_port_never():
+    for error in (PortNotFound("no"), PortDenied("no"), GONE, DeviceError("no"), NoPort("f")):
+        is_port = not isinstance(error, NoPort)
+        radar, fake, _ = scripted(error, wait=not is_port)
+        with pytest.raises(type(error)):
+            next(radar.items())
+        assert fake.n_closed == 1
+        radar, _, _ = scripted(error, [7], wait=True)
+        if is_port:
+            assert kinds(take_until(radar.items(), is_frame)) == ["lost", "found", "frame"]
 
 
 def test_closing_in_a_pause_ends_the_stream():

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 import serial
 
+from tests.device_helpers import in_thread
 from x2radar.device import transport as transport_module
 from x2radar.device.transport import (
     PtyTransport,
@@ -82,12 +83,6 @@ def read_all(end: Transport, n_bytes: int) -> bytes:
     return bytes(out)
 
 
-def in_thread(work: Callable[[], object]) -> threading.Thread:
-    thread = threading.Thread(target=work, daemon=True)
-    thread.start()
-    return thread
-
-
 def read_until_closed(end: Transport) -> bytes:
     out = bytearray()
     try:
@@ -126,16 +121,6 @@ def test_timeout_gives_nothing(ends: Ends) -> None:
     assert near.read(0) == b""
 
 
-def test_read_wakes_up_for_the_first_byte(ends: Ends) -> None:
-    near, far = ends
-    timer = threading.Timer(0.05, far.write, [b"z"])
-    timer.start()
-    started_s = time.monotonic()
-    assert near.read(LONG_S) == b"z"
-    assert time.monotonic() - started_s < LONG_S / 2
-    timer.join()
-
-
 @pytest.mark.parametrize("near_writes", [True, False])
 def test_big_transfer_keeps_its_order(ends: Ends, near_writes: bool) -> None:
     writer, reader = ends if near_writes else ends[::-1]
@@ -146,28 +131,23 @@ def test_big_transfer_keeps_its_order(ends: Ends, near_writes: bool) -> None:
     assert not thread.is_alive()
 
 
-def test_far_end_closes(ends: Ends) -> None:
+def test_a_read_wakes_up_for_the_first_byte_and_for_the_end(ends: Ends) -> None:
+    near, far = ends
+    started_s = time.monotonic()
+    threading.Timer(0.05, far.write, [b"z"]).start()
+    assert near.read(LONG_S) == b"z"
+    threading.Timer(0.05, far.close).start()
+    with pytest.raises(TransportClosed):
+        near.read(LONG_S)
+    assert time.monotonic() - started_s < LONG_S / 2
+
+
+def test_reads_and_writes_with_a_closed_far_end(ends: Ends) -> None:
     near, far = ends
     far.close()
     assert read_until_closed(near) == b""
     with pytest.raises(TransportClosed):
         near.read(0)
-
-
-def test_far_end_closes_while_near_waits(ends: Ends) -> None:
-    near, far = ends
-    timer = threading.Timer(0.05, far.close)
-    timer.start()
-    started_s = time.monotonic()
-    with pytest.raises(TransportClosed):
-        near.read(LONG_S)
-    assert time.monotonic() - started_s < LONG_S / 2
-    timer.join()
-
-
-def test_write_to_a_closed_far_end(ends: Ends) -> None:
-    near, far = ends
-    far.close()
     with pytest.raises(TransportClosed):
         write_until_closed(near)
 
@@ -210,18 +190,9 @@ def test_memory_pair_holds_a_fast_writer_back() -> None:
 def test_memory_pair_lets_a_waiting_writer_go_when_it_closes() -> None:
     near, far = memory_pair(capacity=1)
     near.write(b"x")
-    raised = []
-
-    def write() -> None:
-        try:
-            near.write(b"y")
-        except TransportClosed as err:
-            raised.append(err)
-
-    thread = in_thread(write)
-    far.close()
-    thread.join(LONG_S)
-    assert raised
+    threading.Timer(0.05, far.close).start()
+    with pytest.raises(TransportClosed):
+        near.write(b"y")
 
 
 def test_pty_writes_what_fits() -> None:
