@@ -1,3 +1,5 @@
+"""Settings of the modules: limits, what fits into a frame, and the commands that tell them."""
+
 import math
 from itertools import pairwise
 
@@ -25,8 +27,6 @@ from x2radar.wire.messages import (
 )
 from x2radar.wire.wire_ids import BasebandOutput, ContentId, Mode, OutputRef, SysCfg, X4Setting
 
-C = 299_792_458.0
-
 
 def test_defaults_are_the_radar_of_the_thesis():
     s = RadarSettings()
@@ -48,8 +48,6 @@ def test_defaults_are_the_radar_of_the_thesis():
 def test_pulse_table():
     assert len(PULSE_GENERATORS) == 12
     assert RadarSettings(pulse_generator=0).carrier_hz == pytest.approx(5.3e9)
-    last = RadarSettings(pulse_generator=11)
-    assert (last.carrier_hz, last.bandwidth_hz) == pytest.approx((9.1e9, 3.1e9))
     for lower, upper in pairwise(PULSE_GENERATORS):
         assert lower.carrier_hz < upper.carrier_hz
         assert lower.bandwidth_hz <= upper.bandwidth_hz
@@ -58,49 +56,69 @@ def test_pulse_table():
         assert 0.3 < row.bandwidth_hz / row.carrier_hz < 0.4
 
 
-SHORT = {"frame_rate_hz": 1, "frame_stitch": 1}  # room for every field's largest value
+# Room for every field's largest value: a slow frame, few thresholds.
+SHORT = {"frame_rate_hz": 1, "frame_stitch": 1, "dac_step": 1024, "iterations": 1}
+ONE = SHORT | {"pulses_per_step": 1}
+ROOM = {"frame_rate_hz": 0.01, "dac_min": 0, "dac_max": 2047, "iterations": 1}
 LIMITS = [
-    ("frame_rate_hz", 1, 1000, 0, 1001, {"iterations": 1}),
-    ("frame_stitch", 1, 5, 0, 6, {"iterations": 1}),
-    ("pulse_generator", 0, 11, -1, 12, {}),
-    ("sample_delay_s", 0.0, 200e-9, -1e-12, 201e-9, {}),
-    ("dac_min", 0, 8190, -1, 8192, {}),
-    ("dac_max", 1, 8191, -1, 8192, {}),
-    ("dac_step", 1, 1024, 0, 1025, {"iterations": 1}),
-    ("pulses_per_step", 1, 65535, 0, 65536, {**SHORT, "dac_step": 1024, "iterations": 1}),
-    ("iterations", 1, 65535, 0, 65536, {**SHORT, "dac_step": 1024, "pulses_per_step": 1}),
-    ("sample_rate_hz", 1e9, 100e9, 0.99e9, 101e9, {}),
+    (RadarSettings, "frame_rate_hz", 1, 1000, 0, 1001, {"iterations": 1}),
+    (RadarSettings, "frame_stitch", 1, 5, 0, 6, {"iterations": 1}),
+    (RadarSettings, "pulse_generator", 0, 11, -1, 12, {}),
+    (RadarSettings, "sample_delay_s", 0.0, 200e-9, -1e-12, 201e-9, {}),
+    (RadarSettings, "dac_min", 0, 8190, -1, 8192, {}),
+    (RadarSettings, "dac_max", 1, 8191, -1, 8192, {}),
+    (RadarSettings, "dac_step", 1, 1024, 0, 1025, {"iterations": 1}),
+    (RadarSettings, "pulses_per_step", 1, 65535, 0, 65536, SHORT),
+    (RadarSettings, "iterations", 1, 65535, 0, 65536, ONE),
+    (RadarSettings, "sample_rate_hz", 1e9, 100e9, 0.99e9, 101e9, {}),
+    (X4Settings, "frame_rate_hz", 0.01, 17, -2, 1e6, {}),
+    (X4Settings, "area_start_m", -1, 4, -2, 1e6, {}),
+    (X4Settings, "area_end_m", 1, 10, -2, 1e6, {}),
+    (X4Settings, "area_offset_m", -1, 1, -2, 1e6, {}),
+    (X4Settings, "dac_min", 0, 2046, -1, 70_000, ROOM),
+    (X4Settings, "dac_max", 1, 2047, 0, 70_000, ROOM),
+    (X4Settings, "dac_step", 1, 255, 0, 70_000, ROOM),
+    (X4Settings, "pulses_per_step", 1, 65535, 0, 70_000, ROOM),
+    (X4Settings, "iterations", 1, 255, 0, 70_000, ROOM),
+    (X4Settings, "prf_divider", 6, 255, 5, 70_000, ROOM),
+    (X4Settings, "centre_frequency", 3, 4, 2, 70_000, ROOM),
 ]
 
 
-@pytest.mark.parametrize("row", LIMITS, ids=[row[0] for row in LIMITS])
+@pytest.mark.parametrize("row", LIMITS, ids=[f"{row[0].__name__}-{row[1]}" for row in LIMITS])
 def test_limits(row):
-    name, low, high, below, above, other = row
+    cls, name, low, high, below, above, other = row
     for good in (low, high):
-        assert getattr(RadarSettings(**{**other, name: good}), name) == good
-    is_whole = name not in {"sample_delay_s", "sample_rate_hz"}
-    for bad in (below, above, math.nan, math.inf, -math.inf, "60", None, *[2.5] * is_whole):
+        assert getattr(cls(**{**other, name: good}), name) == good
+    is_whole = isinstance(low, int) and not name.endswith("_m") and cls is RadarSettings
+    odd = (math.nan, math.inf, -math.inf, "60", None, *[2.5] * is_whole)
+    for bad in (below, above, *odd):
         with pytest.raises(SettingsError, match=f"{name} = "):
-            RadarSettings(**{**other, name: bad})
+            cls(**{**other, name: bad})
 
 
-def test_all_faults_come_at_once():
-    with pytest.raises(SettingsError) as caught:
-        RadarSettings(frame_rate_hz=0, frame_stitch=9, dac_min=-1, iterations=0, output="x")
-    text = str(caught.value)
-    for name in ("frame_rate_hz", "frame_stitch", "dac_min", "iterations", "output"):
-        assert f"{name} = " in text
-    assert "\n" not in text
+@pytest.mark.parametrize(
+    ("cls", "changes", "words"),
+    [
+        (RadarSettings, {"dac_min": 4000, "dac_max": 4000}, "4000: must be above dac_min = 4000"),
+        (RadarSettings, {"output": "baseband"}, "must be one of rf, iq, ap"),
+        (RadarSettings, {"frame_rate_hz": 64}, "would take 15.7 ms; at 64 Hz at most 254 fit"),
+        (RadarSettings, {"frame_stitch": 9, "output": "x"}, "frame_stitch = .*output = "),
+        (X4Settings, {"frame_rate_hz": 900, "iterations": 255}, "allow 23.3"),
+        (X4Settings, {"area_start_m": 0, "area_end_m": 9.9}, "at most 9.87 m"),
+        (X4Settings, {"dac_max": 10}, "dac_max = 10: must be above dac_min = 949"),
+        (X4Settings, {"is_baseband": 1}, "must be one of True, False"),
+        (X4Settings, {"dac_step": 2.5}, "must be a whole number"),
+        (X4Settings, {"area_end_m": 0.1, "dac_max": 9}, "area_end_m.*dac_max"),
+    ],
+)
+def test_faults_are_named_all_at_once(cls, changes, words):
+    with pytest.raises(SettingsError, match=words) as caught:
+        cls(**changes)
+    assert "\n" not in str(caught.value)
     assert isinstance(caught.value, ValueError)
     assert isinstance(caught.value, X2RadarError)
     assert caught.value.exit_code == 2
-
-
-def test_sweep_must_fit_into_a_frame():
-    fits = RadarSettings(frame_rate_hz=63)  # 15.73 ms of 15.87 ms
-    assert fits.sweep_s * 63 <= 1
-    with pytest.raises(SettingsError, match=r"would take 15.7 ms; at 64 Hz at most 254 fit"):
-        RadarSettings(frame_rate_hz=64)
 
 
 def test_every_whole_rate_gives_settings_that_fit():
@@ -125,6 +143,20 @@ def test_any_rate_gives_settings_or_a_settings_error(rate, output):
         assert s.output == output
 
 
+@pytest.mark.parametrize("rate_hz", [0, -1, 1001, 1e9, math.nan, math.inf, "60", None])
+def test_an_x4_has_no_settings_for_what_is_no_frame_rate(rate_hz):
+    with pytest.raises(SettingsError, match="frame_rate_hz"):
+        X4Settings.for_frame_rate(rate_hz)
+
+
+@given(st.floats(0.01, 1000))
+def test_any_frame_rate_of_an_x4_uses_the_time_it_has(rate_hz):
+    s = X4Settings.for_frame_rate(rate_hz)
+    assert s.frame_rate_hz == rate_hz <= s.highest_frame_rate_hz
+    more = s.highest_frame_rate_hz * s.iterations / (s.iterations + 1)
+    assert s.iterations == 64 or more < rate_hz
+
+
 @given(
     st.integers(1, 5),
     st.tuples(st.integers(0, 8191), st.integers(0, 8191), st.integers(1, 1024)),
@@ -133,117 +165,50 @@ def test_any_rate_gives_settings_or_a_settings_error(rate, output):
 )
 def test_sweep_time_by_counting(stitch, thresholds, pulses, rate):
     low, high, step = thresholds
+    n = len(range(low, high + 1, step))
+    known = {"frame_rate_hz": rate, "frame_stitch": stitch, "iterations": 1}
+    known |= {"dac_min": low, "dac_max": high, "dac_step": step, "pulses_per_step": pulses}
     try:
-        s = RadarSettings(
-            frame_rate_hz=rate,
-            frame_stitch=stitch,
-            dac_min=low,
-            dac_max=high,
-            dac_step=step,
-            pulses_per_step=pulses,
-            iterations=1,
-        )
+        s = RadarSettings(**known)
     except SettingsError:
-        n = len(range(low, high + 1, step))
         assert high <= low or n * pulses * stitch * rate > PRF_HZ
     else:
-        n = len(range(low, high + 1, step))
         assert s.n_steps == n
         assert s.sweep_s == pytest.approx(n * pulses * stitch / PRF_HZ)
 
 
-def test_axis_of_both_forms():
-    assert X4Settings(frame_rate_hz=17).bin_length_m == pytest.approx(0.0514, abs=1e-4)
-    assert X4Settings(frame_rate_hz=17, is_baseband=False).bin_length_m == pytest.approx(
-        0.00643, abs=1e-5
-    )
-
-
-def test_highest_frame_rate_of_the_user_guide():
+def test_axis_and_highest_frame_rate_of_an_x4():
+    s = X4Settings(frame_rate_hz=17)
+    assert s.bin_length_m == pytest.approx(0.0514, abs=1e-4)
+    rf = X4Settings(frame_rate_hz=17, is_baseband=False)
+    assert rf.bin_length_m == pytest.approx(0.00643, abs=1e-5)
     # XTAN-13: 152 thresholds, 64 iterations, 16 pulses, PRF 15.1875 MHz, duty 0.95.
-    settings = X4Settings(frame_rate_hz=17)
-    assert settings.highest_frame_rate_hz == pytest.approx(15.1875e6 * 0.95 / (64 * 16 * 152))
+    assert s.highest_frame_rate_hz == pytest.approx(15.1875e6 * 0.95 / (64 * 16 * 152))
 
 
-@pytest.mark.parametrize("name", ["frame_rate_hz", "area_start_m", "area_end_m", "area_offset_m"])
-@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, "3", None, 1e6, -2])
-def test_numbers_out_of_range(name, bad):
-    with pytest.raises(SettingsError, match=f"{name} = "):
-        X4Settings(**{name: bad})
-
-
-@pytest.mark.parametrize(
-    ("name", "low", "high"),
-    [
-        ("dac_min", 0, 2046),
-        ("dac_max", 1, 2047),
-        ("dac_step", 1, 255),
-        ("pulses_per_step", 1, 65535),
-        ("iterations", 1, 255),
-        ("prf_divider", 6, 255),
-        ("centre_frequency", 3, 4),
-    ],
-)
-def test_whole_numbers_out_of_range(name, low, high):
-    # One threshold and a slow frame leave room for every field's largest value.
-    room = {"frame_rate_hz": 0.01, "dac_min": 0, "dac_max": 2047, "iterations": 1}
-    for good in (low, high):
-        assert getattr(X4Settings(**{**room, name: good}), name) == good
-    for bad in (low - 1, 70_000, 2.5, math.nan, "3", None):
-        with pytest.raises(SettingsError, match=f"{name} = "):
-            X4Settings(**{**room, name: bad})
-
-
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"frame_rate_hz": 900, "iterations": 255}, "allow 23.3"),
-        ({"area_end_m": 0.1}, "area_end_m"),
-        ({"area_start_m": 0, "area_end_m": 9.9}, "at most 9.87 m"),
-        ({"centre_frequency": 5}, "must be one of 3, 4"),
-        ({"dac_max": 10}, "dac_max = 10: must be above dac_min = 949"),
-        ({"is_baseband": 1}, "must be one of True, False"),
-        ({"iterations": 0, "prf_divider": 1}, "iterations.*prf_divider"),
-        ({"area_end_m": 0.1, "dac_max": 9}, "area_end_m.*dac_max"),
-    ],
-)
-def test_faults_are_named_all_at_once(changes, words):
-    with pytest.raises(SettingsError, match=words):
-        X4Settings(**changes)
-
-
-@pytest.mark.parametrize("rate_hz", [0, -1, 1001, 1e9, math.nan, math.inf, "60", None])
-def test_no_settings_for_what_is_no_frame_rate(rate_hz):
-    with pytest.raises(SettingsError, match="frame_rate_hz"):
-        X4Settings.for_frame_rate(rate_hz)
-
-
-@given(st.floats(0.01, 1000))
-def test_any_frame_rate_uses_the_time_it_has(rate_hz):
-    s = X4Settings.for_frame_rate(rate_hz)
-    assert s.frame_rate_hz == rate_hz <= s.highest_frame_rate_hz
-    more = s.highest_frame_rate_hz * s.iterations / (s.iterations + 1)
-    assert s.iterations == 64 or more < rate_hz
-
-
-def test_frames_off_the_wire_with_a_gap():
+def test_frames_of_an_x4_off_the_wire_with_a_gap():
     rng = np.random.default_rng(1)
     echoes = rng.standard_normal((3, 2, 91)).astype(np.float32)
-    assembler = FrameAssembler(X4Settings())
-    frames = [
-        assembler.frame(decode_response(encode(Data(ContentId.RAW_FRAME, n, e.ravel()))), 0.0)
+    messages = [
+        decode_response(encode(Data(ContentId.RAW_FRAME, n, e.ravel())))
         for n, e in zip((5, 6, 9), echoes, strict=True)
     ]
+    assembler = FrameAssembler(X4Settings())
+    frames = [assembler.frame(message, 0.0) for message in messages]
     assert [(f.counter, f.lost) for f in frames] == [(5, 0), (6, 0), (9, 2)]
     for frame, (i, q) in zip(frames, echoes, strict=True):
         assert np.array_equal(frame.samples, i + 1j * q)
+        assert not frame.samples.flags.writeable
         assert frame.axis is frames[0].axis
-
-
-def test_baseband_messages_bring_their_own_axis():
-    values = np.ones(4, np.float32)
-    message = BasebandIq(1, 0.05144033, 2.916e9, 7.29e9, 0.334321, values, values)
-    axis = FrameAssembler(X4Settings(is_baseband=False)).frame(message, 0.0).axis
+    axis = frames[0].axis
+    assert (axis.kind, axis.n_range, axis.sample_rate_hz) == ("baseband", 91, 23.328e9)
+    rf = FrameAssembler(X4Settings.for_frame_rate(17, is_baseband=False))
+    frame = rf.frame(messages[0], 0.0)
+    assert np.array_equal(frame.samples, echoes[0].ravel())
+    assert frame.axis.kind == "rf"
+    ones = np.ones(4, np.float32)
+    own = BasebandIq(1, 0.05144033, 2.916e9, 7.29e9, 0.334321, ones, ones)
+    axis = rf.frame(own, 0.0).axis
     assert (axis.kind, axis.n_range, axis.range_offset_m) == ("baseband", 4, 0.334321)
 
 
@@ -265,7 +230,7 @@ def test_port_key_device():
         ("ap", BasebandOutput.AMPLITUDE_PHASE),
     ],
 )
-def test_x2(output, value):
+def test_commands_of_an_x2(output, value):
     s = RadarSettings(frame_rate_hz=20, pulse_generator=6, frame_stitch=2, output=output)
     first, *between, last = s.startup_commands()
     assert (first, last) == (SetMode(Mode.IDLE), SetMode(Mode.MANUAL))
@@ -276,35 +241,25 @@ def test_x2(output, value):
     assert SetSysInt(SysCfg.FRAME_STITCH, 2) in between
 
 
-def test_x4():
-    s = X4Settings(
-        frame_rate_hz=20,
-        area_start_m=0.5,
-        area_end_m=4,
-        area_offset_m=0.25,
-        is_baseband=False,
-        centre_frequency=4,
-        dac_min=900,
-        dac_max=1150,
-        dac_step=2,
-        pulses_per_step=10,
-        iterations=16,
-        prf_divider=8,
-    )
-    first, second, third, *between, last = s.startup_commands()
+def test_commands_of_an_x4():
+    known = {
+        X4Setting.DOWN_CONVERSION: {"is_baseband": False},
+        X4Setting.TX_CENTRE_FREQUENCY: {"centre_frequency": 4},
+        X4Setting.PRF_DIV: {"prf_divider": 8},
+        X4Setting.ITERATIONS: {"iterations": 16},
+        X4Setting.PULSES_PER_STEP: {"pulses_per_step": 10},
+        X4Setting.DAC_STEP: {"dac_step": 2},
+        X4Setting.DAC_MIN: {"dac_min": 900},
+        X4Setting.DAC_MAX: {"dac_max": 1150},
+        X4Setting.FRAME_AREA_OFFSET: {"area_offset_m": 0.25},
+        X4Setting.FRAME_AREA: {"area_start_m": 0.5, "area_end_m": 4},
+    }
+    fields = {name: value for some in known.values() for name, value in some.items()}
+    first, second, third, *between, last = X4Settings(
+        frame_rate_hz=20, **fields
+    ).startup_commands()
     assert (first, second, third) == (SetMode(Mode.STOP), SetMode(Mode.MANUAL), X4Init())
     assert last == X4Set(X4Setting.FPS, (20,))
-    assert set(between) == {
-        X4Set(X4Setting.DOWN_CONVERSION, (0,)),
-        X4Set(X4Setting.TX_CENTRE_FREQUENCY, (4,)),
-        X4Set(X4Setting.PRF_DIV, (8,)),
-        X4Set(X4Setting.ITERATIONS, (16,)),
-        X4Set(X4Setting.PULSES_PER_STEP, (10,)),
-        X4Set(X4Setting.DAC_STEP, (2,)),
-        X4Set(X4Setting.DAC_MIN, (900,)),
-        X4Set(X4Setting.DAC_MAX, (1150,)),
-        X4Set(X4Setting.FRAME_AREA_OFFSET, (0.25,)),
-        X4Set(X4Setting.FRAME_AREA, (0.5, 4)),
-    }
+    assert set(between) == {X4Set(ref, tuple(some.values())) for ref, some in known.items()}
     told = [command.setting for command in between]
     assert told.index(X4Setting.FRAME_AREA_OFFSET) < told.index(X4Setting.FRAME_AREA)
