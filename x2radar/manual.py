@@ -25,8 +25,6 @@ EXIT_CODES = {
     78: "configuration",
 }
 """Of the three commands; docs/troubleshooting.md says what to do."""
-
-
 _ROFF = {"\\": "\\e", "-": "\\-", "~": "\\(ti", "^": "\\(ha", "'": "\\(aq", "`": "\\(ga"}
 """Signs that roff would print otherwise (groff_char(7))."""
 _EVERYWHERE = ("--help", "--version", "--debug")

@@ -45,7 +45,10 @@ def _run(args: argparse.Namespace) -> int:
 
     values = {name: getattr(args, name) for name, _, _, _ in _AXIS}
     for name, option, _, _ in _AXIS:
-        _check(name, option, values[name])
+        value, is_signed = values[name], name == "range_offset_m"
+        if value is not None and not (math.isfinite(value) and (value > 0 or is_signed)):
+            msg = f"{option} {value:g}: must be {'a number' if is_signed else 'above 0'}"
+            raise SettingsError(msg)
     done = convert(
         args.source,
         args.out,
@@ -58,12 +61,3 @@ def _run(args: argparse.Namespace) -> int:
     about = f"{done.n_frames} frames, {done.duration_s:.1f} s, {FORMATS[done.kind].title}"
     print(f"{args.out}: {about}", file=sys.stderr)
     return 0
-
-
-def _check(name: str, option: str, value: float | None) -> None:
-    if value is None:
-        return
-    signed = name == "range_offset_m"
-    if not math.isfinite(value) or (value <= 0 and not signed):
-        msg = f"{option} {value:g}: must be {'a number' if signed else 'above 0'}"
-        raise SettingsError(msg)

@@ -5,7 +5,7 @@ import json
 from dataclasses import asdict
 
 from x2radar.commands import Commands, add_command
-from x2radar.device.discovery import PortRow, list_ports, port_state
+from x2radar.device.discovery import list_ports, port_state
 
 
 def register(commands: Commands) -> None:
@@ -29,13 +29,9 @@ def _run(args: argparse.Namespace) -> int:
         is_module, state = port_state(row.path) if args.probe else (None, None)
         if args.json:
             print(json.dumps({**asdict(row), "is_module": is_module, "state": state}))
-        else:
-            print(_line(row, state))
+            continue
+        known = f"{row.known} ({row.known_from})" if row.known else ""
+        maker = f"{row.manufacturer} {row.product}".strip()
+        parts = (row.path, state, row.usb_id, maker, row.serial_number, known, row.by_id)
+        print("  ".join(part for part in parts if part))
     return 0
-
-
-def _line(row: PortRow, state: str | None) -> str:
-    known = f"{row.known} ({row.known_from})" if row.known else ""
-    maker = " ".join(part for part in (row.manufacturer, row.product) if part)
-    parts = (row.path, state or "", row.usb_id, maker, row.serial_number, known, row.by_id)
-    return "  ".join(part for part in parts if part)

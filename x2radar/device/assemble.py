@@ -38,21 +38,17 @@ class FrameAssembler:
         Samples are float32 for RF frames and complex64 for baseband, read-only. `t_mono_s` is
         when the message was complete, on the host's monotonic clock.
         """
+        samples: Samples
         match message:
             case BasebandIq():
-                axis = self._baseband_axis(message)
-                samples: Samples = np.empty(message.i.size, np.complex64)
-                samples.real, samples.imag = message.i, message.q
-                counter = message.counter
-            case BasebandAp():
-                axis = self._baseband_axis(message)
-                samples = np.empty(message.amplitude.size, np.complex64)
-                samples.real = message.amplitude * np.cos(message.phase)
-                samples.imag = message.amplitude * np.sin(message.phase)
-                counter = message.counter
+                samples = _complex(message.i, message.q)
+                axis, counter = self._baseband_axis(message, samples.size), message.counter
+            case BasebandAp(amplitude=amplitude, phase=phase):
+                samples = _complex(amplitude * np.cos(phase), amplitude * np.sin(phase))
+                axis, counter = self._baseband_axis(message, samples.size), message.counter
             case Data(content_id=ContentId.RAW_FRAME) if message.values.dtype == np.float32:
                 samples = self._raw(message.values)
-                axis = self._raw_axis(samples.size)
+                axis = self._shared_axis(kind=self._settings.raw_kind, n_range=samples.size)
                 counter = message.info
             case _:
                 return None
@@ -79,18 +75,12 @@ class FrameAssembler:
             # Behind its header the packet's memory is not aligned; users' libraries mind.
             return np.require(values, np.float32, "A")
         half = 0 if values.size % 2 else values.size // 2
-        samples = np.empty(half, np.complex64)
-        samples.real, samples.imag = values[:half], values[half : 2 * half]
-        return samples
+        return _complex(values[:half], values[half : 2 * half])
 
-    def _raw_axis(self, n_range: int) -> FastTimeAxis:
-        return self._shared_axis(kind=self._settings.raw_kind, n_range=n_range)
-
-    def _baseband_axis(self, message: BasebandIq | BasebandAp) -> FastTimeAxis:
-        rows = message.i if isinstance(message, BasebandIq) else message.amplitude
+    def _baseband_axis(self, message: BasebandIq | BasebandAp, n_range: int) -> FastTimeAxis:
         return self._shared_axis(
             kind="baseband",
-            n_range=rows.size,
+            n_range=n_range,
             bin_length_m=message.bin_length_m,
             range_offset_m=message.range_offset_m,
             carrier_hz=message.carrier_hz,
@@ -103,3 +93,9 @@ class FrameAssembler:
             self._said = said
             self._axis = replace(self._settings.axis, **said)
         return self._axis
+
+
+def _complex(real: NDArray[Any], imag: NDArray[Any]) -> Samples:
+    samples = np.empty(real.size, np.complex64)
+    samples.real, samples.imag = real, imag
+    return samples

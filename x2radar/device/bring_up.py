@@ -74,8 +74,6 @@ class BringUp:
         # here goes on.
         self.link.close(framing.encode(encode(self._commands[0])) if self._is_ours else b"")
 
-    # ------------------------------------------------------------ the port
-
     def _attach_again(self, after_s: float) -> None:
         """Close the port, and open it `after_s` seconds later, as soon as it is back."""
         self.link.close()
@@ -93,8 +91,6 @@ class BringUp:
                     # Who set it meanwhile may have closed the port before this one.
                     self.link.close()
                 return
-
-    # ------------------------------------------------------------ to the stream
 
     def _bring_up(self, prepare: Callable[[], None]) -> None:
         """Configure a module that `prepare` has made ready; say plainly why it cannot be."""

@@ -285,15 +285,11 @@ class X2Radar(Closing):
         if frame is None:
             return
         if self._first_index:
-            is_first = frame.index == 0
-            frame = replace(
-                frame,
-                index=self._first_index + frame.index,
-                restarted=frame.restarted or is_first,
+            index, is_restart = (
+                self._first_index + frame.index,
+                frame.restarted or frame.index == 0,
             )
+            frame = replace(frame, index=index, restarted=is_restart)
         self._next_index = frame.index + 1
         self._waiting.append(frame)
-        counts = self._counts
-        counts["frames"] += 1
-        counts["lost"] += frame.lost
-        counts["restarts"] += frame.restarted
+        self._counts.update(frames=1, lost=frame.lost, restarts=frame.restarted)

@@ -7,7 +7,7 @@ device and settings (JSON) beside them; `x2radar.recording.hdf5_reader` lists th
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -58,23 +58,15 @@ class Overrides:
 
         A bandwidth that nobody states is that of the module with this sampler and carrier.
         """
-        changes: dict[str, Any] = {}
-        for name in FastTimeAxis.__dataclass_fields__:
-            value = getattr(self, name, None)
-            if value is not None:
-                changes[name] = value
-        by_rate = self.sample_rate_hz is not None and self.bin_length_m is None
-        if by_rate and self.sample_rate_hz and stream.axis.kind == "rf":
-            changes["bin_length_m"] = SPEED_OF_LIGHT_MPS / (2 * self.sample_rate_hz)
-        axis = replace(stream.axis, **changes)
+        known = {name: value for name, value in asdict(self).items() if value is not None}
+        rate_hz = known.pop("frame_rate_hz", None) or stream.frame_rate_hz
+        if self.sample_rate_hz and stream.axis.kind == "rf":
+            known.setdefault("bin_length_m", SPEED_OF_LIGHT_MPS / (2 * self.sample_rate_hz))
+        axis = replace(stream.axis, **known)
         if not axis.bandwidth_hz:
             band_hz = pulse_bandwidth_hz(axis.sample_rate_hz, axis.carrier_hz)
             axis = replace(axis, bandwidth_hz=band_hz)
-        return replace(
-            stream,
-            axis=axis,
-            frame_rate_hz=self.frame_rate_hz or stream.frame_rate_hz,
-        )
+        return replace(stream, axis=axis, frame_rate_hz=rate_hz)
 
 
 NO_OVERRIDES = Overrides()
@@ -144,18 +136,13 @@ def root_attributes(
     stream: StreamInfo, started_utc: str, device: Mapping[str, Any], settings: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Return what a recording says about itself, JSON as text."""
-    axis = stream.axis
+    axis = asdict(stream.axis)
+    del axis["n_range"]
     return {
         "format": FORMAT,
         "format_version": VERSION,
-        "kind": axis.kind,
+        **axis,
         "frame_rate_hz": stream.frame_rate_hz,
-        "carrier_hz": axis.carrier_hz,
-        "sample_rate_hz": axis.sample_rate_hz,
-        "bin_length_m": axis.bin_length_m,
-        "range_offset_m": axis.range_offset_m,
-        "bandwidth_hz": axis.bandwidth_hz,
-        "phase_sign": axis.phase_sign,
         "started_utc": started_utc,
         "device": json.dumps(dict(device), default=str),
         "settings": json.dumps(dict(settings), default=str),

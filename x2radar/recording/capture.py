@@ -16,6 +16,7 @@ is good, `Capture.warning` says what was left out.
 """
 
 import json
+import math
 import os
 import struct
 import threading
@@ -179,27 +180,24 @@ class Capture:
         with self.path.open("rb") as file:
             file.seek(self._begin)
             while head := file.read(_RECORD.size):
-                at = file.tell() - len(head)
+                left = self.path.stat().st_size - file.tell() + len(head)
                 chunk = _read_chunk(file.read, head)
                 if chunk is None:
-                    left = self.path.stat().st_size - at
-                    self.warning = (
-                        f"{self.path}: cut off or damaged; the last {left} bytes are left out"
-                    )
+                    why = f"cut off or damaged; the last {left} bytes are left out"
+                    self.warning = f"{self.path}: {why}"
                     return
                 yield chunk
 
 
 def _read_chunk(read: Callable[[int], bytes], head: bytes) -> Chunk | None:
-    if len(head) < _RECORD.size:
-        return None
-    kind, t_ns, n = _RECORD.unpack(head)
-    if kind not in _KINDS or n > _MAX_BYTES:
-        return None
-    data, crc = read(n), read(_CRC.size)
-    if len(crc) < _CRC.size or zlib.crc32(data, zlib.crc32(head)) != _CRC.unpack(crc)[0]:
-        return None
-    return Chunk(kind, t_ns / 1e9, data)
+    """Return the record that begins with `head`; None if it is cut off or damaged."""
+    if len(head) == _RECORD.size:
+        kind, t_ns, n = _RECORD.unpack(head)
+        if kind in _KINDS and n <= _MAX_BYTES:
+            data, crc = read(n), read(_CRC.size)
+            if crc == _CRC.pack(zlib.crc32(data, zlib.crc32(head))):
+                return Chunk(kind, t_ns / 1e9, data)
+    return None
 
 
 class CaptureReplay:
@@ -233,14 +231,11 @@ class CaptureTransport:
     def __init__(self, replay: CaptureReplay, *, is_usb: bool) -> None:
         self.is_usb = is_usb
         self._replay = replay
-        self._path = replay.capture.path
-        self._speed = replay.speed
-        self._check_writes = replay.check_writes
         self._changed = threading.Condition()
         self._written = bytearray()
         self._next: Chunk | None = None
         self._ended = False
-        self._fault = f"{self._path}: the capture ends here"
+        self._fault = f"{replay.capture.path}: the capture ends here"
         self._clock_s: tuple[float, float] | None = None
 
     def read(self, timeout_s: float) -> bytes:
@@ -265,7 +260,7 @@ class CaptureTransport:
         with self._changed:
             if self._ended and self._next is None:
                 raise TransportClosed(self._fault)
-            if self._check_writes:
+            if self._replay.check_writes:
                 self._written += data
                 self._changed.notify_all()
 
@@ -277,32 +272,23 @@ class CaptureTransport:
 
     def _due_s(self) -> float:
         """Return when the next of the module's bytes are due; inf: not before the host."""
-        while self._next is None or self._next.kind == TO_MODULE:
-            if self._next is not None and self._check_writes:
-                wanted = self._next.data
-                if not self._same(wanted):
+        while not self._ended and (self._next is None or self._next.kind == TO_MODULE):
+            if self._next is not None and self._replay.check_writes:
+                n = min(len(self._next.data), len(self._written))
+                if self._written[:n] != self._next.data[:n]:
+                    why = "the host writes other bytes than when it was captured"
+                    self._fault = f"{self._replay.capture.path}: {why}"
                     self._ended, self._next = True, None
                     break
-                if len(self._written) < len(wanted):
-                    return float("inf")
-                del self._written[: len(wanted)]
-            if self._ended:
-                break
+                if n < len(self._next.data):
+                    return math.inf
+                del self._written[:n]
             self._next = self._replay.next_chunk()
-            if self._next is None:
-                self._ended = True
+            self._ended = self._next is None
         if self._next is None:
-            return float("inf")
-        if self._speed is None:
+            return math.inf
+        if self._replay.speed is None:
             return 0.0
-        if self._clock_s is None:
-            self._clock_s = time.monotonic(), self._next.t_s
+        self._clock_s = self._clock_s or (time.monotonic(), self._next.t_s)
         begun_s, first_s = self._clock_s
-        return begun_s + (self._next.t_s - first_s) / self._speed
-
-    def _same(self, wanted: bytes) -> bool:
-        n = min(len(wanted), len(self._written))
-        if self._written[:n] == wanted[:n]:
-            return True
-        self._fault = f"{self._path}: the host writes other bytes than when it was captured"
-        return False
+        return begun_s + (self._next.t_s - first_s) / self._replay.speed

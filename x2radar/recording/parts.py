@@ -69,8 +69,7 @@ class RotatingWriter(Closing):
         self._rotate_bytes = rotate_bytes
         self._max_frames = None if rotate_s is None else max(1, rotate_s * stream.frame_rate_hz)
         self._id = str(uuid.uuid4())
-        self._done_bytes = 0
-        self._seen_bytes = self._grows_by = 0
+        self._done_bytes = self._seen_bytes = self._grows_by = 0
         self._writer: RecordingWriter | None = None
         self._first_index = 0
         self.paths: list[Path] = []
@@ -91,32 +90,13 @@ class RotatingWriter(Closing):
         """Keep one frame, in a new part if the old one is full; raises as `RecordingWriter`."""
         if self._writer is None:
             raise refuse(self._path, "the recording is closed")
-        if self._writer.n_frames and self._is_full(frame.index):
-            self._close_part()
-            writer = self._next_part(frame.index)
-        else:
-            writer = self._writer
-        writer.write(frame)
+        if self._writer.n_frames and self._is_full(self._writer, frame.index):
+            self.close()
+            self._next_part(frame.index)
+        self._writer.write(frame)
 
     def close(self) -> None:
         """Write what is left and close the last part; a second call does nothing."""
-        if self._writer is not None:
-            self._close_part()
-
-    def _is_full(self, index: int) -> bool:
-        if self._max_frames is not None and index - self._first_index >= self._max_frames:
-            return True
-        if self._rotate_bytes is None or self._writer is None:
-            return False
-        size = self._writer.n_bytes
-        if size != self._seen_bytes:
-            # Room for one more chunk like the largest, and for what closing adds.
-            self._grows_by = max(self._grows_by, size - self._seen_bytes)
-            self._seen_bytes = size
-        whole_chunk = self._writer.n_frames % max(1, round(self._stream.frame_rate_hz)) == 0
-        return whole_chunk and size + self._grows_by > self._rotate_bytes
-
-    def _close_part(self) -> None:
         writer, self._writer = self._writer, None
         if writer is not None:
             try:
@@ -124,7 +104,20 @@ class RotatingWriter(Closing):
             finally:
                 self._done_bytes += writer.n_bytes
 
-    def _next_part(self, index: int) -> RecordingWriter:
+    def _is_full(self, writer: RecordingWriter, index: int) -> bool:
+        if self._max_frames is not None and index - self._first_index >= self._max_frames:
+            return True
+        if self._rotate_bytes is None:
+            return False
+        size = writer.n_bytes
+        if size != self._seen_bytes:
+            # Room for one more chunk like the largest, and for what closing adds.
+            self._grows_by = max(self._grows_by, size - self._seen_bytes)
+            self._seen_bytes = size
+        whole_chunk = writer.n_frames % max(1, round(self._stream.frame_rate_hz)) == 0
+        return whole_chunk and size + self._grows_by > self._rotate_bytes
+
+    def _next_part(self, index: int) -> None:
         part = len(self.paths)
         start_s = index / self._stream.frame_rate_hz
         attributes = {"recording_id": self._id, "part": part, "part_start_s": start_s}
@@ -140,7 +133,6 @@ class RotatingWriter(Closing):
         self._first_index = index
         self._seen_bytes = self._writer.n_bytes
         self.paths.append(path)
-        return self._writer
 
 
 def check_free_name(path: Path, *, rotating: bool) -> None:
@@ -249,17 +241,14 @@ def _in_order(parts: list[RecordingReader]) -> list[RecordingReader]:
     """Return the parts by number; raise RecordingError if they are of different recordings."""
     first = parts[0]
     for part in parts[1:]:
-        same = part.attribute("recording_id") == first.attribute("recording_id")
-        axis_fits = (part.stream.axis, part.stream.frame_rate_hz) == (
-            first.stream.axis,
-            first.stream.frame_rate_hz,
-        )
-        if not (same and axis_fits):
+        ids = [each.attribute("recording_id") for each in (part, first)]
+        streams = [(each.stream.axis, each.stream.frame_rate_hz) for each in (part, first)]
+        if ids[0] != ids[1] or streams[0] != streams[1]:
             why = f"and {part.path.name} are different recordings; name one of them"
             raise refuse(first.path, why)
-    if all(_number(part) is not None for part in parts):
-        return sorted(parts, key=lambda part: _number(part) or 0)
-    return parts
+    if any(_number(part) is None for part in parts):
+        return parts
+    return sorted(parts, key=lambda part: _number(part) or 0)
 
 
 def _number(part: RecordingReader) -> int | None:

@@ -164,8 +164,7 @@ def format_of(path: Path) -> Format:
 
     Raises RecordingError if nothing is there, or nothing says what it is.
     """
-    found = next(_candidates(path), None)
-    if found is not None:
+    if found := next(_candidates(path), None):
         return found
     if not path.exists():
         raise refuse(path, "no such recording")

@@ -33,8 +33,6 @@ from x2radar.wire.wire_ids import COMMAND_NAMES, PING_SEED, RESPONSE_NAMES, Data
 
 
 class _Form(NamedTuple):
-    """A row made ready for use."""
-
     row: Layout
     head: struct.Struct
 
@@ -216,15 +214,10 @@ def _elements(values: Any, dtype: str) -> bytes:
         return array.astype(dtype).tobytes()
 
 
-def _data_type(values: Any) -> DataType:
-    if values.dtype == np.uint8:
-        return DataType.BYTE
-    return DataType.INT if values.dtype == np.int32 else DataType.FLOAT
-
-
 def _encode_data(message: Data) -> bytes:
-    values = message.values
-    kind = _data_type(values)
+    values: Any = message.values
+    kinds = {np.dtype(np.uint8): DataType.BYTE, np.dtype(np.int32): DataType.INT}
+    kind = kinds.get(values.dtype, DataType.FLOAT)
     head = _HEAD.pack(0xA0, kind, message.content_id, message.info)
     counted = _COUNT.pack(values.size) + _elements(values, _DATA_TYPES[kind])
     return head + counted if values.size else head
@@ -262,13 +255,13 @@ def _decode_reply(data: PacketData) -> Reply:
         raise MessageError(msg)
     match kind:
         case DataType.STRING:
-            return Reply(content_id, info, _text(body))
+            text = bytes(body).rstrip(b"\0").decode("utf-8", "replace")
+            return Reply(content_id, info, text)
         case DataType.BYTE:
             return ByteReply(content_id, info, tuple(body))
-        case DataType.INT:
-            return Reply(content_id, info, struct.unpack(f"<{n}i", body))
         case _:
-            return Reply(content_id, info, struct.unpack(f"<{n}f", body))
+            code = "i" if kind == DataType.INT else "f"
+            return Reply(content_id, info, struct.unpack(f"<{n}{code}", body))
 
 
 def _encode_reply(message: Reply) -> bytes:
@@ -287,7 +280,3 @@ def _encode_reply(message: Reply) -> bytes:
     counted = _COUNT.pack(n) + body if n else b""
     size = b"" if kind is DataType.INT else bytes([_REPLY_SIZES[kind]])
     return head + counted + size
-
-
-def _text(data: PacketData) -> str:
-    return bytes(data).rstrip(b"\0").decode("utf-8", "replace")

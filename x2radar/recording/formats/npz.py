@@ -157,16 +157,12 @@ def write(path: Path, source: BlockReader) -> list[str]:
                 file.write(block.samples.tobytes())
                 counters.append(block.counter)
                 times.append(block.t_s)
-        labels = source.labels
         small: dict[str, Any] = {
             "counter": np.concatenate(counters),
             "t_s": np.concatenate(times),
             **source.root_attributes(),
         }
-        if labels:
-            small["labels_t0_s"], small["labels_t1_s"], small["labels_label"] = zip(
-                *labels, strict=True
-            )
+        small |= dict(zip(_LABELS, zip(*source.labels, strict=True), strict=False))
         for name, value in small.items():
             with archive.open(f"{name}.npy", "w") as file:
                 np.lib.format.write_array(file, np.asarray(value), allow_pickle=False)

@@ -9,14 +9,12 @@ import contextlib
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from x2radar.device.assemble import FrameAssembler
 from x2radar.errors import MessageError, SettingsError
 from x2radar.frame import Frame, Samples, StreamInfo
-from x2radar.modules.base import ModuleSettings
 from x2radar.modules.modules import settings_from_mapping
 from x2radar.modules.x2 import RadarSettings
 from x2radar.recording.about import NO_OVERRIDES, About, Overrides
@@ -25,7 +23,7 @@ from x2radar.recording.capture import FROM_MODULE, OPENED, TO_MODULE, Capture, C
 from x2radar.recording.faults import refuse
 from x2radar.wire.codec import decode_command
 from x2radar.wire.framing import Packet, PacketDecoder
-from x2radar.wire.messages import Message, SetMode, X4Set
+from x2radar.wire.messages import SetMode, X4Set
 from x2radar.wire.protocol import Damaged, Received, Session
 from x2radar.wire.wire_ids import Mode, X4Setting
 
@@ -38,9 +36,15 @@ class WireReader(BlockReader):
         self._capture = Capture(path)
         about = self._capture.about
         said = about.get("settings")
-        self._module = _module_settings(said)
+        try:
+            self._module = settings_from_mapping(dict(said or {}))
+        except (SettingsError, TypeError, ValueError):
+            # Of another version: as far as this one knows them.
+            self._module = RadarSettings()
         self._n_damaged = 0
-        self._is_started = self._has_start()
+        host = PacketDecoder()
+        # Where the host starts a stream, what came before is not its own.
+        self._is_started = any(_starts(host, chunk) for chunk in self._capture.chunks())
         counters: list[int] = []
         first: Frame | None = None
         for frame in self._decoded():
@@ -77,11 +81,6 @@ class WireReader(BlockReader):
         self._at = last
         return as_samples(np.stack([f.samples for f in wanted]), self.stream.axis.kind)
 
-    def _has_start(self) -> bool:
-        """Return whether the host starts a stream; what came before is then not its own."""
-        host = PacketDecoder()
-        return any(_starts(host, chunk) for chunk in self._capture.chunks())
-
     def _decoded(self) -> Iterator[Frame]:
         session, host = Session(), PacketDecoder()
         assembler = None if self._is_started else FrameAssembler(self._module)
@@ -109,29 +108,11 @@ class WireReader(BlockReader):
 
 def _starts(host: PacketDecoder, chunk: Chunk) -> bool:
     """Return whether the host's bytes in `chunk` end a command that starts a stream."""
-    if chunk.kind != TO_MODULE:
-        return False
-    for item in host.feed(chunk.data):
-        if isinstance(item, Packet):
-            with contextlib.suppress(MessageError):
-                if _is_start(decode_command(item.data)):
+    for item in host.feed(chunk.data) if chunk.kind == TO_MODULE else ():
+        with contextlib.suppress(MessageError):
+            match decode_command(item.data) if isinstance(item, Packet) else None:
+                case SetMode(Mode.RUN | Mode.MANUAL):
+                    return True
+                case X4Set(X4Setting.FPS, (rate_hz,)) if rate_hz > 0:
                     return True
     return False
-
-
-def _is_start(command: Message) -> bool:
-    match command:
-        case SetMode(Mode.RUN | Mode.MANUAL):
-            return True
-        case X4Set(X4Setting.FPS, (rate_hz,)):
-            return rate_hz > 0
-        case _:
-            return False
-
-
-def _module_settings(known: Any) -> ModuleSettings:
-    """Return the settings that the head names, as far as this version knows them."""
-    try:
-        return settings_from_mapping(dict(known or {}))
-    except (SettingsError, TypeError, ValueError):
-        return RadarSettings()
