@@ -29,7 +29,7 @@ from x2radar.sim.module.module import SimulatedModule
 from x2radar.sim.scene.scene import load_scene
 from x2radar.wire import framing
 from x2radar.wire.codec import encode
-from x2radar.wire.messages import Ack, Ping, Reset
+from x2radar.wire.messages import Ack, Data, Ping, Reset
 
 N = 90
 
@@ -233,3 +233,27 @@ def test_decode_of_a_capture(capsys, tmp_path):
     assert "cut off" in faults[-1]
     times = [item["t_s"] for item in items]
     assert times == sorted(times)
+    code, out, err = run(capsys, "decode", path, "--summary")
+    assert (code, err) == (0, "")
+    lines = [" ".join(line.split()) for line in out.splitlines()]
+    assert lines[:4] == [
+        "packets 3",
+        "1 Ack, from module",
+        "1 Ping, to module",
+        "1 Reset, to module",
+    ]
+    assert "faults 3" in lines
+
+
+def test_a_summary_tells_rate_and_gaps(capsys, tmp_path):
+    path = tmp_path / "w"
+    writer = CaptureWriter(path, {})
+    for counter in (1, 2, 5, 6, 6):
+        values = np.zeros(4, np.float32)
+        writer.add(FROM_MODULE, framing.encode(encode(Data(0, counter, values))))
+        time.sleep(0.02)
+    writer.close()
+    code, out, _ = run(capsys, "decode", path, "--summary")
+    assert code == 0
+    assert "5; 2 lost in 1 gaps, longest 2; 0 restarts, 1 repeats" in out
+    assert 5 < float(out.partition("rate")[2].split()[0]) < 50.1

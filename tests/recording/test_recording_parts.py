@@ -237,6 +237,23 @@ def test_record_in_parts_with_a_capture(capsys, tmp_path):
     assert (code, "w_000.h5: exists already" in err) == (66, True)
 
 
+def test_a_simulated_module_says_who_was_there_and_a_user_may(capsys, tmp_path):
+    scene = tmp_path / "s.yaml"
+    both = "  - {actors: [{body: dog}, {body: human}], duration_s: 5}\n"
+    scene.write_text(f"steps:\n  - {{body: cat, duration_s: 1}}\n  - {{duration_s: 0.5}}\n{both}")
+    argv = ["--port", f"sim:{scene}", "--speed", "max", "--duration", "3"]
+    assert run(capsys, "record", tmp_path / "w.h5", *argv, "--rotate-time", "2")[0] == 0
+    with open_recording(tmp_path / "w.h5") as reader:
+        t0_s, t1_s, who = zip(*reader.labels, strict=True)
+    assert who == ("pet", "human", "human")
+    assert (t0_s, t1_s) == (pytest.approx((0, 1.5, 2)), pytest.approx((1, 2, 3)))
+    assert run(capsys, "record", tmp_path / "mine.h5", *argv, "--label", "tom")[0] == 0
+    with open_recording(tmp_path / "mine.h5") as reader:
+        assert reader.labels == [(0.0, 3.0, "tom")]
+    code, _, err = run(capsys, "record", tmp_path / "x.h5", *argv, "--label", "")
+    assert (code, err) == (2, "x2radar: --label: must be a word, such as human or pet\n")
+
+
 @pytest.fixture
 def here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

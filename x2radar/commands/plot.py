@@ -18,6 +18,7 @@ from x2radar.errors import RecordingError, SettingsError
 from x2radar.extras import needed
 from x2radar.frame import Frame, Samples, StreamInfo
 from x2radar.maps import range_time, spectrum, velocity_time
+from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 from x2radar.ports import is_port, parse_port, recording_path
 from x2radar.radars import make_radar
 
@@ -121,14 +122,29 @@ def draw(look: Look) -> Any:
     figure, (top, middle, bottom) = plt.subplots(3, 1, figsize=(9, 10), layout="constrained")
     lost = f", {look.n_lost} frames missing" if look.n_lost else ""
     figure.suptitle(f"{look.title}: {len(look.samples) / rate_hz:.1f} s at {rate_hz:g} Hz{lost}")
-    _image(top, ranges, look.start_s, _DEPTHS_DB[0])
+    for axes, shown, depth_db in zip((top, middle), (ranges, velocities), _DEPTHS_DB, strict=True):
+        image = _image(axes, shown, look.start_s, depth_db)
+        figure.colorbar(image, ax=axes, label="power under the peak (dB)", pad=0.01)
     top.set(ylabel="range (m)", title="what moves, by range", xlabel="time (s)")
-    _image(middle, velocities, look.start_s, _DEPTHS_DB[1])
-    middle.set(ylabel="approaching (m/s)", title="by radial velocity", xlabel="time (s)")
+    # Where the phase turns by half a circle from frame to frame, c fp / (4 fc).
+    alias_mps = SPEED_OF_LIGHT_MPS * rate_hz / (4 * axis.carrier_hz)
+    if alias_mps < velocities[1][-1]:
+        for sign in (-1, 1):
+            middle.axhline(sign * alias_mps, color="white", ls="--", lw=0.8)
+        text = f"beyond ±{alias_mps:.2f} m/s (dashed) bands may be aliases, "
+        text += f"{2 * alias_mps:.2f} m/s off"
+    else:
+        text = "no aliases"
+    middle.set(
+        ylabel="radial velocity (m/s),\napproaching positive",
+        title=f"by radial velocity: {text}",
+        xlabel="time (s)",
+    )
     for values, name in ((total, "all"), (moving, "what moves")):
         # Without the mean of the RF samples, which is not of the pulse and above all else.
         bottom.plot(frequency_hz[1:] / 1e9, _db(values)[1:], label=name, lw=1)
-    bottom.set(xlabel="frequency (GHz)", ylabel="dB", title="spectrum of the frames")
+    bottom.set(xlabel="frequency (GHz)", ylabel="power (dB, sample units²)")
+    bottom.set_title("spectrum of the frames")
     bottom.legend(loc="upper right")
     return figure
 
@@ -138,14 +154,14 @@ def _image(
     shown: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
     start_s: float,
     depth_db: float,
-) -> None:
+) -> Any:
     power, rows, t_s = shown
     times_s, extent = t_s + start_s, []
     for values in (times_s, rows):
         half = (values[-1] - values[0]) / max(1, len(values) - 1) / 2 or 0.5
         extent += [values[0] - half, values[-1] + half]
     level_db = _db(power)
-    axes.imshow(
+    return axes.imshow(
         level_db - level_db.max(),
         aspect="auto",
         origin="lower",

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 
 from x2radar.command import StatusLine
 from x2radar.commands import Commands, add_command, check_above_zero
+from x2radar.device.device import X2Radar
 from x2radar.errors import (
     ReadTimeout,
     RecordingError,
@@ -27,10 +28,13 @@ from x2radar.errors import (
     X2RadarError,
 )
 from x2radar.frame import Frame
-from x2radar.ports import PORT_FORMS, parse_port, parse_speed
+from x2radar.ports import PORT_FORMS, Port, parse_port, parse_speed
 from x2radar.radars import make_radar
+from x2radar.sim.scene.scene import load_scene
+from x2radar.sim.scene.stage import Stage
 
 if TYPE_CHECKING:
+    from x2radar.recording.blocks import Label
     from x2radar.recording.parts import RotatingWriter
 
 _MB = 1e6
@@ -44,6 +48,7 @@ def register(commands: Commands) -> None:
         "record frames into an HDF5 file",
         "examples:\n"
         "  x2radar record --port /dev/ttyACM0 --rotate-time 3600 night.h5\n"
+        "  x2radar record --port /dev/ttyACM0 --duration 60 --label pet cat.h5\n"
         "  x2radar record --port 'sim:dog?seed=4' --duration 10 --speed max dog.h5\n",
     )
     add = parser.add_argument
@@ -56,6 +61,7 @@ def register(commands: Commands) -> None:
     add("--capture-wire", type=Path, metavar="FILE", help="keep the raw bytes as well")
     add("--fsync", action="store_true", help="survive a power failure: sync every second")
     add("--speed", default="realtime", help="sim: realtime, max or a factor")
+    add("--label", metavar="NAME", help="who is there: human, pet ...; sim: says so itself")
     parser.set_defaults(run=_run)
 
 
@@ -67,7 +73,8 @@ def _run(args: argparse.Namespace) -> int:
 
     _check(args)
     check_free_name(args.file, rotating=bool(args.rotate_size or args.rotate_time))
-    radar = make_radar(parse_port(args.port), speed=parse_speed(args.speed))
+    port = parse_port(args.port)
+    radar = make_radar(port, speed=parse_speed(args.speed))
     paths = (args.file, args.capture_wire) if args.capture_wire else (args.file,)
     if (free := free_bytes(*paths)) < args.free_floor * _MB:
         msg = (
@@ -89,18 +96,19 @@ def _run(args: argparse.Namespace) -> int:
         assert radar.stream is not None  # noqa: S101 - known with the first frame
         rate_hz = radar.stream.frame_rate_hz
         stop = open_now.enter_context(stop_flag())
-        writer = open_now.enter_context(
-            RotatingWriter(
-                args.file,
-                radar.stream,
-                started_utc=utc_text(),
-                device={"name": radar.name},
-                settings=settings,
-                rotate_bytes=args.rotate_size and args.rotate_size * _MB,
-                rotate_s=args.rotate_time,
-                fsync=args.fsync,
-            )
+        writer = RotatingWriter(
+            args.file,
+            radar.stream,
+            started_utc=utc_text(),
+            device={"name": radar.name},
+            settings=settings,
+            rotate_bytes=args.rotate_size and args.rotate_size * _MB,
+            rotate_s=args.rotate_time,
+            fsync=args.fsync,
         )
+        # Called after the writer is closed.
+        open_now.callback(lambda: writer.label(_labels(args.label, port, radar, first.counter)))
+        open_now.enter_context(writer)
         tally = record(
             chain([first], frames),
             writer,
@@ -124,9 +132,27 @@ def _check(args: argparse.Namespace) -> None:
     check_above_zero("--duration", args.duration, "seconds")
     check_above_zero("--rotate-size", args.rotate_size, "MB")
     check_above_zero("--rotate-time", args.rotate_time, "seconds")
+    if args.label is not None and not (args.label and args.label.isprintable()):
+        msg = "--label: must be a word, such as human or pet"
+        raise SettingsError(msg)
     if not 0 <= args.free_floor < 1e9:
         msg = f"--free-floor {args.free_floor:g}: must be 0 or more, in MB"
         raise SettingsError(msg)
+
+
+def _labels(name: str | None, port: Port, radar: X2Radar, counter: int) -> "list[Label]":
+    """Return who was there, as the user or the scene says; `counter` is the first frame's.
+
+    A simulated module that has restarted began its scene again: nobody knows when.
+    """
+    if name is not None:
+        return [(0.0, math.inf, name)]
+    if port.kind != "sim" or radar.stats.restarts:
+        return []
+    rate_hz, n_frames = radar.settings.frame_rate_hz, radar.stats.frames + radar.stats.lost
+    seed, before_s = int(port.options.get("seed", "0")), (counter - 1) / rate_hz
+    labels = Stage(load_scene(port.target), seed, rate_hz).labels(before_s + n_frames / rate_hz)
+    return [(t0_s - before_s, t1_s - before_s, label) for t0_s, t1_s, label in labels]
 
 
 def free_bytes(*paths: Path) -> float:

@@ -8,7 +8,7 @@ parts belong together. Losses between two parts show in the counters, as within 
 import contextlib
 import re
 import uuid
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from x2radar.recording.about import NO_OVERRIDES, Overrides
 from x2radar.recording.blocks import BlockReader, Label
 from x2radar.recording.faults import refuse, unreadable
 from x2radar.recording.hdf5_reader import RecordingReader
-from x2radar.recording.hdf5_writer import RecordingWriter
+from x2radar.recording.hdf5_writer import RecordingWriter, reason, write_labels
 from x2radar.recording.stamps import utc_text
 
 
@@ -71,8 +71,9 @@ class RotatingWriter(Closing):
         self._id = str(uuid.uuid4())
         self._done_bytes = self._seen_bytes = self._grows_by = 0
         self._writer: RecordingWriter | None = None
-        self._first_index = 0
+        self._first_index = self._next_index = 0
         self.paths: list[Path] = []
+        self._starts_s: list[float] = []
         check_free_name(path, rotating=self.is_rotating)
         self._next_part(0)
 
@@ -94,6 +95,18 @@ class RotatingWriter(Closing):
             self.close()
             self._next_part(frame.index)
         self._writer.write(frame)
+        self._next_index = frame.index + 1
+
+    def label(self, labels: Iterable[Label]) -> None:
+        """Add labelled stretches to the closed parts; what lies beyond the frames is cut off."""
+        bounds = [*self._starts_s, self._next_index / self._stream.frame_rate_hz]
+        for path, begin_s, end_s in zip(self.paths, bounds, bounds[1:], strict=False):
+            cut = ((max(t0, begin_s), min(t1, end_s), text) for t0, t1, text in labels)
+            own = [(t0 - begin_s, t1 - begin_s, text) for t0, t1, text in cut if t0 < t1]
+            try:
+                write_labels(path, own)
+            except (OSError, RuntimeError) as err:
+                raise refuse(path, f"cannot write its labels: {reason(err)}") from err
 
     def close(self) -> None:
         """Write what is left and close the last part; a second call does nothing."""
@@ -133,6 +146,7 @@ class RotatingWriter(Closing):
         self._first_index = index
         self._seen_bytes = self._writer.n_bytes
         self.paths.append(path)
+        self._starts_s.append(start_s)
 
 
 def check_free_name(path: Path, *, rotating: bool) -> None:

@@ -99,6 +99,22 @@ class Stage:
             rows = [EchoRows(np.zeros((n, 0)), np.zeros((n, 0)))]
         return SceneBlock(join(tuple(rows)), offset_m, movers, points)
 
+    def labels(self, duration_s: float) -> list[tuple[float, float, str]]:
+        """Return who is there from when to when since the stream's start: (t0_s, t1_s, label).
+
+        A step is a person's if there is one in it, else a pet's, else that of other things, those
+        of the background among them; steps in which nothing moves have no label.
+        """
+        found: list[tuple[float, float, str]] = []
+        for now in self._walk():
+            t0_s, t1_s = now.begun / self._rate_hz, (now.begun + now.n) / self._rate_hz
+            if t0_s >= duration_s:
+                break
+            here = {mover.label for mover in (*now.movers, *self._background)}
+            labels = [label for label in ("human", "pet", "other") if label in here]
+            found += [(t0_s, min(t1_s, duration_s), label) for label in labels[:1]]
+        return found
+
     def _rows(self, points: Points, offset_m: Array | None) -> Iterator[EchoRows]:
         antenna = self._scene.antenna
         yield antenna.direct(points, offset_m)
