@@ -1,4 +1,5 @@
 import json
+import re
 import shutil
 
 import numpy as np
@@ -53,8 +54,8 @@ def test_the_page_is_written_by_one_command(published):
     assert "--share 0.01" in text.partition("about a minute")[2]
     assert "2 repeats with new initial weights (the thesis: 10)" in text
     assert str(folder) not in text
-    for name in text.split("](")[1:]:
-        assert (path.parent / name.split(")")[0]).stat().st_size > 1000
+    for name in re.findall(r"!\[[^]]*\]\(([^)]+)\)", text):
+        assert (path.parent / name).stat().st_size > 1000
     result = ResultFile(folder / "cache" / "results").path("T2D60", "relu")
     confusion = np.array(json.loads(result.read_text())["evaluation"]["confusion"])
     assert (confusion.sum(axis=(1, 2)) == 8).all()
