@@ -24,20 +24,19 @@ SHIPPED = [name for name in RECIPES if name != "thesis"]
 @pytest.mark.parametrize("name", SHIPPED)
 def test_a_shipped_bundle_is_what_its_recipe_makes(name):
     training = json.loads(sidecar_path(name).read_text())["training"]
-    told = recipe_of(training["command"])
-    assert told in {name, f"{name} --motion DIR"}
+    assert training["command"] == RECIPES[name].command
+    assert recipe_of(training["command"]) == name
     card = sidecar_path(name).with_suffix(".md").read_text()
-    assert f"    train-export make {told}\n" in card
+    motion = " --motion DIR" if RECIPES[name].needs_motion else ""
+    assert f"    train-export make {name}{motion}\n" in card
     # Whoever's motion it has learned from is named.
-    assert ("clips" in training) == told.endswith("DIR") == ("recorded and animated" in card)
+    assert ("clips" in training) == bool(motion) == ("recorded and animated" in card)
 
 
 @pytest.mark.parametrize("name", SHIPPED)
 def test_sets_are_those_of_the_sidecar(name):
-    training = json.loads(sidecar_path(name).read_text())["training"]
-    abouts = training["sets"] + training.get("start", {}).get("sets", [])
-    motion = Path("/clips") if "clips" in training else None
-    steps = [step for step in arguments(name, motion=motion) if step[0] == "dataset"]
+    abouts = json.loads(sidecar_path(name).read_text())["training"]["sets"]
+    steps = [step for step in arguments(name) if step[0] == "dataset"]
     wanted = {
         (a["elements"], a["seed"], a["use"], a["radar"], a.get("longest_s", 6.0)) for a in abouts
     }
@@ -82,28 +81,27 @@ def test_a_share_has_sets_and_a_folder_of_its_own(tmp_path):
     assert {step[step.index("--passages") + 1] for step in smallest} == {"12"}
 
 
-def test_recorded_motion_goes_on_from_where_the_others_ended(tmp_path, capsys):
-    steps = arguments("balanced", share=0.01, motion=Path("/clips"))
-    assert [step[0] for step in steps if step[0] != "dataset"] == ["fit", "fit", "temporal"]
-    first, again = (step for step in steps if step[0] == "fit")
-    assert "--start" not in first
-    assert again[again.index("--start") + 1] == "models/balanced.onnx"
+def test_recorded_motion_goes_on_from_a_shipped_bundle(capsys):
+    steps = arguments("x2", share=0.01, motion=Path("/clips"), models=Path("mine"))
+    assert [step[0] for step in steps if step[0] != "dataset"] == ["fit", "temporal"]
+    (fit,) = (step for step in steps if step[0] == "fit")
+    assert fit[fit.index("--start") + 1] == "accurate"
     clips = [step for step in steps if "--clips" in step]
     assert len(clips) == 3
     assert all(step[step.index("--clips") + 1] == "/clips" for step in clips)
-    with pytest.raises(SystemExit):
-        main(["make", "balanced", "--motion"])
-    assert main(["make", "x4m03", "--motion", str(tmp_path)]) == 2
-    assert "no recipe of recorded motion makes 'x4m03'" in capsys.readouterr().err
+    assert main(["make", "x2"]) == 2
+    assert "make x2: needs --motion" in capsys.readouterr().err
 
 
 @pytest.mark.nightly
 def test_recipe_is_run_whole(tmp_path, monkeypatch, capsys):
     train, check = "--train sets/train", "--validate sets/check"
     tiny = Recipe(
-        f"train-export fit {train} {check} --name tiny --size fast --epochs 1 --seed 0",
-        f"train-export temporal --model models/tiny.onnx {train} sets/x4hcheck {check} "
-        "--epochs 1 --seed 0",
+        (
+            f"train-export fit {train} {check} --name tiny --size fast --epochs 1 --seed 0",
+            f"train-export temporal --model models/tiny.onnx {train} sets/x4hcheck {check} "
+            "--epochs 1 --seed 0",
+        )
     )
     monkeypatch.setattr(recipes, "RECIPES", MappingProxyType({"tiny": tiny}))
     monkeypatch.setattr("x2train.commands.make.RECIPES", recipes.RECIPES)
@@ -170,5 +168,5 @@ def test_commands_are_shown(capsys):
         lines[0] == "train-export dataset --out sets/train --seed 1 --passages 40000 --workers 2"
     )
     assert " && ".join(line for line in lines if " dataset " not in line) == (
-        " && ".join(RECIPES["x4m03"].commands(with_motion=False))
+        RECIPES["x4m03"].command
     )

@@ -19,11 +19,12 @@ _X2_CLEAR = (
     "--plain 1 --longest 6"
 )
 """What transfers best to recorded motion (docs/research/evaluation-tried.md)."""
+_MOTION = "MOTION"
+"""Stands for the folder that `make --motion` names."""
 _CLIPS = (
-    "--clips MOTION --skin points ellipsoids capsules surface points ellipsoids --clear 0.7 "
+    f"--clips {_MOTION} --skin points ellipsoids capsules surface points ellipsoids --clear 0.7 "
     "--plain 0.7 --physical 0.4"
 )
-"""Of recorded motion: MOTION is the folder that `make --motion` names."""
 _SETS: Mapping[str, tuple[int, str]] = MappingProxyType(
     {
         "x2clear": (26_000, f"{_X2_CLEAR} --seed 506"),
@@ -38,7 +39,6 @@ _SETS: Mapping[str, tuple[int, str]] = MappingProxyType(
         "clips": (12_000, f"{_CLIPS} --radar x2 --longest 7 --seed 701"),
         "clipslong": (1_200, f"{_CLIPS} --radar x2 {_LONG} --seed 702"),
         "clipscheck": (600, f"{_CLIPS} --radar any --longest 7 --seed 703"),
-        "x4clips": (3_000, f"{_CLIPS} --radar x4m03 --longest 7 --seed 704"),
         "x2near": (12_000, f"{_X2_CLEAR} --physical 0.3 --seed 506"),
         "anyrooms": (2_000, f"{_BODIES} --clear 0.5 --physical 0.5 --longest 7 --seed 705"),
         "train": (40_000, "--seed 1"),
@@ -78,40 +78,32 @@ _SMALL_SHARE = 0.05  # to try it; an epoch is shorter than the compiler's work
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """How a bundle is made: commands of `train-export` behind its sets, as its card has them.
+    """How a bundle is made: commands of `train-export` behind its sets, as its card has them."""
 
-    The network of `fit` gets the head of `temporal`; or it goes on from there with recorded motion
-    (`recorded`), which begins where `fit` has ended.
-    """
+    commands: tuple[str, ...]
+    start: str = ""  # the bundle that it goes on from, by name
 
-    fit: str
-    temporal: str = ""  # none for the thesis' network
-    recorded: tuple[str, ...] = ()
+    @property
+    def command(self) -> str:
+        """As the sidecar has it, with what its start was made by."""
+        before = RECIPES[self.start].commands[:1] if self.start else ()
+        return " && ".join((*before, *self.commands))
 
-    def commands(self, *, with_motion: bool) -> tuple[str, ...]:
-        """Return the commands, with recorded motion or without."""
-        more = self.recorded if with_motion else (self.temporal,)
-        return (self.fit, *filter(None, more))
+    @property
+    def needs_motion(self) -> bool:
+        """Whether bodies of its sets move as clips do."""
+        return any(
+            f"sets/{name}" in self.command for name, (_, how) in _SETS.items() if _MOTION in how
+        )
 
 
-def _recipe(
-    name: str,
-    size: str,
-    fit: str,
-    *,
-    sets: str = _ALL,
-    long_sets: str = _LONG_SETS,
-    more: str = "--epochs 3 --seed 0 --half",
-) -> Recipe:
-    head = f"--size {size} --epochs 6 --seed 0"
-    model = f"models/{name}.onnx"
+def _recipe(name: str, size: str, fit: str, *, sets: str = _ALL) -> Recipe:
     return Recipe(
-        f"train-export fit {sets} --name {name} --size {size} {fit}",
-        f"train-export temporal --model {model} {long_sets} {head}",
         (
-            f"train-export fit {_RECORDED} --name {name} --size {size} {more} --start {model}",
-            f"train-export temporal --model {model} {_RECORDED_LONG} {head}",
-        ),
+            f"train-export fit {sets} --name {name} --size {size} {fit}",
+            f"train-export temporal --model models/{name}.onnx {_LONG_SETS} --size {size} "
+            "--epochs 6 --seed 0",
+        )
     )
 
 
@@ -120,15 +112,28 @@ RECIPES: Mapping[str, Recipe] = MappingProxyType(
         "accurate": _recipe("accurate", "accurate", "--epochs 4 --seed 0 --half", sets=_MILLION),
         "balanced": _recipe("balanced", "balanced", "--epochs 8 --seed 0 --half"),
         "fast": _recipe("fast", "fast", "--epochs 6 --seed 0 --half"),
+        "x2": Recipe(
+            (
+                f"train-export fit {_RECORDED} --name x2 --size accurate --epochs 3 --seed 0 "
+                "--half --start accurate --stream x2",
+                f"train-export temporal --model models/x2.onnx {_RECORDED_LONG} --size accurate "
+                "--prior -0.5 --human-limit 0.65 --epochs 6 --seed 0",
+            ),
+            start="accurate",
+        ),
         "x4m03": Recipe(
-            f"train-export fit {_X4_SETS} --name x4m03 --size accurate --epochs 7 --seed 0 --half "
-            "--compile",
-            f"train-export temporal --model models/x4m03.onnx {_X4_LONG_SETS} --size accurate "
-            "--epochs 6 --seed 0",
+            (
+                f"train-export fit {_X4_SETS} --name x4m03 --size accurate --epochs 7 --seed 0 "
+                "--half --compile",
+                f"train-export temporal --model models/x4m03.onnx {_X4_LONG_SETS} --size accurate "
+                "--epochs 6 --seed 0",
+            )
         ),
         "thesis": Recipe(
-            "train-export thesis --pretrain 12,3 --output-epochs 9 --epochs 200 "
-            "--bundle models/thesis"
+            (
+                "train-export thesis --pretrain 12,3 --output-epochs 9 --epochs 200 "
+                "--bundle models/thesis",
+            )
         ),
     }
 )
@@ -136,12 +141,9 @@ RECIPES: Mapping[str, Recipe] = MappingProxyType(
 
 
 def recipe_of(command: str) -> str | None:
-    """Return what `make` is told for a card's command; None if no recipe runs it."""
-    for name, recipe in RECIPES.items():
-        for with_motion, told in ((False, name), (True, f"{name} --motion DIR")):
-            if command == " && ".join(recipe.commands(with_motion=with_motion)):
-                return told
-    return None
+    """Return the name of the recipe that runs a card's command; None if none does."""
+    names = (name for name, recipe in RECIPES.items() if recipe.command == command)
+    return next(names, None)
 
 
 def arguments(
@@ -160,13 +162,15 @@ def arguments(
     """
     folder = "sets" if share == 1 else f"sets-{share:g}"
     made: dict[str, list[str]] = {}
-    for command in RECIPES[name].commands(with_motion=motion is not None):
+    for command in RECIPES[name].commands:
         words = []
         for word in shlex.split(command)[1:]:
             top, _, rest = word.partition("/")
             if top == "sets":
                 step = _dataset(rest, f"{folder}/{rest}", share, workers)
-                made.setdefault(rest, [str(motion) if w == "MOTION" else w for w in step])
+                made.setdefault(
+                    rest, [str(motion or _MOTION) if w == _MOTION else w for w in step]
+                )
                 words.append(f"{folder}/{rest}")
             else:
                 words.append(str(models / rest) if top == "models" and rest else word)

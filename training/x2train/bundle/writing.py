@@ -89,13 +89,14 @@ def _card(sidecar: dict[str, Any], n_bytes: int, notes: str) -> str:
     stream = "\n".join(f"| {k} | {lo:g} to {hi:g} |" for k, (lo, hi) in sidecar["stream"].items())
     training = sidecar["training"]
     inputs = ", ".join(f"`{i['feature']}`" for i in sidecar["inputs"])
-    recipe = recipe_of(training["command"])
+    recipe, clips = recipe_of(training["command"]), training.get("clips", {})
     gate = ", ".join(f"{key} {value:g}" for key, value in sidecar.get("gate", {}).items())
-    whole = f"\n\nand with its sets by\n\n    train-export make {recipe}" if recipe else ""
+    told = f"{recipe} --motion DIR" if clips else recipe
+    whole = f"\n\nand with its sets by\n\n    train-export make {told}" if recipe else ""
     return f"""# Model `{sidecar["name"]}`
 
 {training["recipe"]}
-{_learned_from(training.get("clips", {}))}
+{_learned_from(clips)}
 Made by one command (same seed, same file on one machine):
 
     {training["command"]}{whole}

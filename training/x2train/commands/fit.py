@@ -84,6 +84,7 @@ def register(commands: Commands) -> None:
         help="let torch compile the network: faster, needs a C++ compiler",
     )
     add("--teacher", metavar="MODEL", help="a bundle whose probabilities are learnt beside labels")
+    add("--stream", choices=sorted(_STREAMS), help="what it is for (what --validate is of)")
     add("--start", metavar="MODEL", help="a bundle of this size whose weights are gone on from")
     parser.set_defaults(run=_run)
 
@@ -160,7 +161,7 @@ def _run(args: argparse.Namespace) -> int:
         onnx=onnx_bytes,
         inputs=inputs,
         features=features,
-        stream=stream_of(judged),
+        stream=_STREAMS[args.stream] if args.stream else stream_of(judged),
         classes=CLASSES,
         temperature=trained.temperature,
         pet_limit=PET_LIMIT,
@@ -199,4 +200,5 @@ def _command(args: argparse.Namespace) -> str:
         f"{' --half' if args.half else ''}{' --compile' if args.compile else ''}"
         f"{f' --teacher {args.teacher}' if args.teacher else ''}"
         f"{f' --start {args.start}' if args.start else ''}"
+        f"{f' --stream {args.stream}' if args.stream else ''}"
     )

@@ -30,7 +30,7 @@ def register(commands: Commands) -> None:
         epilog=(
             "examples:\n"
             "  train-export make accurate\n"
-            "  train-export make accurate --motion clips    goes on with recorded motion\n"
+            "  train-export make x2 --motion clips       of recorded motion\n"
             "  train-export make fast --share 0.01 --out /tmp/models    to try it\n"
         ),
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -53,8 +53,8 @@ def _run(args: argparse.Namespace) -> int:
     if not 0 < args.share <= 1:
         msg = f"--share {args.share:g}: must be over 0, 1 at most"
         raise UsageError(msg)
-    if args.motion and not RECIPES[args.name].recorded:
-        msg = f"--motion: no recipe of recorded motion makes '{args.name}'"
+    if RECIPES[args.name].needs_motion and not (args.motion or args.show):
+        msg = f"make {args.name}: needs --motion, a folder of clips; see train-export motion"
         raise UsageError(msg)
     steps = arguments(
         args.name, share=args.share, workers=args.workers, models=args.out, motion=args.motion

@@ -40,6 +40,7 @@ def register(commands: Commands) -> None:
         default=0.0,
         help="added to what speaks for a person, to calibrate it on bodies nobody trained on (0)",
     )
+    add("--human-limit", type=float, help="no waiting from this p(human) on (by --size)")
     add("--epochs", type=int, default=6, help="passes over the passages (6)")
     add("--seed", type=int, default=0, help="same seed, same file (0)")
     parser.set_defaults(run=_run)
@@ -68,6 +69,7 @@ def _run(args: argparse.Namespace) -> int:
         check_calibration(validation.given.label)
     trained = followed(fit_head(train.given, validation.given, settings), args.epochs)
     name = args.name or bundle.name
+    limit = HUMAN_LIMIT[args.size] if args.human_limit is None else args.human_limit
     metrics = write_temporal(
         args.out,
         name,
@@ -76,7 +78,7 @@ def _run(args: argparse.Namespace) -> int:
         validation=validation,
         abouts=abouts,
         command=_command(args),
-        evidence={"human_limit": HUMAN_LIMIT[args.size], "prior_human": args.prior},
+        evidence={"human_limit": limit, "prior_human": args.prior},
     )
     tell_bundle(args.out / name, metrics)
     return 0
@@ -86,6 +88,7 @@ def _command(args: argparse.Namespace) -> str:
     name = f" --name {args.name}" if args.name else ""
     sets = sets_of(args, "train", "validate")
     prior = f" --prior {args.prior:g}" if args.prior else ""
+    prior += "" if args.human_limit is None else f" --human-limit {args.human_limit:g}"
     return (
         f"train-export temporal --model {args.model} {sets} --size {args.size}{name}{prior} "
         f"--epochs {args.epochs} --seed {args.seed}"
