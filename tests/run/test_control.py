@@ -174,7 +174,9 @@ def test_what_is_no_command_is_refused_and_does_no_harm(tmp_path, launch, line):
     assert ask(path, "disarm")["armed"] is False
 
 
-def test_a_socket_that_was_left_behind_is_replaced_and_one_in_use_is_not(tmp_path, launch, said):
+def test_a_socket_that_was_left_behind_is_replaced_and_one_in_use_is_not(
+    tmp_path, launch, said, caplog
+):
     path = control_path(tmp_path, "radar")
     with socket.socket(socket.AF_UNIX) as dead:
         dead.bind(str(path))
@@ -182,6 +184,9 @@ def test_a_socket_that_was_left_behind_is_replaced_and_one_in_use_is_not(tmp_pat
     inode = path.stat().st_ino
     assert said("disarm") == (0, "disarmed")
     assert control._listen(path) is None
+    assert said("disarm") == (0, "disarmed")
+    # Who only looked whether it is in use asked for nothing.
+    assert "was not answered" not in caplog.text
     assert path.stat().st_ino == inode
 
 
