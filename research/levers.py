@@ -1,4 +1,4 @@
-"""What each setting costs in misses, false alarms, time and CPU: `docs/levers.md`.
+"""What each setting costs in misses, false alarms, time and CPU: `docs/tradeoff.md`.
 
 People and pets go through drawn rooms as in the acceptance test: cross sections follow from sizes,
 every motion and skin, no domain randomization. A case changes one setting and leaves the others as

@@ -1,10 +1,12 @@
-"""What speed costs in accuracy, switch by switch, bundle by bundle: `docs/tradeoff.md`."""
+"""What speed costs in accuracy, switch by switch, bundle by bundle: `docs/tradeoff.md`.
+
+Settings of an installation are in the same page, by `levers.py`.
+"""
 
 import argparse
-import os
 import platform
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +14,20 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from radard.judge.bundle import load_bundle
-from study import check_picture, check_within, run_script, save, script_parser
+from study import (
+    Marks,
+    check_picture,
+    check_within,
+    publish,
+    run_script,
+    save,
+    say,
+    script_parser,
+)
 from tradeoff_measure import (
     SETTINGS,
     SWITCHES,
     Combination,
-    Switch,
     SwitchRow,
     best,
     check_combined,
@@ -29,21 +39,12 @@ from tradeoff_measure import (
 )
 from x2train.commands import counted
 
+MARKS: Marks = ("<!-- switches -->", "<!-- end of switches -->")
 _PICTURES = {
     "velocity_time": "velocity-time",
     "velocity_time_medium": "medium CPI",
     "velocity_time_long": "long CPI",
     "range_time": "range-time",
-}
-_MEANING = {
-    "decimation": "Bins of 3.7 mm times this. The matched filter comes first, so no noise folds.",
-    "stride": "Frames from one velocity column to the next; pictures have cells of 50 ms.",
-    "step_mps": "401, 201, 101, 51 and 25 rows from -5 to 5 m/s. A CPI of 0.2 s resolves "
-    "0.15 m/s.",
-    "cpis": "CPIs of 0.2, 0.6 and 1.5 s; of 0.2 and 0.6 s; of 0.2 s alone. What the longer ones "
-    "are worth to a network that is trained so: [what was tried](research/evaluation-tried.md).",
-    "source": "RF that is down-converted here, or baseband that the module made. The loss is "
-    "mostly another draw of the receiver's noise.",
 }
 _MIN_LOSS_DB = 1e-3  # drawn for none
 _MARKS = {3: "o", 2: "s", 1: "^"}  # of combinations, by their CPIs
@@ -53,12 +54,12 @@ _NEARBY = ((4, 3), (4, -9), (-4, 3), (-4, -9), (0, 6))
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Measure switches and combinations; write page and plot."""
+    """Measure switches and combinations; print the tables."""
     parser = script_parser(
         "tradeoff",
-        "Measure what every switch costs and loses.",
+        "Measure what every switch costs and loses; print the tables.",
         "--combine fast balanced accurate\n"
-        "--scenes human --draws 1 --duration 6 --rounds 1 --page small.md --plot small.png",
+        "--scenes human --draws 1 --duration 6 --rounds 1 --plot small.png",
     )
     add = parser.add_argument
     add("--scenes", nargs="+", default=["human", "dog", "fan"], metavar="SCENE", help="built-in")
@@ -75,8 +76,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         help="bundles to judge with every combination of maps and decimation",
     )
     add("--passages", type=int, default=400, help="passages that they are judged by (400)")
-    add("--page", type=Path, default=Path("docs/tradeoff.md"), metavar="FILE", help="table")
-    add("--plot", type=Path, default=Path("docs/images/tradeoff.png"), metavar="FILE", help="plot")
+    add("--page", type=Path, metavar="FILE", help="a page whose tables of switches are replaced")
+    add("--plot", type=Path, metavar="FILE", help="PNG")
     return run_script(parser, _run, argv)
 
 
@@ -107,11 +108,12 @@ def _run(args: argparse.Namespace) -> None:
         grid = grid_section(made, len(windows.passage), int(windows.passage.max()) + 1)
     with counted("switches") as tell:
         rows = measure(recordings, args.rounds, tell)
-    save(drawn(rows, made), args.plot, 110)
-    plot = os.path.relpath(args.plot, args.page.parent).replace(os.sep, "/")
-    text = page(rows, grid, how=_how(args), command=_command(args), plot=plot)
-    args.page.parent.mkdir(parents=True, exist_ok=True)
-    args.page.write_text(text, encoding="utf-8")
+    lines = [_how(args), "", *table(rows), "", *grid]
+    say("\n".join(lines))
+    if args.page:
+        publish(args.page, MARKS, lines, _command(args))
+    if args.plot:
+        save(drawn(rows, made), args.plot, 110)
 
 
 def _how(args: argparse.Namespace) -> str:
@@ -135,79 +137,33 @@ def _command(args: argparse.Namespace) -> str:
     return " ".join(parts)
 
 
-def page(
-    rows: Sequence[SwitchRow],
-    grid: Sequence[str],
-    *,
-    how: str,
-    command: str,
-    plot: str,
-) -> str:
-    """Return the page in Markdown.
-
-    `how` is a sentence on scenes and machine, `command` what made it, `plot` where the plot lies
-    from the page; `grid`, the section of `grid_section`, may be empty.
-    """
-    parts = [
-        "# Speed against accuracy",
-        "",
-        f"Made by `{command}`. Do not edit: run it again.",
-        "",
-        how,
-        "",
-        "**ms** is the CPU time of one hop (one a second) with an open gate: down-conversion,",
-        "clutter and jitter, maps, pictures. **ratio** is that against the switch's finest value",
-        "in the same run. **loss** is how far a picture is from the one of the finest value,",
-        "everything else alike: rms over all that either shows, in dB (25 dB deep for the",
-        "short CPI, 30 dB for the others); pictures that stay alike are left out. **Bold** is",
-        "what the shipped bundles have.",
-        "",
-        f"![loss against cost]({plot})",
-        "",
-    ]
-    for switch in SWITCHES:
-        parts += [*_table(switch, [row for row in rows if row.switch == switch.name]), ""]
-    parts += grid
-    return "\n".join(parts).rstrip("\n") + "\n"
-
-
-def _table(switch: Switch, rows: Sequence[SwitchRow]) -> list[str]:
-    # What a switch does not change is not worth a column.
-    names = [name for name in rows[0].loss_db if any(row.loss_db.get(name) != 0 for row in rows)]
-    heads = " | ".join(f"loss {_PICTURES[name]}, dB" for name in names)
-    lines = [
-        f"## {switch.title[:1].upper()}{switch.title[1:]}",
-        "",
-        _MEANING[switch.name],
-        "",
-        f"| value | ms | ratio | {heads} |",
-        "|---|---|---|" + "---|" * len(names),
-    ]
+def table(rows: Sequence[SwitchRow]) -> Iterator[str]:
+    """Yield the lines of the table of switches; what the shipped bundles have is bold."""
+    titles = {switch.name: switch.title for switch in SWITCHES}
+    heads = " | ".join(f"loss {name}, dB" for name in _PICTURES.values())
+    yield f"| switch | value | ms | ratio | {heads} |"
+    yield "|---|---|---|---|" + "---|" * len(_PICTURES)
     for row in rows:
         value = f"**{row.value}**" if row.is_default else f"{row.value}"
         losses = " | ".join(
-            f"{row.loss_db[name]:.2g}" if name in row.loss_db else "not made" for name in names
+            f"{row.loss_db[name]:.2g}" if name in row.loss_db else "not made" for name in _PICTURES
         )
-        lines.append(f"| {value} | {row.ms_per_hop:.2f} | {row.ratio:.2f} | {losses} |")
-    return lines
+        cost = f"{row.ms_per_hop:.2f} | {row.ratio:.2f}"
+        yield f"| {titles[row.switch]} | {value} | {cost} | {losses} |"
 
 
 def grid_section(made: Sequence[Combination], n_windows: int, n_passages: int) -> list[str]:
-    """Return the section of the page on combinations, as lines of Markdown."""
+    """Return a table of combinations and what it means, as lines of Markdown."""
     models = tuple(dict.fromkeys(c.model for c in made))
     found = {(c.model, c.setting): c for c in made}
     widest = max(c.auc.high - c.auc.low for c in made) / 2
     lines = [
-        "## Combinations",
-        "",
         f"Window AUC, people against pets, over {n_windows} windows of {n_passages} simulated",
-        "passages before an X2 with all its bins, the same dwells in every row. *Range*: how",
-        "many bins become one; *CPIs*: how many velocity-time maps the network is shown, the",
-        "others are blank. **ms**: CPU time of a hop without network; that of the network is in",
-        "the second row. **Bold** is as shipped, a star that nothing else is both cheaper and",
-        f"better. 95 % intervals (passages resampled) reach {widest:.3f} to either side at most,",
-        "less for differences. No network was retrained: one made for what it is shown might do",
-        "better.",
+        "passages before an X2 with all its bins. *Range*: how many bins become one; *CPIs*: how",
+        "many velocity-time maps the network is shown, the others are blank. **ms** is without",
+        "network, whose own are in the second row. **Bold** is as shipped, a star that nothing",
+        f"else is both cheaper and better. 95 % intervals reach {widest:.3f} to either side at",
+        "most, less for differences. No network was retrained.",
         "",
         f"| range | CPIs | ms | {' | '.join(models)} |",
         "|---|---|---|" + "---|" * len(models),

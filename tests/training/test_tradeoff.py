@@ -85,15 +85,19 @@ def test_the_script_writes_page_and_plot(seen, tmp_path, monkeypatch):
     write_blank_bundle(tmp_path, "mine", SHIPPED, MAP_FEATURES)
     argv = ["--scenes", "human", "--draws", "1", "--duration", "6", "--rounds", "1"]
     argv += ["--combine", "mine.onnx", "--passages", "12"]
-    argv += ["--page", "docs/page.md", "--plot", "docs/images/plot.png"]
+    page, plot = tmp_path / "page.md", tmp_path / "plot.png"
+    page.write_text("before\n{}\nOLD\n{}\nbehind\n".format(*tradeoff.MARKS))
+    argv += ["--page", str(page), "--plot", str(plot)]
     assert tradeoff.main(argv) == 0
-    text = (tmp_path / "docs" / "page.md").read_text()
-    assert "![loss against cost](images/plot.png)" in text
+    text = page.read_text()
+    assert text.startswith("before\n")
+    assert text.endswith("behind\n")
+    assert "OLD" not in text
     assert text.count("| **") == len(SWITCHES) + 1
     assert "| range | CPIs | ms | mine |" in text
     assert text.count("\n| 8 | 3 |") == 1
-    assert "`python research/tradeoff.py --combine mine.onnx --passages 12`" in text
-    assert (tmp_path / "docs" / "images" / "plot.png").read_bytes()[:4] == b"\x89PNG"
+    assert "    python research/tradeoff.py --combine mine.onnx --passages 12\n" in text
+    assert plot.read_bytes()[:4] == b"\x89PNG"
 
 
 def test_dwells_are_the_same_at_every_decimation(seen):
