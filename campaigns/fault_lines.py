@@ -27,7 +27,7 @@ from typing import Any
 
 from campaigns.fault_run import Run
 from campaigns.fault_world import Module
-from radard.stream.coalesced_reads import coalesced
+from radard.stream.coalesced_reads import CoalescedReads
 from x2radar.device.transport import PtyTransport, SerialTransport
 from x2radar.sim.module.faults import FaultPlan
 from x2radar.sim.module.host import serve
@@ -214,7 +214,7 @@ def _thread(target: Any) -> threading.Thread:
 
 
 def _watched(path: str, n: int, injector: Injector) -> dict[str, Any]:
-    run = Run(coalesced(lambda: SerialTransport(path)), _CLOCK, seed=n, rate_hz=_RATE_HZ)
+    run = Run(lambda: CoalescedReads(SerialTransport(path)), _CLOCK, seed=n, rate_hz=_RATE_HZ)
     watcher = run.watcher
     found: dict[str, Any] = {"run": run}
     halt = threading.Event()

@@ -73,7 +73,7 @@ class Module(SimulatedModule):
         queue = [piece for _, piece in self._line._queue]
         plan = FaultPlan()
         dice = Dice(plan, 0)
-        self._faults, self._line = ModuleFaults(plan, dice), Line(plan, dice)
+        self._faults, self._line = ModuleFaults(dice), Line(dice)
         for piece in queue:
             self._line.put(piece, self._now_s)
         self._commands = deque((self._now_s, command) for _, command in self._commands)

@@ -107,7 +107,7 @@ WRONG = [
     (["frobnicate"], 2, "x2radar: argument COMMAND: invalid choice: 'frobnicate'"),
     (["scenes", "more"], 2, "x2radar scenes: unrecognized arguments: more"),
     (["decode", "missing.txt"], 66, "x2radar: missing.txt: cannot be read: No such file"),
-    (["simulate"], 2, "x2radar simulate: the following arguments are required: --pty"),
+    (["simulate"], 2, "x2radar simulate: one of the arguments --pty --cost is required"),
     (["simulate", "--pty", "--scene", "nobody"], 66, "no scene 'nobody'; 'x2radar scenes'"),
     (["simulate", "--pty", "--scene", "bad.yaml"], 66, "bad.yaml: steps[0].body: no body 'horse'"),
     (["simulate", "--pty", "--seed", "-1"], 2, "x2radar: --seed -1: must be a whole number"),

@@ -8,7 +8,8 @@ import pytest
 
 from radard.config.sink_table import JsonlSection, SinkOptions
 from radard.errors import OutputError
-from tests.sink_helpers import decision, event, hello, open_sink, status, ulid, wait_for
+from tests.sink_helpers import decision, event, hello, open_sink, status, ulid
+from tests.waiting import wait_for
 
 
 class Disk:

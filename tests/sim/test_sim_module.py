@@ -82,7 +82,6 @@ from x2radar.wire.wire_ids import (
         (SetSysFloat(SysCfg.DAC_STEP, math.inf), REFUSED),
         (SetSysFloat(SysCfg.ITERATIONS, -math.inf), REFUSED),
         (SetOutput(OutputRef.BASEBAND, 77), UNKNOWN),
-        (SetOutput(OutputRef.BASEBAND, BasebandOutput.PHASE), UNKNOWN),
         (SetOutput(OutputRef.PULSE_DOPPLER, 1), UNKNOWN),
         (Unknown(b"\x99\x01"), UNKNOWN),
         (Unknown(b"\x20"), UNKNOWN),  # set mode without its mode

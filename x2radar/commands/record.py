@@ -106,8 +106,12 @@ def _run(args: argparse.Namespace) -> int:
             rotate_s=args.rotate_time,
             fsync=args.fsync,
         )
-        # Called after the writer is closed.
-        open_now.callback(lambda: writer.label(_labels(args.label, port, radar, first.counter)))
+        # Called after the writer is closed, unless it failed.
+        open_now.push(
+            lambda kind, *_: (
+                None if kind else writer.label(_labels(args.label, port, radar, first.counter))
+            )
+        )
         open_now.enter_context(writer)
         tally = record(
             chain([first], frames),

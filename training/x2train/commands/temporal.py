@@ -70,6 +70,7 @@ def _run(args: argparse.Namespace) -> int:
     trained = followed(fit_head(train.given, validation.given, settings), args.epochs)
     name = args.name or bundle.name
     limit = HUMAN_LIMIT[args.size] if args.human_limit is None else args.human_limit
+    prior = {"prior_human": args.prior} if args.prior else {}
     metrics = write_temporal(
         args.out,
         name,
@@ -78,7 +79,7 @@ def _run(args: argparse.Namespace) -> int:
         validation=validation,
         abouts=abouts,
         command=_command(args),
-        evidence={"human_limit": limit, "prior_human": args.prior},
+        evidence={"human_limit": limit, **prior},
     )
     tell_bundle(args.out / name, metrics)
     return 0

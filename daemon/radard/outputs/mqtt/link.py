@@ -16,6 +16,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import paho.mqtt.client as paho
@@ -195,12 +196,12 @@ class MqttLink:
         if not self._limits.takes(message):
             return True
         if message.qos == 0:
-            while self._unsent and self._unsent[0].is_published():
+            while self._unsent and _is_over(self._unsent[0]):
                 self._unsent.popleft()
             if len(self._unsent) >= _MAX_UNSENT:
                 return False
         info = _publish(client, message)
-        self._limits.sent(message, info.is_published)
+        self._limits.sent(message, partial(_is_over, info))
         is_taken = info.rc == MQTTErrorCode.MQTT_ERR_SUCCESS
         if message.qos == 0 and is_taken:
             self._unsent.append(info)
@@ -217,7 +218,7 @@ class MqttLink:
         end_s = time.monotonic() + _CONFIRM_S
         try:
             info = _publish(client, message)
-            self._limits.sent(message, info.is_published)
+            self._limits.sent(message, partial(_is_over, info))
             while not info.is_published():
                 if client is not self._client:
                     raise DeliveryError(self._reason or "connection lost")
@@ -349,6 +350,15 @@ class MqttLink:
 
     def _received(self, _client: paho.Client, _data: Any, message: paho.MQTTMessage) -> None:
         self._on_message(message.topic, bytes(message.payload), message.retain)
+
+
+def _is_over(info: paho.MQTTMessageInfo) -> bool:
+    """Return whether a message is in flight no more: confirmed, or never sent."""
+    try:
+        return bool(info.is_published())
+    except (RuntimeError, ValueError):
+        # So it says of one for which there was no connection, or no room.
+        return True
 
 
 def _publish(client: paho.Client, message: Publication) -> paho.MQTTMessageInfo:
