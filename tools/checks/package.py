@@ -118,7 +118,7 @@ def deployed() -> Iterator[str]:
     """Yield what files of deploy/ name and is not there."""
     rules = (ROOT / "deploy/udev/60-x2radar.rules").read_text()
     ids = re.findall(r'idVendor\}=="(\w+)", ATTRS\{idProduct\}=="(\w+)"', rules)
-    if {(int(v, 16), int(p, 16)) for v, p in ids} != set(USB_IDS):
+    if {f"{vendor}:{product}" for vendor, product in ids} != set(USB_IDS):
         yield "60-x2radar.rules: its USB ids are not those of x2radar.device.discovery"
     if set(re.findall(r'GOTO="(\w+)"', rules)) != set(re.findall(r'LABEL="(\w+)"', rules)):
         yield "60-x2radar.rules: a GOTO without its LABEL"
