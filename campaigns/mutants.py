@@ -40,9 +40,9 @@ _LOG = ("outputs/test_log", "outputs/test_log_model")
 MODULES: dict[str, tuple[str, tuple[str, ...]]] = {
     "framing": (
         "x2radar/wire/framing.py",
-        ("driver/test_framing_limits", "driver/test_framing", "driver/test_framing_faults"),
+        ("driver/test_framing", "driver/test_framing_faults"),
     ),
-    "codec": ("x2radar/wire/codec.py", ("driver/test_codec", "driver/test_codec_rows")),
+    "codec": ("x2radar/wire/codec.py", ("driver/test_codec",)),
     "protocol": ("x2radar/wire/protocol.py", ("driver/test_protocol", "driver/test_device")),
     "ring": ("daemon/radard/stream/ring.py", ("detect/test_ring",)),
     "gate": ("daemon/radard/detect/gate.py", ("detect/test_gate_limits", "detect/test_gate")),
