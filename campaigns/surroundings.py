@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from campaigns.outputs import Broker, Outputs
-from campaigns.processes import CONFIG, ROOT, Daemon, wait_for
+from campaigns.processes import CONFIG, ROOT, STEPPED, Daemon, wait_for
 
 _SETTLE_S = 120.0
 """For a daemon to end, on a busy machine."""
@@ -205,28 +205,6 @@ def _deny_state(folder: Path, _stack: ExitStack) -> None:
     (folder / "radard" / "state").write_text("no folder")
 
 
-_STEPPED = """
-import time
-from datetime import datetime
-from pathlib import Path
-import radard.clips.keeper, radard.config.quiet_hours, radard.outputs.records
-plain, offset = time.time, Path("offset")
-def stepped():
-    try:
-        return plain() + float(offset.read_text())
-    except (OSError, ValueError):
-        return plain()
-class Stepped(datetime):
-    @classmethod
-    def now(cls, tz=None):
-        return cls.fromtimestamp(stepped(), tz)
-time.time = stepped
-for module in (radard.clips.keeper, radard.config.quiet_hours, radard.outputs.records):
-    module.datetime = Stepped
-"""
-"""What sets the clock on the wall of one process, and no other's."""
-
-
 @dataclass(frozen=True, slots=True)
 class Case:
     """What happens, what is needed for it, and what the daemon's process runs first."""
@@ -243,7 +221,7 @@ CASES: Mapping[str, Case] = {
     "store_locked": Case(store_locked),
     "disk_full": Case(disk_full, _mount_small_disk),
     "read_only_state": Case(read_only_state, _deny_state),
-    "clock_stepped": Case(clock_stepped, before=_STEPPED),
+    "clock_stepped": Case(clock_stepped, before=STEPPED),
     "stopped": Case(stopped),
     "starved": Case(starved),
     "model_replaced": Case(model_replaced),

@@ -1,9 +1,12 @@
 """The campaigns in their short forms, and that each can find what it looks for."""
 
 import json
+import re
+import sqlite3
 import subprocess
 import sys
 import warnings
+from contextlib import closing
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,6 +17,8 @@ import pytest
 from campaigns import fuzz, soak
 from campaigns.fault_run import Watcher, stamp
 from campaigns.fuzz_targets import TARGETS
+from campaigns.kept import Kept
+from campaigns.outputs import Outputs
 from campaigns.processes import HARM, end_with
 from radard.stream.ring import Dwell
 from tests.radar_helpers import BASEBAND
@@ -63,6 +68,22 @@ def test_soak():
 
 
 @pytest.mark.integration
+def test_clock():
+    found = run("clock", "--steps", "3")
+    assert found.pop("events") > 0
+    assert found.pop("decisions") > 10
+    assert found == {"steps": 3}
+
+
+@pytest.mark.integration
+def test_disk():
+    found = run("disk", "--faults", "6")
+    assert found["events"] > 0
+    assert found["decisions"] > 10
+    assert len(found["faults"]) + len(found["skipped"]) == 6
+
+
+@pytest.mark.integration
 def test_fuzz(tmp_path):
     found = run("fuzz", "--inputs", "40", "--keep", str(tmp_path / "found"))
     assert found["inputs"] == 40 * len(TARGETS)
@@ -71,6 +92,46 @@ def test_fuzz(tmp_path):
 
 
 # ---------------------------------------------------------------- each can find what is wrong
+
+
+def test_what_a_daemon_must_not_do_to_what_it_kept_is_found(tmp_path):
+    """A number used twice, a clip that there is not, an event deleted, another decision."""
+    outputs = Outputs(tmp_path, SimpleNamespace(url="mqtt:"))
+    kept = Kept(outputs, tmp_path)
+    for path in (tmp_path / "log.db", outputs.store):
+        with closing(sqlite3.connect(path)) as db:
+            db.execute("CREATE TABLE log (n INTEGER, key TEXT, record TEXT)")
+            db.execute("CREATE TABLE events (id TEXT)")
+            db.execute("INSERT INTO log VALUES (1, 'a', '{}')")
+            db.execute("INSERT INTO events VALUES ('one')")
+            db.commit()
+    kept.look()
+    assert not any(kept.found.values())
+    for path in (tmp_path / "log.db", outputs.store):
+        with closing(sqlite3.connect(path)) as db:
+            db.execute("UPDATE log SET key = 'b'")
+            db.execute("DELETE FROM events")
+            db.commit()
+    kept.look()
+    told = {"type": "event", "id": "one", "clip": str(tmp_path / "none.h5")}
+    decided = {"type": "decision", "dropped": 0, "p_human": 0.5}
+    rows = [told, {**told, "phase": "end"}, {"type": "hello"}, decided, {**decided, "dropped": 9}]
+    outputs.out.write_text("".join(json.dumps(row) + "\n" for row in rows))
+    kept.look_at_clips()
+    assert kept.look_at_decisions([{**decided, "p_human": 0.6}] * 2) == 1
+    assert set(kept.found.values()) == {1}
+
+
+def test_one_module_asks_for_the_clock_on_the_wall():
+    """`campaigns/clock.py` sets what that one says."""
+    asks = re.compile(r"\btime\.time(_ns)?\b|datetime\.(now|utcnow|today)|\b(local|gm)time\(")
+    found = [
+        path.relative_to(ROOT).as_posix()
+        for folder in ("x2radar", "daemon")
+        for path in sorted((ROOT / folder).rglob("*.py"))
+        if asks.search(path.read_text())
+    ]
+    assert found == ["x2radar/wall_clock.py"]
 
 
 def frame(k, *, late=0, counter=None, lost=0):

@@ -8,6 +8,7 @@ import shutil
 import struct
 import subprocess
 import sys
+import threading
 import zlib
 from collections import defaultdict
 from pathlib import Path
@@ -400,6 +401,25 @@ def test_pictures_of_odd_streams():
     nothing = Frame(np.zeros(64, np.complex64), 1, 0, 0, False, BASEBAND)
     silent.push([nothing] * 100)
     assert silent.picture().shape[2] == 3
+
+
+def test_a_clip_is_named_by_its_path_once_a_slow_disk_answers(tmp_path):
+    """What was told meanwhile, without a clip, is no name of it."""
+    keeper, feeder = make_keeper(tmp_path)
+    feeder.hop(3)
+    disk = threading.Event()
+    keeper._do(disk.wait)
+    assert keeper.begin(event(), feeder.t_s) is None
+    keeper.after(feeder.t_s, is_seen=True, event={**event(), "clip": None})
+    assert keeper.named_of("0" * 26) is None
+    disk.set()
+    assert keeper._room.wait(60)
+    path = tmp_path / "clips" / f"{'0' * 26}.h5"
+    assert keeper.named_of("0" * 26) == str(path)
+    feeder.hop()
+    assert keeper.close(60.0)
+    with h5py.File(path) as file:
+        assert json.loads(file.attrs["event"])["clip"] == str(path)
 
 
 _LATE = """

@@ -10,12 +10,12 @@ import platform
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from x2radar import wall_clock
 from x2radar.command import installed_version, version_of
 from x2radar.commands import Commands, add_command, check_above_zero
 from x2radar.device.device import X2Radar
@@ -87,7 +87,7 @@ def register(commands: Commands) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     check_above_zero("--duration", args.duration, "seconds")
-    now = datetime.now(UTC)
+    now = wall_clock.now()
     out = args.out or Path(f"x2radar-selftest-{now:%Y%m%dT%H%M%SZ}.h5")
     if out.exists():
         msg = f"{out}: exists already; recordings are never overwritten"

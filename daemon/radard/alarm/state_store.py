@@ -6,13 +6,13 @@ unless somebody chose otherwise.
 
 import json
 import logging
-import time
 from collections.abc import Callable
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from radard.alarm.panel import ArmMode
 from radard.log import EventLog
+from x2radar import wall_clock
 
 log = logging.getLogger("radard")
 
@@ -47,7 +47,7 @@ class StateStore:
         name: str | None,
         *,
         keeps_alarms: bool = True,
-        now_s: Callable[[], float] = time.time,
+        now_s: Callable[[], float] = wall_clock.now_s,
     ) -> None:
         self._log = events
         self._name = None if name is None else f"panel {name}"

@@ -13,13 +13,14 @@ import threading
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
+from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from radard.clips.room import limit_size, prepare_folder
 from radard.config.sections import ClipsSection
 from radard.errors import FeatureError, OutputError
+from x2radar import wall_clock
 from x2radar.frame import Frame, StreamInfo
 
 if TYPE_CHECKING:
@@ -119,7 +120,7 @@ class ClipKeeper:
         path = self._folder / f"{event['id']}.h5"
         event = {**event, "clip": str(path)}
         self._running = _Running(event, first, last, t_s, [record for _, record in past])
-        began = datetime.now(UTC) - timedelta(seconds=(end - first) / self._rate_hz)
+        began = wall_clock.now() - timedelta(seconds=(end - first) / self._rate_hz)
         utc = began.isoformat(timespec="milliseconds").replace("+00:00", "Z")
         about = self._attributes
         self._do(lambda: self._open(path, first, utc, about))
@@ -143,7 +144,8 @@ class ClipKeeper:
         if running is None:
             return
         if event is not None and event["id"] == running.event["id"]:
-            running.event = event
+            # What was told before the disk answered named no clip.
+            running.event = {**event, "clip": running.event["clip"]}
         if is_seen:
             running.seen_s = t_s
         if t_s - running.seen_s >= self._settings.post_s or running.taken >= running.end:

@@ -14,12 +14,10 @@ import shutil
 import sqlite3
 import sys
 import tarfile
-import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import asdict
-from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -34,6 +32,7 @@ from radard.errors import RadardError
 from radard.health.status_file import read_status, status_path
 from radard.judge.bundle import bundle_names, load_bundle
 from radard.judge.model_choice import model_for
+from x2radar import wall_clock
 from x2radar.bounded_yaml import load_yaml
 from x2radar.command import Parser, installed_version, new_parser
 from x2radar.device.discovery import PortRow, list_ports
@@ -70,7 +69,7 @@ _USERINFO = re.compile(r"//[^/@:\s]*:([^/@\s]+)@")
 def run(argv: Sequence[str]) -> int:
     """Run the subcommand."""
     args = make_parser().parse_args(argv)
-    when = datetime.now(UTC)
+    when = wall_clock.now()
     parts = gather(args.config)
     if args.list:
         for name, text in parts.items():
@@ -110,7 +109,7 @@ def _write_bundle(path: Path, parts: Mapping[str, str], added: Sequence[Path]) -
             path.chmod(0o600)
             for name, text in parts.items():
                 about = tarfile.TarInfo(f"radard-diag/{name}")
-                about.size, about.mtime = len(text.encode()), int(time.time())
+                about.size, about.mtime = len(text.encode()), int(wall_clock.now_s())
                 tar.addfile(about, io.BytesIO(text.encode()))
             for file in added:
                 about = tarfile.TarInfo(f"radard-diag/added/{file.name}")

@@ -1,7 +1,6 @@
 """`radard events`: list alarms, faults and tampering from a store."""
 
 import json
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from datetime import datetime
@@ -12,6 +11,7 @@ from radard.config.directories import log_path
 from radard.config.sink_table import KINDS
 from radard.errors import UsageError
 from radard.log_file import StoredEvent, parse_since, read_events
+from x2radar import wall_clock
 from x2radar.command import Parser, new_parser
 
 _EXAMPLES = """\
@@ -29,7 +29,7 @@ def run(argv: Sequence[str]) -> int:
         msg = f"--limit {args.limit}: must be above 0"
         raise UsageError(msg)
     path = args.store or _configured(args.config)
-    since_s = parse_since(args.since, time.time()) if args.since else None
+    since_s = parse_since(args.since, wall_clock.now_s()) if args.since else None
     events = read_events(path, since_s=since_s, kinds=args.kind or (), limit=args.limit)
     for line in (json.dumps(asdict(e)) for e in events) if args.json else _table(events):
         print(line)

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta, tzinfo
 from zoneinfo import ZoneInfo
 
+from x2radar import wall_clock as clock
+
 Now = Callable[[float], datetime | None]
 
 _DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
@@ -59,7 +61,7 @@ class QuietHours:
 
 def wall_clock(t_s: float) -> datetime | None:  # noqa: ARG001 - a live stream's time is now
     """Return the wall clock of a live stream."""
-    return datetime.now(UTC)
+    return clock.now()
 
 
 def recorded_clock(started_utc: str) -> Now:

@@ -17,7 +17,6 @@ import contextlib
 import json
 import threading
 from collections.abc import Callable, Mapping
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
@@ -28,6 +27,7 @@ from radard.config.folders import made_up_folder, state_folder
 from radard.config.sections import AlarmChoices, MountChoices, Section, Span, ZonesSection
 from radard.config.sources import ENV_PREFIX, Places, Where, explain, put, read_yaml
 from radard.errors import ConfigError, OutputError
+from x2radar import wall_clock
 from x2radar.ports import parse_port
 
 Kind = Literal["zones", "settings"]
@@ -124,7 +124,7 @@ def change(path: Path, kind: Kind, sections: Sections) -> None:
     OutputError if the disk does not take them.
     """
     given = check_saved(kind, sections)
-    now = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+    now = wall_clock.now().isoformat(timespec="milliseconds").replace("+00:00", "Z")
     with _lock:
         tree: dict[str, Any] = {}
         for (section, key), value, _ in _read(path, kind):

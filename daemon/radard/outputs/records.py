@@ -6,7 +6,6 @@ The contract is `output.schema.json` beside this file. Wall-clock fields are `ti
 
 import time
 from collections.abc import Sequence
-from datetime import UTC, datetime
 from typing import Any
 
 from radard.alarm.events import Event
@@ -16,6 +15,7 @@ from radard.health.health import Status
 from radard.judge.classifier import Probabilities
 from radard.judge.decision import Decision, TrackVerdict, pet_limit_of
 from radard.pipeline import Pipeline
+from x2radar import wall_clock
 from x2radar.command import installed_version
 
 SCHEMA = 1  # of output.schema.json
@@ -24,7 +24,7 @@ Record = dict[str, Any]
 
 def utc_now() -> str:
     """Return the wall clock as ISO 8601 in UTC, to the millisecond."""
-    return datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+    return wall_clock.now().isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
 def hello_record(

@@ -25,6 +25,7 @@ from radard.errors import ConfigError, UsageError
 from radard.outputs.base import DeliveryError, SinkContext
 from radard.outputs.delivery import DeliverySink, Item, body_of, wants_events
 from radard.outputs.tls import check_host, client_context, explain
+from x2radar import wall_clock
 from x2radar.command import installed_version
 
 _REFUSALS = frozenset({400, 405, 406, 409, 410, 411, 413, 414, 415, 422})
@@ -142,7 +143,7 @@ class WebhookSink(DeliverySink):
 
     def _headers(self, body: bytes, key: str) -> dict[str, str]:
         o = self._section
-        now = str(int(time.time()))
+        now = str(int(wall_clock.now_s()))
         headers = {
             "Content-Type": "application/json",
             "User-Agent": f"radard/{installed_version()}",

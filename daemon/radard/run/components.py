@@ -3,7 +3,6 @@
 import hashlib
 import logging
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 
 from radard.alarm.events import See
@@ -33,6 +32,7 @@ from radard.judge.model_choice import hop_warning, model_for
 from radard.log import EventLog
 from radard.pipeline import Pipeline
 from radard.stream.ring import DwellShape
+from x2radar import wall_clock
 from x2radar.command import installed_version
 from x2radar.frame import StreamInfo
 
@@ -154,7 +154,7 @@ def _take_calibration(path: Path, pipeline: Pipeline) -> Calibration:
     made_utc = calibration.provenance.made_utc
     log.info("calibration: %s, %s", path, f"made {made_utc}" if made_utc else "date unknown")
     reasons = calibration.stale(
-        device=pipeline.stream.device, software=installed_version(), now=datetime.now(UTC)
+        device=pipeline.stream.device, software=installed_version(), now=wall_clock.now()
     )
     for reason in reasons:
         log.warning("%s is stale: %s; make a new one with radard calibrate", path, reason)

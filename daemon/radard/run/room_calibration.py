@@ -11,7 +11,6 @@ import queue
 import threading
 from collections.abc import Callable
 from dataclasses import replace
-from datetime import UTC, datetime
 
 from radard.alarm.sensor_state import CalibrationProgress
 from radard.config.config import Config
@@ -21,6 +20,7 @@ from radard.detect.calibration import Calibration, Provenance, utc_text
 from radard.errors import RadardError
 from radard.judge.classifier import Classifier
 from radard.stream.ring import Dwell
+from x2radar import wall_clock
 from x2radar.command import installed_version
 from x2radar.frame import StreamInfo
 
@@ -40,7 +40,7 @@ def signer(
 
     def sign(n_dwells: int, heard_s: float, predicted: float) -> Provenance:
         return Provenance(
-            made_utc=utc_text(datetime.now(UTC)),
+            made_utc=utc_text(wall_clock.now()),
             device=stream.device,
             port=redact(port),
             software=installed_version(),

@@ -5,7 +5,6 @@ import csv
 import io
 import json
 import re
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import islice
@@ -27,6 +26,7 @@ from radard.web.guard import Guard
 from radard.web.labels import LABELS, add_label, read_labels
 from radard.web.pictures.clip_process import ClipTimeoutError, read_clip
 from radard.web.view import View
+from x2radar import wall_clock
 
 _NO_CLIP = "there is no clip of this event"
 _ULID = re.compile(r"[0-9A-HJKMNP-TV-Z]{26}")
@@ -173,7 +173,7 @@ def _filter(request: Request) -> _Filter:
         raise UsageError(msg)
     return _Filter(
         kinds=kinds,
-        since_s=parse_since(since, time.time()) if since else None,
+        since_s=parse_since(since, wall_clock.now_s()) if since else None,
         label=label,
         text=text,
         limit=query_number(request, "limit", 200, _MAX_EVENTS),

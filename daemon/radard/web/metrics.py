@@ -8,7 +8,6 @@ for counters. Powers stay in dB, relative to the sample unit of the module.
 import os
 import resource
 import threading
-import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -16,6 +15,7 @@ from pathlib import Path
 from radard.config.sink_table import KINDS
 from radard.outputs.base import Record, Sink
 from radard.stream.clock_drift import Drift
+from x2radar import wall_clock
 
 _BUCKETS = {
     # Latencies lie at 5 to 30 ms (docs/reference/outputs.md); late is up to a hop, 1 s.
@@ -141,7 +141,7 @@ class Metrics:
         for key, name in _GAUGES.items():
             if record[key] is not None:
                 self._set(name, record[key])
-        self._set("radard_last_decision_timestamp_seconds", time.time())
+        self._set("radard_last_decision_timestamp_seconds", wall_clock.now_s())
 
 
 HELP = {
