@@ -70,7 +70,9 @@ _X4_LONG_SETS = (
     "--validate sets/x4check sets/x4hcheck sets/x4longcheck sets/x4longhcheck"
 )
 _RECORDED = "--train sets/clips sets/x2near sets/anyrooms --validate sets/clipscheck"
-_RECORDED_LONG = "--train sets/clips sets/clipslong sets/anyrooms --validate sets/clipscheck"
+_RECORDED_LONG = (
+    "--train sets/clips sets/clipslong sets/x2near sets/anyrooms --validate sets/clipscheck"
+)
 _FAST = ("--half", "--compile")
 """Pay on a whole set alone: torch compiles for minutes, and half precision needs the hardware."""
 _SMALL_SHARE = 0.05  # to try it; an epoch is shorter than the compiler's work
@@ -117,7 +119,7 @@ RECIPES: Mapping[str, Recipe] = MappingProxyType(
                 f"train-export fit {_RECORDED} --name x2 --size accurate --epochs 3 --seed 0 "
                 "--half --start accurate --stream x2",
                 f"train-export temporal --model models/x2.onnx {_RECORDED_LONG} --size accurate "
-                "--prior -0.5 --human-limit 0.65 --epochs 6 --seed 0",
+                "--human-limit 0.8 --epochs 6 --seed 0",
             ),
             start="accurate",
         ),
