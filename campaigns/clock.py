@@ -5,7 +5,7 @@
 
 A daemon on a simulated module with people in it has all its outputs, an event log, clips and a
 limit for them. Its clock on the wall, which one module asks (`x2radar.wall_clock`), is that of the
-computer and an offset, drawn anew for each step; half of them come while it is ended. Its files
+computer and an offset, drawn for each step; half of them come while it is ended. Its files
 get older or newer by the step, as they would. Nothing may go by that clock.
 
 The last line is one JSON object: steps; events; decisions (those compared); lost_events (not at
@@ -15,7 +15,6 @@ lost_states (no longer armed); silent_stalls (no decision, or not online, after 
 decisions_differ (from a run whose clock nobody set); crashes. Exit code 1 if harm was found.
 """
 
-import argparse
 import os
 import random
 import sys
@@ -25,9 +24,9 @@ from pathlib import Path
 _ROOT = Path(__file__).parents[1]
 sys.path[:0] = [str(_ROOT), str(_ROOT / "daemon")]
 
-from campaigns.kept import PORT, Kept, alarm_anew, reference  # noqa: E402 - below the path
+from campaigns.kept import PORT, Kept, alarm_again, reference  # noqa: E402 - below the path
 from campaigns.outputs import Broker, Outputs  # noqa: E402
-from campaigns.processes import CONFIG, STEPPED, Daemon, end_with, wait_for  # noqa: E402
+from campaigns.processes import CONFIG, STEPPED, Daemon, end_with, parser_of, wait_for  # noqa: E402
 
 _DAY_S = 86_400
 _STEPS_S = (1, 60, 3600, _DAY_S, 200 * _DAY_S, 366 * _DAY_S, 3653 * _DAY_S)
@@ -96,7 +95,7 @@ class Clock:
         return daemon
 
     def _goes_on(self) -> None:
-        alarm_anew(self._daemon)
+        alarm_again(self._daemon)
         first = self._n_told()
         n = self._rng.randint(4, 40)
         wait_for(lambda: self._n_told() >= first + n, f"{n} decisions")
@@ -117,8 +116,7 @@ class Clock:
 
 def main() -> int:
     """Set the clock again and again."""
-    about = (__doc__ or "").split("\n\n")
-    parser = argparse.ArgumentParser(description=about[0], epilog=about[3])
+    parser = parser_of(__doc__)
     parser.add_argument("--steps", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()

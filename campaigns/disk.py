@@ -18,7 +18,6 @@ not a word of it); unrecovered (not well again afterwards); decisions_differ (fr
 nothing happened); crashes. Exit code 1 if harm was found.
 """
 
-import argparse
 import os
 import random
 import shutil
@@ -36,9 +35,9 @@ from unittest.mock import patch
 _ROOT = Path(__file__).parents[1]
 sys.path[:0] = [str(_ROOT), str(_ROOT / "daemon")]
 
-from campaigns.kept import PORT, Kept, alarm_anew, reference  # noqa: E402 - below the path
+from campaigns.kept import PORT, Kept, alarm_again, reference  # noqa: E402 - below the path
 from campaigns.outputs import Broker, Outputs  # noqa: E402
-from campaigns.processes import CONFIG, Daemon, end_with, wait_for  # noqa: E402
+from campaigns.processes import CONFIG, Daemon, end_with, parser_of, wait_for  # noqa: E402
 
 _MODES = {"slow": b"s", "read_only": b"r", "broken": b"e"}
 _KINDS = ("full", "low", *_MODES, "corrupt")
@@ -123,7 +122,7 @@ class Guard:
     def once(self, kind: str) -> None:
         """Let one thing happen to the disk, for a while."""
         self.kinds[kind] += 1
-        alarm_anew(self._daemon)
+        alarm_again(self._daemon)
         time.sleep(self._rng.uniform(0.0, 2.0))
         what = self.disk.fail(kind)
         if kind == "corrupt":
@@ -134,7 +133,7 @@ class Guard:
             # What only the memory of the one that ended had is gone by right.
             self._is_damaged = True
             self._daemon = self._started()
-        alarm_anew(self._daemon)
+        alarm_again(self._daemon)
         self._goes_on(what)
         if kind in {"full", "read_only", "broken"}:
             self._says(what)
@@ -143,7 +142,7 @@ class Guard:
         self._goes_on(f"after {what}")
         self._recovers(what)
         if self._is_damaged:
-            self.kept.begin_anew()
+            self.kept.begin_again()
         with suppress(DatabaseError):
             # Of a page that it has not read again yet nobody knows.
             self.kept.look()
@@ -231,8 +230,7 @@ def _does(*command: str) -> bool:
 
 def main() -> int:
     """Let it happen again and again."""
-    about = (__doc__ or "").split("\n\n")
-    parser = argparse.ArgumentParser(description=about[0], epilog=about[3])
+    parser = parser_of(__doc__)
     parser.add_argument("--faults", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()

@@ -18,7 +18,6 @@ and, by kind of run, the same and more. hidden_restarts are those of a module's 
 frames, where its numbers seem to go on: no driver can tell. Exit code 1 if harm was found.
 """
 
-import argparse
 import logging
 import os
 import random
@@ -40,7 +39,7 @@ os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
 from campaigns.fault_lines import injected_run  # noqa: E402 - below the path
 from campaigns.fault_run import Recovery, Run  # noqa: E402
 from campaigns.fault_world import Over, World, clock_of, coalesced, drawn_plan  # noqa: E402
-from campaigns.processes import HARM, end_with  # noqa: E402
+from campaigns.processes import HARM, end_with, parser_of  # noqa: E402
 from campaigns.surroundings import CASES, surrounded  # noqa: E402
 from radard.judge.bundle import load_bundle  # noqa: E402
 from radard.judge.classifier import Classifier  # noqa: E402
@@ -161,8 +160,7 @@ def spread(run: Callable[[int], Judged], n: int, jobs: int) -> Iterator[Judged]:
 
 def main() -> int:
     """Run the campaign."""
-    about = (__doc__ or "").split("\n\n")
-    parser = argparse.ArgumentParser(description=about[0], epilog=about[2])
+    parser = parser_of(__doc__)
     parser.add_argument("--runs", type=int, default=2000, help="on the virtual clock")
     parser.add_argument("--injected", type=int, default=200, help="in real time, through a line")
     parser.add_argument("--surroundings", default="all", help="all, none, or " + ", ".join(CASES))

@@ -17,7 +17,6 @@ inputs, unhandled, hangs, over_memory, and the same for each of `targets`. Exit 
 found.
 """
 
-import argparse
 import hashlib
 import importlib
 import os
@@ -41,7 +40,7 @@ os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
 
 from campaigns import fuzz_targets  # noqa: E402 - below the path
 from campaigns.fuzz_mutate import BORDER, mutate  # noqa: E402
-from campaigns.processes import end_with  # noqa: E402
+from campaigns.processes import end_with, parser_of  # noqa: E402
 
 MAX_GROWTH_BYTES = 512 << 20
 TIME_LIMIT_S = 3.0
@@ -191,8 +190,7 @@ def _seeds(target: str) -> list[bytes]:
 
 def main() -> int:
     """Run the campaign."""
-    about = (__doc__ or "").split("\n\n")
-    parser = argparse.ArgumentParser(description=about[0], epilog=about[1])
+    parser = parser_of(__doc__)
     parser.add_argument("--seconds", type=float, default=60.0, help="for all targets together")
     parser.add_argument("--inputs", type=int, help="of each target, instead of --seconds")
     parser.add_argument("--seed", type=int, default=0)

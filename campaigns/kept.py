@@ -32,7 +32,7 @@ class Kept:
             ("lost_events", "duplicate_events", "unreadable", "decisions_differ"), 0
         )
 
-    def begin_anew(self) -> None:
+    def begin_again(self) -> None:
         """Expect no more what a damaged file held; a key is still never used twice."""
         self._numbers.clear()
         self._stored.clear()
@@ -88,7 +88,7 @@ class Kept:
         print(f"{key}: {what}", file=sys.stderr)
 
 
-def alarm_anew(daemon: Daemon) -> None:
+def alarm_again(daemon: Daemon) -> None:
     """End an alarm, by disarming, and let another begin."""
     sock = control_path(daemon.folder, "radar")
     with contextlib.suppress(OSError, ValueError):

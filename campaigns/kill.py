@@ -13,7 +13,6 @@ more than a second before the last decision); lost_states (armed or not, an alar
 Exit code 1 if harm was found.
 """
 
-import argparse
 import contextlib
 import random
 import sys
@@ -25,7 +24,7 @@ _ROOT = Path(__file__).parents[1]
 sys.path[:0] = [str(_ROOT), str(_ROOT / "daemon")]
 
 from campaigns.outputs import Broker, Outputs  # noqa: E402 - below the path
-from campaigns.processes import CONFIG, Daemon, end_with, wait_for  # noqa: E402
+from campaigns.processes import CONFIG, Daemon, end_with, parser_of, wait_for  # noqa: E402
 from radard.run.control import ask, control_path  # noqa: E402
 from x2radar.errors import RecordingError  # noqa: E402
 from x2radar.recording.registry import open_recording  # noqa: E402
@@ -168,8 +167,7 @@ class House:
 
 def main() -> int:
     """Kill again and again."""
-    about = (__doc__ or "").split("\n\n")
-    parser = argparse.ArgumentParser(description=about[0], epilog=about[2])
+    parser = parser_of(__doc__)
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()

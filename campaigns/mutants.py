@@ -42,9 +42,9 @@ MODULES: dict[str, tuple[str, tuple[str, ...]]] = {
         "x2radar/wire/framing.py",
         ("driver/test_framing", "driver/test_framing_faults"),
     ),
-    "codec": ("x2radar/wire/codec.py", ("driver/test_codec",)),
+    "codec": ("x2radar/wire/codec.py", ("driver/test_codec", "driver/test_codec_properties")),
     "protocol": ("x2radar/wire/protocol.py", ("driver/test_protocol", "driver/test_device")),
-    "ring": ("daemon/radard/stream/ring.py", ("detect/test_ring",)),
+    "ring": ("daemon/radard/stream/ring.py", ("detect/test_ring", "detect/test_ring_times")),
     "gate": ("daemon/radard/detect/gate.py", ("detect/test_gate_limits", "detect/test_gate")),
     "evidence": ("daemon/radard/judge/evidence.py", ("training/test_evidence",)),
     "decision": (

@@ -1,5 +1,6 @@
 """What campaigns start, a daemon; and what they say at the end."""
 
+import argparse
 import contextlib
 import json
 import os
@@ -40,6 +41,12 @@ wall_clock.now_s = stepped
 """
 """What sets the clock on the wall of one daemon, by the seconds in a file of its folder."""
 _RADARD = "import sys; from radard.cli import main; sys.exit(main())"
+
+
+def parser_of(doc: str | None) -> argparse.ArgumentParser:
+    """Return a parser whose help begins and ends as a campaign's docstring does."""
+    paragraphs = (doc or "").split("\n\n")
+    return argparse.ArgumentParser(description=paragraphs[0], epilog=paragraphs[-1])
 
 
 def wait_for(condition: Callable[[], Any], what: str, timeout_s: float = PATIENCE_S) -> Any:

@@ -14,7 +14,6 @@ quarter less those of the second), `clock_drift_ppm` (stream against the clock o
 well), and the same for each of `runs`. Exit code 1 if harm was found.
 """
 
-import argparse
 import contextlib
 import sys
 import tempfile
@@ -34,7 +33,7 @@ from websockets.sync.client import connect
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from campaigns.outputs import Broker, Outputs, records
-from campaigns.processes import Daemon, end_with, wait_for
+from campaigns.processes import Daemon, end_with, parser_of, wait_for
 from tests.waiting import free_port
 
 _EVERY_S = 2.0
@@ -191,8 +190,7 @@ def differing(live: Sequence[Mapping[str, Any]], replayed: Sequence[Mapping[str,
 
 def main() -> int:
     """Soak, and print what grew."""
-    about = (__doc__ or "").split("\n\n")
-    parser = argparse.ArgumentParser(description=about[0], epilog=about[1])
+    parser = parser_of(__doc__)
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--stream-hours", type=float, default=24.0)
     parser.add_argument("--most-minutes", type=float, default=120.0, help="for the stream hours")

@@ -71,7 +71,8 @@ def test_soak():
 def test_clock():
     found = run("clock", "--steps", "3")
     assert found.pop("events") > 0
-    assert found.pop("decisions") >= 0  # a busy computer loses frames, and then none compares
+    # A busy computer loses frames; then fewer decisions can be compared, or none.
+    del found["decisions"]
     assert found == {"steps": 3}
 
 
@@ -79,7 +80,6 @@ def test_clock():
 def test_disk():
     found = run("disk", "--faults", "6")
     assert found["events"] > 0
-    assert found["decisions"] >= 0
     assert len(found["faults"]) + len(found["skipped"]) == 6
 
 

@@ -2,7 +2,7 @@
 
 It reads the ring (`FrameRing.recent`) instead of being called, so the reader and the worker do
 not depend on it; what it is too slow for is left out and shows as a gap. While nobody looks it
-only keeps the frames of the last half minute, which whoever opens a page gets first.
+only keeps the frames of the last half minute, which a page gets first when it opens.
 """
 
 import logging
