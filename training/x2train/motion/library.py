@@ -28,7 +28,8 @@ _SIZE_M: Mapping[Label, tuple[float, float]] = {"human": (0.9, 2.0), "pet": (0.2
 """That sizes are drawn between: statures, withers."""
 _TEMPO = {"human": (0.75, 1.15), "pet": (0.6, 1.3)}
 """How much quicker than recorded, before the size makes it quicker still. Slow ones count: of a
-recorded dog's passages those at less than 0.3 m/s alarmed most (docs/research/evaluation-tried.md)."""
+recorded dog's passages those at less than 0.3 m/s alarmed most
+(docs/research/evaluation-tried.md)."""
 _SPREAD = {"human": 0.08, "pet": 0.35}
 """Of sizes about the individual's own, in parts: statures of adults spread by a twelfth."""
 _CHILD_SHARE = 0.15
