@@ -186,7 +186,8 @@ def claims() -> Iterator[str]:
         for name in re.findall(r"^ *(?:async )?def (test_\w+)", path.read_text(), re.MULTILINE)
     }
     section = read("docs/threat-model.md").split("## What is claimed")[1].split("\n## ")[0]
-    made = set(re.findall(r"^\* (.*)$", section, re.MULTILINE))
+    items = re.findall(r"^\* (.*(?:\n  .*)*)", section, re.MULTILINE)
+    made = {" ".join(item.split()) for item in items}
     tested = yaml.safe_load(read("tests/claims.yaml"))
     for claim in made ^ set(tested):
         yield f"threat-model.md and tests/claims.yaml differ: {claim}"
