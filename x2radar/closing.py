@@ -7,11 +7,11 @@ class Closing:
     """Base of what is closed at the end of its `with` block."""
 
     def __enter__(self) -> Self:
-        """Return the object."""
+        """Return the object itself, for `with ... as`."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close it."""
+        """Close it, whatever happened in the block."""
         self.close()
 
     def close(self) -> None:

@@ -38,7 +38,7 @@ class PortError(X2RadarError):
 
 
 class PortNotFound(PortError):
-    """No such port."""
+    """There is no port of that name."""
 
 
 class PortDenied(PortError):

@@ -16,7 +16,7 @@ BODIES = "x2radar.bodies"
 
 @dataclass(frozen=True, slots=True)
 class Plugin:
-    """One plug-in."""
+    """A plug-in that was found and loaded."""
 
     name: str
     about: str

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 
 
 def now_s() -> float:
-    """Return seconds since 1970."""
+    """Return the wall clock's time in seconds since 1970, UTC."""
     return time.time()
 
 

@@ -196,7 +196,7 @@ def stop_flag() -> Iterator[threading.Event]:
 
 @dataclass(slots=True)
 class Tally:
-    """What was recorded."""
+    """Frames that a recording took and lost, and whether the disk was full."""
 
     n_frames: int = 0
     n_lost: int = 0

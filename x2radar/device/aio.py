@@ -68,7 +68,7 @@ class AsyncRadar:
         await asyncio.shield(asyncio.to_thread(self._end))
 
     def __aiter__(self) -> "AsyncRadar":
-        """Return the radar."""
+        """Iterate over the frames; see `__anext__`."""
         return self
 
     async def __anext__(self) -> Frame:

@@ -75,7 +75,7 @@ class SerialTransport:
         return device.exists() and "/usb" in str(device.resolve())
 
     def read(self, timeout_s: float) -> bytes:
-        """As in `Transport`."""
+        """Return what the port has received; wait up to `timeout_s` for the first byte."""
         first = b""
         try:
             if not self._serial.in_waiting:
@@ -104,7 +104,7 @@ class SerialTransport:
             self._serial.timeout = timeout_s
 
     def write(self, data: bytes) -> None:
-        """As in `Transport`."""
+        """Send all of `data`; raises TransportClosed when the port is gone."""
         try:
             self._serial.write(data)
         except (serial.SerialException, OSError, TypeError) as err:
@@ -112,7 +112,7 @@ class SerialTransport:
             raise TransportClosed(msg) from err
 
     def close(self) -> None:
-        """As in `Transport`."""
+        """Close the port, and the socket that pyserial leaves open."""
         # pyserial 3.5 leaves a socket open whose far end went first.
         leaked = getattr(self._serial, "_socket", None)
         self._serial.close()
@@ -192,16 +192,16 @@ class MemoryTransport:
         self._outgoing = outgoing
 
     def read(self, timeout_s: float) -> bytes:
-        """As in `Transport`."""
+        """Return what the far end wrote; wait up to `timeout_s` for the first byte."""
         return self._incoming.get(timeout_s)
 
     def write(self, data: bytes) -> None:
-        """As in `Transport`; waits while the far end is `capacity` bytes behind."""
+        """Send `data`; waits while the far end is `capacity` bytes behind."""
         if data:
             self._outgoing.put(bytes(data))
 
     def close(self) -> None:
-        """As in `Transport`; closes both directions."""
+        """Close both directions; what was not read here is dropped."""
         self._incoming.close(forget=True)
         self._outgoing.close()
 
@@ -235,13 +235,13 @@ class PtyTransport:
         self.path = os.ttyname(self._slave)
 
     def read(self, timeout_s: float) -> bytes:
-        """As in `Transport`."""
+        """Return what was written to the terminal; wait up to `timeout_s` for it."""
         with self._open_master() as master:
             ready, _, _ = select.select([master], [], [], max(timeout_s, 0))
             return os.read(master, _READ_SIZE) if ready else b""
 
     def write(self, data: bytes) -> None:
-        """As in `Transport`; waits while the terminal's buffer is full."""
+        """Send all of `data`; waits while the terminal's buffer is full."""
         left = memoryview(data)
         while left:
             left = left[self.write_some(left, 1.0) :]
@@ -266,7 +266,7 @@ class PtyTransport:
             raise TransportClosed(msg) from err
 
     def close(self) -> None:
-        """As in `Transport`."""
+        """Close both ends of the terminal."""
         descriptors = self._master, self._slave
         self._master = self._slave = -1
         for descriptor in descriptors:

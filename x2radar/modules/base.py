@@ -31,7 +31,7 @@ class ModuleSettings(ABC):
     @property
     @abstractmethod
     def frame_rate_hz(self) -> float:
-        """Frames per second."""
+        """Frames that the module sends in a second."""
 
     @property
     @abstractmethod
@@ -60,7 +60,7 @@ class ModuleSettings(ABC):
 
     @property
     def n_range(self) -> int:
-        """Bins in one frame."""
+        """Number of range bins in one frame."""
         return self.axis.n_range
 
     @property

@@ -19,7 +19,7 @@ _NEAR = 0.01
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModuleRow:
-    """One module."""
+    """What the driver knows of one kind of module; a row of `MODULES`."""
 
     device: str
     """As the key `device` of a port string names it."""

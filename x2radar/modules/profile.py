@@ -55,7 +55,7 @@ class ProfileSettings(ModuleSettings):
     led: int = limited(Led.OFF, 0, 3, "row of `wire_ids.Led`", is_whole=True)
 
     def faults_together(self) -> Iterator[str]:
-        """As in `ModuleSettings`."""
+        """Yield what is wrong with the zone's two ends together."""
         if self.zone_end_m <= self.zone_start_m:
             start = f"zone_start_m = {self.zone_start_m:g}"
             yield f"zone_end_m = {self.zone_end_m:g}: must be above {start}"
@@ -80,7 +80,7 @@ class ProfileSettings(ModuleSettings):
         return cls()
 
     def startup_commands(self) -> tuple[Message, ...]:
-        """As in `ModuleSettings`, in the order of clients of real modules."""
+        """Return what a freshly reset module is told, in the order of clients of real modules."""
         return (
             SetMode(Mode.IDLE),
             LoadProfile(PROFILES[self.profile][0]),
@@ -93,7 +93,7 @@ class ProfileSettings(ModuleSettings):
 
     @property
     def frame_rate_hz(self) -> float:
-        """Frames per second: fixed."""
+        """Frames per second, which the profile fixes."""
         return _FRAME_RATE_HZ
 
     @property

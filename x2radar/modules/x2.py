@@ -91,7 +91,7 @@ class RadarSettings(ModuleSettings):
     output: str = one_of("rf", tuple(OUTPUTS), "RF, or baseband: I/Q, or amplitude/phase")
 
     def faults_together(self) -> Iterator[str]:
-        """As in `ModuleSettings`."""
+        """Yield what is wrong with the sweep's limits, and with its time in a frame's."""
         if self.dac_max <= self.dac_min:
             yield f"dac_max = {self.dac_max}: must be above dac_min = {self.dac_min}"
         elif self.sweep_s * self.frame_rate_hz > 1:
@@ -131,7 +131,7 @@ class RadarSettings(ModuleSettings):
         return cls.for_frame_rate(60.0 if rate_hz is None else rate_hz, output=output)
 
     def startup_commands(self) -> tuple[Message, ...]:
-        """As in `ModuleSettings`."""
+        """Return what a freshly reset module is told: radar settings, output, MANUAL mode."""
         values = {ref: getattr(self, name) for ref, name in SYS_FIELDS.items()}
         delay_s = values.pop(SysCfg.SAMPLE_DELAY)
         return (
@@ -158,7 +158,7 @@ class RadarSettings(ModuleSettings):
 
     @property
     def n_steps(self) -> int:
-        """Thresholds in one sweep."""
+        """Number of thresholds in one sweep."""
         return math.ceil((self.dac_max - self.dac_min + 1) / self.dac_step)
 
     @property

@@ -64,7 +64,7 @@ class X4Settings(ModuleSettings):
     prf_divider: int = limited(16, 6, 255, "pulse rate = 243 MHz / divider", is_whole=True)
 
     def faults_together(self) -> Iterator[str]:
-        """As in `ModuleSettings`."""
+        """Yield what is wrong with area, sweep and frame rate together."""
         span_m = self.area_end_m - self.area_start_m
         if not 0 < span_m <= _SPAN_M:
             yield (
@@ -109,7 +109,7 @@ class X4Settings(ModuleSettings):
         return cls.for_frame_rate(rate_hz, is_baseband=kind != "rf")
 
     def startup_commands(self) -> tuple[Message, ...]:
-        """As in `ModuleSettings`."""
+        """Return what a freshly reset module is told; the frame rate, last, starts the stream."""
         told = (X4Set(k, tuple(getattr(self, f) for f in names)) for k, names in X4_FIELDS.items())
         return (
             SetMode(Mode.STOP),

@@ -120,21 +120,21 @@ class CapturingTransport:
         return bool(getattr(self._inner, "is_usb", False))
 
     def read(self, timeout_s: float) -> bytes:
-        """As in `Transport`."""
+        """Read from the inner transport, and write what came into the capture."""
         data = self._inner.read(timeout_s)
         if data:
             self._writer.add(FROM_MODULE, data)
         return data
 
     def write(self, data: bytes) -> None:
-        """As in `Transport`."""
+        """Write `data` into the capture, then to the inner transport."""
         # First: an answer must not stand before its question.
         if data:
             self._writer.add(TO_MODULE, bytes(data))
         self._inner.write(data)
 
     def close(self) -> None:
-        """As in `Transport`; the capture stays open."""
+        """Close the inner transport; the capture stays open."""
         if self._open:
             self._open = False
             self._inner.close()
@@ -239,7 +239,7 @@ class CaptureTransport:
         self._clock_s: tuple[float, float] | None = None
 
     def read(self, timeout_s: float) -> bytes:
-        """As in `Transport`."""
+        """Return what the module sent by now; wait up to `timeout_s` for more."""
         give_up_s = time.monotonic() + timeout_s
         with self._changed:
             while True:
@@ -256,7 +256,7 @@ class CaptureTransport:
                 self._changed.wait(wait_s)
 
     def write(self, data: bytes) -> None:
-        """As in `Transport`; see `CaptureReplay` for what becomes of the bytes."""
+        """Compare what the host sends with the capture; see `CaptureReplay`."""
         with self._changed:
             if self._ended and self._next is None:
                 raise TransportClosed(self._fault)
@@ -265,7 +265,7 @@ class CaptureTransport:
                 self._changed.notify_all()
 
     def close(self) -> None:
-        """As in `Transport`."""
+        """End the replay; a read that waits returns."""
         with self._changed:
             self._ended, self._next = True, None
             self._changed.notify_all()

@@ -21,7 +21,7 @@ from x2radar.recording.registry import (
 
 @dataclass(frozen=True, slots=True)
 class Converted:
-    """What a conversion did."""
+    """Format, length and remarks of a conversion that succeeded."""
 
     kind: str
     n_frames: int

@@ -160,7 +160,7 @@ class AlarmPanel:
         return []
 
     def disarm(self) -> list[PanelChange]:
-        """Disarm; an alarm ends."""
+        """Disarm from any state; an alarm that is on ends."""
         was, self.state = self.state, "disarmed"
         return [PanelChange("end", "disarmed")] if was == "alarm" else []
 

@@ -18,7 +18,7 @@ log = logging.getLogger("radard")
 
 
 class KeptState(BaseModel):
-    """What is kept."""
+    """What outlives a restart: how the sensor is armed, its alarm and its delays."""
 
     model_config = ConfigDict(frozen=True)
 

@@ -41,7 +41,7 @@ _WHOLE = ("seq", "frames", "dropped", "alarm")
 
 
 class ClipFile:
-    """Write one clip."""
+    """Writer of one clip: frames, decisions, picture and attributes."""
 
     def __init__(
         self,

@@ -26,7 +26,7 @@ The daemon's own user and root may do that: sudo -u radard radard {0}
 
 
 class NoDaemon(RadardError):
-    """No daemon answers."""
+    """No running daemon answers on the control socket."""
 
     exit_code = 1
 

@@ -50,7 +50,7 @@ def make_parser() -> Parser:
 
 
 def explained(config: Config, *, pass_s: float) -> Iterator[str]:
-    """Yield the lines."""
+    """Yield the lines of `radard explain`: rule, numbers, and what sensitivities cost."""
     if config.model.name == "none":
         yield "model none: the gate alone; there are no verdicts and no alarms"
         return

@@ -38,7 +38,7 @@ class Fleet:
 
     @property
     def subscriptions(self) -> list[str]:
-        """Topic filters."""
+        """Topic filters that the broker is asked for."""
         return [f"{self._prefix}/+/{name}" for name in _TOPICS]
 
     def take(self, topic: str, payload: bytes, now_s: float) -> None:

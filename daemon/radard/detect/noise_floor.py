@@ -35,7 +35,7 @@ class NoiseFloor:
         self._shape_db: NDArray[np.float64] | None = None
 
     def reset(self) -> None:
-        """Forget everything."""
+        """Forget all levels and the shape over range, as for a new stream."""
         self._levels.clear()
         self._shape_db = None
 

@@ -59,7 +59,7 @@ class RoomSurvey:
 
     @property
     def n_dwells(self) -> int:
-        """Dwells that count."""
+        """Number of dwells that were taken and count."""
         return len(self._power)
 
     def add(self, dwell: Dwell) -> bool:

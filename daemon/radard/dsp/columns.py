@@ -23,7 +23,7 @@ class ColumnStore:
         self.restart()
 
     def restart(self) -> None:
-        """Forget all columns."""
+        """Drop all columns; the next ones follow no gap."""
         self._fill = 0
 
     def __len__(self) -> int:

@@ -41,7 +41,7 @@ class StreamingDoppler(ColumnStream):
         super().__init__(n_cpi, _block_length(n_cpi), n_keep, n_cpi)
 
     def advance(self, steps: StepBuffer, n_new: int) -> int:
-        """See `ColumnStream`."""
+        """Make the columns that the newest `n_new` frames complete, by their Gram matrix."""
         n_frames, stride = steps.n_frames, self._stride
         earliest = max(0, n_frames - n_new - self._n_cpi + 1)
         first = -(-earliest // stride) * stride

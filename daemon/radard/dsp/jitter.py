@@ -51,7 +51,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JitterFit:
-    """What was found."""
+    """Delay and gain of every frame that the clutter showed."""
 
     delay_s: Array  # of every frame about the dwell's mean, shape (n_slow,); later is positive
     gain: Array  # of every frame, less one; likewise

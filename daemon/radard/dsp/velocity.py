@@ -156,14 +156,14 @@ class VelocityTransform(ColumnStream):
         self._n_seen = 0
 
     def restart(self) -> None:
-        """See `ColumnStream`."""
+        """Forget means, spectra and columns: the stream begins anew."""
         super().restart()
         self._means.restart()
         self._spectra.restart()
         self._n_seen = 0
 
     def advance(self, steps: StepBuffer, n_new: int) -> int:
-        """See `ColumnStream`."""
+        """Make the columns that the newest `n_new` frames complete, by their spectra."""
         return self._advance(steps.product(self._dft, n_new), steps.flags(n_new))
 
     def _advance(self, planar: NDArray[np.float32], flags: Flags) -> int:

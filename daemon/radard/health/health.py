@@ -25,7 +25,7 @@ START_S = 15.0  # a module's reset, its first dwell, and room for a slow compute
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """A state and why."""
+    """The daemon's state, and the reason for it in words."""
 
     state: State
     reason: str
@@ -62,7 +62,7 @@ class Health:
 
     @property
     def status(self) -> Status:
-        """What holds now."""
+        """The status at this moment."""
         with self._lock:
             return self._now()
 
@@ -138,7 +138,7 @@ class Health:
             return self._changed()
 
     def check(self) -> Status | None:
-        """Look at the clock."""
+        """Return the status if time alone has changed it, as when decisions stopped; else None."""
         with self._lock:
             return self._changed()
 

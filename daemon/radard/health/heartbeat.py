@@ -25,7 +25,7 @@ _MAIN_LATE_S = 5.0  # the main thread comes by once a second
 
 @dataclass(slots=True)
 class Watched:
-    """One sensor."""
+    """A sensor whose health every beat reports, and where its status goes."""
 
     name: str
     health: Health  # asked at every beat

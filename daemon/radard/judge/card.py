@@ -33,7 +33,7 @@ class Passing:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Card:
-    """Quality of a bundle."""
+    """How well a bundle did, in its evaluation and on single windows."""
 
     __pydantic_config__ = LOOSE
 

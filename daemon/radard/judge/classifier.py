@@ -80,7 +80,7 @@ class Classifier:
 
     @property
     def feature_names(self) -> tuple[str, ...]:
-        """Features that `classify` needs."""
+        """Names of the features that the network takes, in the order of its inputs."""
         return tuple(i.feature for i in self.bundle.inputs)
 
     def classify(self, features: Features) -> Probabilities:

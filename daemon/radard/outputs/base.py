@@ -164,7 +164,7 @@ class SinkState:
 
 
 class Sink(Protocol):
-    """Takes records in order."""
+    """An output: it is given records in order, and reports how it does."""
 
     @property
     def name(self) -> str:
@@ -207,14 +207,14 @@ class StateKeeper:
         self._remark, self._remarked_s = "", float("-inf")
 
     def state(self, n_waiting: int) -> SinkState:
-        """Return what holds now."""
+        """Return the sink's state, with what waits and a recent remark."""
         with self._lock:
             is_fresh = time.monotonic() - self._remarked_s < _REMARKED_S
             remark = self._remark if is_fresh else ""
             return replace(self._state, n_waiting=n_waiting, remark=remark)
 
     def remark(self, text: str) -> None:
-        """Say what was lost."""
+        """Log what was lost, and show it in the state for a while."""
         log.warning("%s: %s", self._name, text)
         with self._lock:
             self._remark, self._remarked_s = text, time.monotonic()
@@ -225,7 +225,7 @@ class StateKeeper:
             self._state = replace(self._state, status="retrying", reason=reason)
 
     def sent(self, n: int = 1) -> None:
-        """Count success."""
+        """Count `n` records that were handed on; a failure is over."""
         with self._lock:
             was = self._state
             self._state = replace(was, status="ok", reason="", n_sent=was.n_sent + n)

@@ -207,7 +207,7 @@ class DeliverySink(ABC):
 
     @property
     def state(self) -> SinkState:
-        """As in `Sink`."""
+        """How the delivery is doing; for any thread."""
         return self._delivery.state()
 
     @property
@@ -222,7 +222,7 @@ class DeliverySink(ABC):
         return self
 
     def write(self, record: Record) -> None:
-        """As in `Sink`; events come by the log."""
+        """Put a state or decision into the queue; events come by the log."""
         if record["type"] != "event" and self._wants(record):
             if self._is_ended:
                 self._keeper.dropped(1, "it has ended")
@@ -230,14 +230,14 @@ class DeliverySink(ABC):
                 self._delivery.put_transient(record)
 
     def finish(self, timeout_s: float | None = None) -> None:
-        """As in `Sink`."""
+        """Take no more records; begin to deliver the rest within `timeout_s`."""
         self._is_ended = True
         limit_s = CLOSE_S if timeout_s is None else timeout_s
         self._deadline_s = min(self._deadline_s, time.monotonic() + limit_s)
         self._delivery.finish()
 
     def close(self, timeout_s: float | None = None) -> None:
-        """As in `Sink`."""
+        """Finish, and wait for the delivery's thread until the deadline."""
         self.finish(timeout_s)
         self._delivery.join(max(0.0, self._deadline_s - time.monotonic()))
         self._keeper.end()

@@ -51,7 +51,7 @@ def open_from_url(url: str, _options: SinkOptions, context: SinkContext) -> "Lsl
 
 
 class LslSink(DirectSink):
-    """Publish decisions and events."""
+    """Publishes decisions as samples and events as markers of Lab Streaming Layer."""
 
     def __init__(self, lsl: Any, name: str, context: SinkContext) -> None:
         super().__init__(f"lsl:{name}", Backoff(1.0, 10.0, name))

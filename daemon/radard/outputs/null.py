@@ -17,7 +17,7 @@ class NullSink:
     state = SinkState()
 
     def write(self, record: Record) -> None:
-        """Forget a record."""
+        """Drop a record."""
 
     def finish(self, timeout_s: float | None = None) -> None:
         """Do nothing."""

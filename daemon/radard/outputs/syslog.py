@@ -44,7 +44,7 @@ _PORTS = {"udp": 514, "tcp": 514, "tls": 6514}
 
 @dataclass(frozen=True, slots=True)
 class Server:
-    """A log server."""
+    """Address of a log server, and the protocol that it speaks."""
 
     scheme: str
     host: str
@@ -52,7 +52,7 @@ class Server:
 
     @property
     def kind(self) -> socket.SocketKind:
-        """How it is reached."""
+        """Type of socket: datagrams for UDP, a stream for TCP and TLS."""
         return _KINDS[self.scheme]
 
 

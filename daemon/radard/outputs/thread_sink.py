@@ -130,22 +130,22 @@ class ThreadSink(ABC):
 
     @property
     def state(self) -> SinkState:
-        """As in `Sink`."""
+        """How the sink is doing, and how many records wait; for any thread."""
         return self._keeper.state(len(self._queue))
 
     def write(self, record: Record) -> None:
-        """As in `Sink`."""
+        """Put a record into the queue; raises what ended the thread."""
         self._raise()
         self._keeper.dropped(self._queue.put(record), "no room")
 
     def finish(self, timeout_s: float | None = None) -> None:
-        """As in `Sink`."""
+        """Take no more records; begin to hand on the rest within `timeout_s`."""
         if timeout_s is not None:
             self._deadline_s = min(self._deadline_s, time.monotonic() + timeout_s)
         self._queue.end()
 
     def close(self, timeout_s: float | None = None) -> None:
-        """As in `Sink`."""
+        """Finish, wait for the thread in time, and release everything."""
         if timeout_s is None and not self.waits:
             timeout_s = CLOSE_S
         self.finish(timeout_s)

@@ -63,7 +63,7 @@ def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "Webh
 
 
 class WebhookSink(DeliverySink):
-    """POST events."""
+    """Posts every event to a URL, signed where there is a secret."""
 
     def __init__(self, url: str, options: SinkOptions, context: SinkContext) -> None:
         o = options.webhook

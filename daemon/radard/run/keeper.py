@@ -92,7 +92,7 @@ class Keeper:
         return isinstance(self.failure, BrokenPipeError | OutputError) and not self.is_alive
 
     def start(self) -> None:
-        """Begin."""
+        """Start the thread that runs the sensor."""
         self._thread.start()
 
     def stop(self) -> None:
@@ -102,7 +102,7 @@ class Keeper:
         self._over.set()
 
     def join(self, timeout_s: float) -> None:
-        """Wait for the end."""
+        """Wait `timeout_s` for the thread; note its name in `stuck` if it goes on."""
         self._thread.join(timeout_s)
         if self._thread.is_alive():
             self.stuck.append(self._thread.name)

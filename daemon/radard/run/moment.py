@@ -41,12 +41,12 @@ class Moment:
 
     @property
     def record(self) -> Record:
-        """The decision."""
+        """The decision nearest to the time that was asked for."""
         return self.records[-1]
 
     @property
     def pet_limit(self) -> float:
-        """No alarm above it."""
+        """p(pet) + p(other) above which there was no alarm."""
         return float(self.hello["pet_limit"])
 
 
@@ -58,11 +58,11 @@ class _Watched(Classifier):
         self.seen: Seen | None = None
 
     def classify(self, features: Features) -> Probabilities:
-        """As in `Classifier`; of single bodies, which are not kept."""
+        """Return the probabilities of a single body; they are not kept."""
         return super().answer(features).window
 
     def answer(self, features: Features, hidden: Hidden | None = None) -> Answer:
-        """As in `Classifier`."""
+        """Answer as the classifier does, and keep what went in and came out."""
         answer = super().answer(features, hidden)
         self.seen = Seen(features, hidden, answer)
         return answer
@@ -88,7 +88,7 @@ class _Kept(Outputs):
         self.settings = self.settings.at(pipeline.stream.frame_rate_hz)
 
     def put(self, record: Record, sensor: str | None = None, *, waits: bool = False) -> bool:
-        """As in `Outputs`."""
+        """Keep a record, and what the network saw if no decision was nearer."""
         self.records.append(record)
         if record["type"] == "decision" and self.off_s(record) < self.off_s(self.nearest):
             self.nearest = record

@@ -29,7 +29,7 @@ class Signals:
         self._before: dict[int, Any] = {}
 
     def __enter__(self) -> "Signals":
-        """Install them."""
+        """Install the handlers; outside of the main thread do nothing."""
         if threading.current_thread() is threading.main_thread():
             self._before = {
                 number: signal.signal(number, self._handle) for number in (*_STOP, *_ASK)

@@ -66,7 +66,7 @@ class WorkerPool:
         return Turns(step, self._ready)
 
     def close(self) -> None:
-        """Let the threads end."""
+        """Tell every thread to end; returns at once."""
         for _ in range(self._n_threads):
             self._ready.put(None)
 

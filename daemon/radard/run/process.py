@@ -85,7 +85,7 @@ class Process:
 
     @property
     def sensors(self) -> list[Sensor]:
-        """The radars."""
+        """Sensors that the process runs."""
         return [keeper.sensor for keeper in self._keepers]
 
     def go(self) -> int:

@@ -73,7 +73,7 @@ class RunningSensor:
         self._reader = threading.Thread(target=self._read, name=thread_name, daemon=True)
 
     def start(self) -> None:
-        """Begin."""
+        """Start the reader; from now on the pool works on what the ring has."""
         self.ring.listen(self._turns.ask)
         self._turns.ask()
         self._reader.start()

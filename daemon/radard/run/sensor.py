@@ -96,32 +96,32 @@ class Sensor:
         """Its last decisions and events, the oldest first."""
 
     def config(self) -> Config:
-        """As in `Host`."""
+        """Return the configuration that holds, with what was reloaded."""
         return self._run.worker.parts.config if self._run is not None else self._config
 
     def panel(self) -> SensorState | None:
-        """As in `Host`."""
+        """Return how the sensor is armed and what it sees; None before there is a stream."""
         return self._run.worker.state if self._run is not None else None
 
     def ring(self) -> FrameRing | None:
-        """As in `Host`."""
+        """Return the ring of the stream; None before there is one."""
         return self._run.ring if self._run is not None else None
 
     def playback(self) -> Playback | None:
-        """As in `Host`."""
+        """Return the controls of a replay; None for anything else."""
         return getattr(self._run.opened.source, "playback", None) if self._run else None
 
     def driver(self) -> Mapping[str, int]:
-        """As in `Host`."""
+        """Return what the driver has counted; empty without one."""
         stats = getattr(self._run.opened.source, "stats", None) if self._run else None
         return asdict(stats) if stats is not None else {}
 
     def sinks(self) -> Sequence[Sink]:
-        """As in `Host`."""
+        """Return all sinks of the process."""
         return [sink for _, sink in self._outputs.sinks]
 
     def mark(self) -> str:
-        """As in `Host`."""
+        """Return 'simulated' or 'replayed'; an empty text while a module sends the frames."""
         if self._config.sensor.kind == "sim":
             return "simulated"
         return "" if self._is_live else "replayed"
@@ -138,7 +138,7 @@ class Sensor:
             self._waiting_command = name
 
     def test_alarm(self, halt: threading.Event | None = None) -> list[dict[str, str]]:
-        """As in `Host`; `halt` ends the wait for answers."""
+        """Send a test alarm; return what every output made of it. `halt` ends the wait."""
         return self._outputs.try_alarm(self.sensor, self._try_alarm, halt)
 
     @property

@@ -30,7 +30,7 @@ class Drift:
 
 
 class ClockDrift:
-    """Follow one uninterrupted stream."""
+    """Estimates the drift of the stream's clock against the host's, until a gap."""
 
     def __init__(self) -> None:
         self.estimate: Drift | None = None

@@ -14,7 +14,7 @@ TICK_S = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlaybackState:
-    """Where a replay is."""
+    """Position, length and speed of a replay."""
 
     position_s: float
     length_s: float
@@ -43,7 +43,7 @@ class Playback:
 
     @property
     def state(self) -> PlaybackState:
-        """What holds now."""
+        """Position and speed at this moment; after a seek the place that was asked for."""
         with self._changed:
             return PlaybackState(
                 position_s=self._position_s if self._seek_s is None else self._seek_s,
@@ -58,7 +58,7 @@ class Playback:
         return self._speed is not None
 
     def play(self) -> None:
-        """Go on."""
+        """Go on after a pause."""
         self._set(is_playing=True)
 
     def pause(self) -> None:

@@ -28,7 +28,7 @@ _MAX_COALESCED = 2.0  # times real time: faster streams never let reads pause
 
 
 class FrameSource(Protocol):
-    """Where frames come from."""
+    """A live or recorded stream of frames, from a port or a file."""
 
     @property
     def stream(self) -> StreamInfo:

@@ -219,7 +219,7 @@ class SensorRouter:
         self._views = views
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Route a request."""
+        """Hand a request to the pages of the sensor that its path names."""
         match = _OWN_PATH.fullmatch(scope.get("path", ""))
         view = self._views.get(match[1]) if match else None
         if match is None or view is None:

@@ -159,7 +159,7 @@ class AccessControl:
         return role, session
 
     def log_out(self, cookies: Mapping[str, str]) -> None:
-        """End a session."""
+        """End the session of these cookies, if there is one."""
         self._sessions.pop(cookies.get(self.cookie, ""), None)
 
     def is_right_host(self, headers: Mapping[str, str]) -> bool:

@@ -27,7 +27,7 @@ class History:
         self._causes: dict[str, list[Record]] = {}
 
     def take(self, record: Record) -> None:
-        """Keep a record."""
+        """Keep a decision or an event, and what began an alarm."""
         kind = record["type"]
         with self._lock:
             if kind == "decision":

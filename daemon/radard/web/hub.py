@@ -86,11 +86,11 @@ class Hub:
         return len(self._viewers)
 
     def add(self, viewer: Viewer) -> None:
-        """Add a page."""
+        """Send records to a page from now on."""
         self._viewers.add(viewer)
 
     def remove(self, viewer: Viewer) -> None:
-        """Remove a page."""
+        """Send nothing more to a page."""
         self._viewers.discard(viewer)
         self._update_wanted()
 

@@ -104,7 +104,7 @@ class Metrics:
                 self._set("radard_module_clock_drift_uncertainty_ratio", drift.uncertainty)
 
     def samples(self) -> list[Sample]:
-        """Return what holds now."""
+        """Return all values of this moment, with name and labels."""
         with self._lock:
             return [(name, dict(labels), n) for (name, labels), n in self._values.items()]
 

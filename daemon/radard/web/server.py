@@ -83,7 +83,7 @@ class _Connection(H11Protocol):
             self._late = self.loop.call_later(_HEADER_S, self.give_way)
 
     def give_way(self) -> None:
-        """Close at once."""
+        """Abort the connection, to make room for another."""
         self._stop_timer()
         self.connections.discard(self)
         if self.transport is not None:

@@ -44,7 +44,7 @@ def parse_address(url: str) -> tuple[str, int]:
 
 
 class WebSink:
-    """Serve the dashboard."""
+    """Serves dashboard, HTTP interface and metrics from the records."""
 
     waits = False
 
@@ -77,7 +77,7 @@ class WebSink:
 
     @property
     def state(self) -> SinkState:
-        """As in `Sink`."""
+        """Whether the port is served; for any thread."""
         return self._keeper.state(0)
 
     @property
@@ -111,19 +111,19 @@ class WebSink:
             view.picture_thread.close()
 
     def write(self, record: Record) -> None:
-        """As in `Sink`."""
+        """Hand a record to the view of its sensor."""
         self._views.get(record.get("sensor", ""), self._first).take(record)
         if self._server.address is not None:
             self._keeper.sent()
 
     def finish(self, timeout_s: float | None = None) -> None:  # noqa: ARG002
-        """As in `Sink`."""
+        """End the picture threads and begin to stop the server."""
         for view in self._all_views():
             view.picture_thread.close()
         self._server.stop()
 
     def close(self, timeout_s: float | None = None) -> None:
-        """As in `Sink`."""
+        """Finish, and wait for the server's thread."""
         self.finish()
         if not self._server.join(_CLOSE_S if timeout_s is None else timeout_s):
             _log.warning("%s: did not end in time", self.name)

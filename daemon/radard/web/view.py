@@ -56,12 +56,12 @@ class View:
 
     @property
     def config(self) -> Config:
-        """The configuration that holds."""
+        """The sensor's configuration that holds; built-in values before there is a sensor."""
         return self.host.config() if self.host is not None else Config()
 
     @property
     def label_file(self) -> Path:
-        """The file of labels."""
+        """Path of the file that labels are appended to."""
         return self.section.labels_file or state_dir(self.config) / "labels.jsonl"
 
     @property

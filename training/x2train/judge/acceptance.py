@@ -71,7 +71,7 @@ class Setting:
 
     @property
     def name(self) -> str:
-        """For reports."""
+        """Radar and mount, as reports name them."""
         return f"{self.radar.name}, {self.mount}"
 
 
@@ -206,7 +206,7 @@ class AcceptSpec:
 
     @property
     def n_passages(self) -> int:
-        """Passages of all entries."""
+        """Number of passages of all entries together."""
         return sum(map(self._count, ENTRIES))
 
     def _count(self, entry: Entry) -> int:

@@ -87,7 +87,7 @@ class JudgeSpec:
             raise ModelMismatch(msg) from misfit
 
     def played(self, number: int) -> Passage:
-        """Simulate passage `number`."""
+        """Simulate passage `number`: its suite, site and cast follow from the seed."""
         rng = np.random.default_rng([self.seed, number])
         suite = self.suite(number)
         cast = suite.families(rng)

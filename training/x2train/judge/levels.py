@@ -23,7 +23,7 @@ from x2train.judge.verdicts import hours, intrusions, quantile_s
 
 @dataclass(frozen=True, slots=True)
 class Level:
-    """How one sensitivity did."""
+    """Misses, times to alarm and false alarms at one sensitivity."""
 
     name: str
     n_intrusions: int  # people who came in

@@ -28,7 +28,7 @@ from x2train.sets.sites import (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Suite:
-    """Passages of one kind."""
+    """A suite of the evaluation: who comes, before which radar, in which rooms."""
 
     name: str  # for reports; 'walk test: ...' for those
     split: str  # what is new to the network in it

@@ -72,7 +72,7 @@ class Clip:
 
     @property
     def goes(self) -> bool:
-        """Whether it goes somewhere."""
+        """Whether the body travels, instead of moving in place."""
         return bool(self.step_m.mean() * self.frame_rate_hz > _GOES_MPS)
 
     @cached_property

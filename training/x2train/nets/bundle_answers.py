@@ -17,7 +17,7 @@ _AT_ONCE = 128
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Answers:
-    """Answers to windows."""
+    """What a bundle's network gives for each of n windows."""
 
     # (n, n_classes): of every window alone, to be divided by the bundle's temperature
     logits: Array
@@ -31,7 +31,7 @@ class Answers:
         return _softmax(self.logits / temperature)
 
     def fused_log_p(self) -> Array | None:
-        """Return the head's log-probabilities."""
+        """Return the head's log-probabilities, shape (n, n_classes); None without a head."""
         if self.fused is None:
             return None
         z = self.fused - self.fused.max(axis=1, keepdims=True)

@@ -33,7 +33,7 @@ _STARTED_RATE = 0.3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MapFitSettings:
-    """How to train."""
+    """Length, rates, regularisation and augmentation of a network's training."""
 
     epochs: int = 12
     batch: int = 128

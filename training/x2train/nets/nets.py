@@ -1,4 +1,4 @@
-"""Networks in torch."""
+"""Networks of the shipped bundles in torch: branches over maps, and their sizes."""
 
 import torch
 from torch import nn

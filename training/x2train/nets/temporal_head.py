@@ -58,7 +58,7 @@ class HeadSettings:
 
 
 class TemporalHead(nn.Module):
-    """The head."""
+    """Recurrent network (GRU) over the windows of a passage, on the last layer's input."""
 
     mean: torch.Tensor
     spread: torch.Tensor

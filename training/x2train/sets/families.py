@@ -32,7 +32,7 @@ LABELS: tuple[Label, ...] = ("human", "pet", "other")
 
 @dataclass(frozen=True, slots=True)
 class Family:
-    """One way of moving."""
+    """A way in which a kind of body or thing moves, with its label and its use."""
 
     name: str
     label: Label

@@ -10,7 +10,7 @@ RATES_HZ = (60, 200)  # the thesis'
 
 @dataclass(frozen=True, slots=True, order=True)
 class Cell:
-    """One data set."""
+    """One of the thesis' data sets: vector, animal and frame rate."""
 
     vector: int  # 1, or 2 for the range profile in front of type 1
     # class 1; people are class 2. 'pet', dogs and cats in turn, is not the thesis'
@@ -24,7 +24,7 @@ class Cell:
 
     @property
     def name(self) -> str:
-        """As the thesis calls it: T1D60."""
+        """Name of the set as the thesis writes it, such as T1D60."""
         return f"T{self.vector}{self.animal[0].upper()}{self.frame_rate_hz}"
 
 

@@ -92,7 +92,7 @@ class ElementSpec:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Element:
-    """One element."""
+    """One example of a set: the thesis' vector, and maps of the same seconds."""
 
     vector: NDArray[np.float32]  # (Q2,): type 2; type 1 is what follows on the first 392
     # (n_cpi, n_cells): spectrogram in decibels, by time cells of 50 ms:

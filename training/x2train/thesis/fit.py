@@ -35,7 +35,7 @@ _SEED_STRIDE = 1000  # no repeat has another one's seeds
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FitSettings:
-    """How to train."""
+    """Layers, optimiser and schedule of a training of the thesis' network."""
 
     layers: tuple[int, ...] = (100, 50)
     activation: str = "relu"  # 'relu', 'sigmoid' or 'tanh'
@@ -121,7 +121,7 @@ class Look:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fitted:
-    """The result."""
+    """Trained networks of all repeats, and how they came there."""
 
     net: RepeatedMlp  # every repeat at its best look
     # (Q,): the input is taken as (x - mean) scale

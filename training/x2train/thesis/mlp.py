@@ -69,7 +69,7 @@ class RepeatedMlp(nn.Module):
 
     @property
     def n_repeats(self) -> int:
-        """Versions."""
+        """Number of networks that are trained side by side."""
         return int(self.weights[0].shape[0])
 
     def codes(self, x: torch.Tensor, depth: int) -> torch.Tensor:

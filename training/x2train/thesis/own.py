@@ -88,7 +88,7 @@ def _branch(channels: tuple[int, ...]) -> nn.Sequential:
 def train_maps(
     maps: Maps, y: NDArray[np.int64], s: OwnSettings, tell: Callable[[int], None]
 ) -> TwoMapNet:
-    """Return a trained network."""
+    """Return a network trained on two maps of every element with labels `y`."""
     inputs = {name: torch.from_numpy(values[:, None]) for name, values in maps.items()}
     wanted = torch.from_numpy(y)
     n_steps = s.epochs * -(-len(y) // s.batch)

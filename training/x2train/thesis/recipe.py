@@ -109,7 +109,7 @@ class StudyRecipe:
 
     @property
     def data(self) -> Path:
-        """Where shards lie."""
+        """Folder of the shards of elements."""
         return self.folder / "data"
 
     @property

@@ -38,7 +38,7 @@ class SetResult:
 
 @dataclass(frozen=True, slots=True)
 class CellResult:
-    """One cell, one configuration."""
+    """What one configuration reached on one set of the thesis."""
 
     name: str
     label: str  # what differs from the thesis' configuration; its activation in the main tables

@@ -32,7 +32,7 @@ _LEVELS = 255
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CellData:
-    """One data set."""
+    """Vectors and labels of one set, ready to train on."""
 
     x: NDArray[np.float32]  # (n, Q): feature vectors
     y: NDArray[np.int64]  # (n,): 0 for the animal (class 1), 1 for people (class 2), in turn

@@ -49,7 +49,7 @@ def echo_sigma_m(axis: FastTimeAxis, kind: str | None = None) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """What frames are wanted."""
+    """Size, axis and allowed error of a block of frames that is to be computed."""
 
     n_slow: int
     n_points: int
@@ -58,7 +58,7 @@ class Task:
 
     @property
     def n_echoes(self) -> int:
-        """Frames times scatterers."""
+        """Number of echoes: frames times scatterers."""
         return self.n_slow * self.n_points
 
     @property

@@ -109,14 +109,14 @@ class X2Firmware(Firmware):
     order_code = "X2M-SIM"
 
     def forget(self) -> None:
-        """As in `Firmware`."""
+        """Go back to power-on: no settings, no profile, no output."""
         self._fields: dict[str, float] = {}
         self._output = self._streamed = _OUTPUTS[BasebandOutput.OFF]
         self._profile: str | None = None
         self._zone_m: tuple[float, float] | None = None
 
     def obey(self, command: Message) -> Obeyed | None:
-        """As in `Firmware`."""
+        """Carry out modes, radar settings, output, profiles and zones."""
         match command:
             case SetMode(mode):
                 return self._set_mode(mode)
@@ -141,7 +141,7 @@ class X2Firmware(Firmware):
     def frame_message(
         self, axis: FastTimeAxis, counter: int, frame: np.ndarray[Any, Any]
     ) -> Message:
-        """As in `Firmware`."""
+        """Return a raw frame, or baseband as I/Q or amplitude and phase."""
         if axis.kind == "rf":
             return Data(ContentId.RAW_FRAME, counter, frame)
         about = axis.bin_length_m, axis.sample_rate_hz, axis.carrier_hz, axis.range_offset_m
@@ -191,13 +191,13 @@ class X4Firmware(Firmware):
     order_code = "X4M03-SIM"
 
     def forget(self) -> None:
-        """As in `Firmware`."""
+        """Go back to power-on: stopped, not initialised, no settings."""
         self._mode = int(Mode.STOP)
         self._is_initialised = False
         self._fields: dict[str, Any] = {"is_baseband": False}
 
     def obey(self, command: Message) -> Obeyed | None:
-        """As in `Firmware`."""
+        """Carry out modes and X4 driver settings; a frame rate above 0 starts the stream."""
         match command:
             case SetMode(mode):
                 if mode not in set(Mode):

@@ -24,7 +24,7 @@ _LATE_FRAMES = {0: 3.8, 1: 2.9, 2: 2.0, 3: 1.1, 10: 1.0}
 
 
 class Line:
-    """A faulty line."""
+    """The serial line from the simulated module to the host, with its faults."""
 
     def __init__(self, dice: Dice) -> None:
         self._plan = plan = dice.plan
@@ -43,7 +43,7 @@ class Line:
 
     @property
     def splits(self) -> bool:
-        """Whether `due_bytes` gives pieces."""
+        """Whether `due_bytes` cuts packets into pieces."""
         return self._max_piece > 0
 
     def is_closed(self, now_s: float) -> bool:

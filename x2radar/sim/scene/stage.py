@@ -37,7 +37,7 @@ class SceneBlock:
 
     @property
     def n_slow(self) -> int:
-        """Frames."""
+        """Number of frames."""
         return len(self.rows.range_m)
 
 

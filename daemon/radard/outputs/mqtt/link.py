@@ -44,7 +44,7 @@ _FORGOTTEN_S = 86_400.0  # a broker may have been set right since
 
 @dataclass(frozen=True, slots=True)
 class Publication:
-    """One message to publish."""
+    """A message to publish, with its topic and quality of service."""
 
     topic: str
     payload: str | bytes
@@ -175,7 +175,7 @@ class MqttLink:
         self._thread = threading.Thread(target=self._run, name="mqtt link", daemon=True)
 
     def start(self) -> None:
-        """Begin to connect."""
+        """Start the thread, which connects."""
         self._thread.start()
 
     @property

@@ -209,7 +209,7 @@ def panel_command(payload: bytes) -> tuple[str, str]:
 
 
 class MqttSink(ThreadSink):
-    """Publish to a broker."""
+    """Publishes states, decisions, pictures and discovery to a broker, and takes its commands."""
 
     tick_s = 0.5
 
@@ -259,7 +259,7 @@ class MqttSink(ThreadSink):
 
     @property
     def state(self) -> SinkState:
-        """As in `Sink`."""
+        """How the delivery of events is doing, and what waits besides."""
         return self._delivery.state(len(self._queue))
 
     @property

@@ -113,7 +113,7 @@ class RecordedMotion:
 
     @property
     def duration_s(self) -> float:
-        """How long it lasts."""
+        """Time from the first frame to the last, in seconds."""
         return (len(self.position_m) - 1) / self.frame_rate_hz
 
 

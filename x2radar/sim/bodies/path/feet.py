@@ -114,7 +114,7 @@ OfSpeed = Callable[[Array], Array]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FootState:
-    """Feet at given times."""
+    """Places, headings and phases of all feet at given times."""
 
     position_m: Array  # (n_slow, n_legs, 3): in room coordinates
     heading_rad: Array  # (n_slow, n_legs): where they point

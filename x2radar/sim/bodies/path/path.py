@@ -198,7 +198,7 @@ class Path:
 
     @property
     def length_m(self) -> float:
-        """Way along the course."""
+        """Length of the whole course, in metres."""
         return float(self.pieces[1, -1])
 
     @property

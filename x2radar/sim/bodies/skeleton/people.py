@@ -83,7 +83,7 @@ class PersonBuild:
 
     @property
     def leg_m(self) -> float:
-        """From hip to ankle."""
+        """Length from hip to ankle, in metres."""
         return self.thigh_m + self.shank_m
 
     @property

@@ -27,7 +27,7 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Skeleton:
-    """A kind of body."""
+    """Parts of one kind of body, between named joints, and how strong they echo."""
 
     parts: tuple[Part, ...]
     left: tuple[str, str] | None = None  # joints on the right and on the left of the hips

@@ -29,7 +29,7 @@ _SHADOW_DB = (3.0, 20.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CapsuleSkin(Skin):
-    """Capsules; see `Skin`."""
+    """A skin of cylinders with round ends, which shade what lies behind them."""
 
     half_m: Array  # (n_segments, 3): half-lengths
     coherent_m: float  # coherent length

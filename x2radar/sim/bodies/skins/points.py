@@ -26,7 +26,7 @@ as the first studies have them, to a trunk that outshines all else."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointSkin(Skin):
-    """Constant scatterers; see `Skin`."""
+    """A skin of scatterers whose cross sections stay as they were drawn."""
 
     segment: NDArray[np.int64]  # (n_points,): on which segment each is
     place_m: Array  # (n_points, 3): along its axis, to the side and across both, from its middle

@@ -191,7 +191,7 @@ _EXERCISE_SPAN = np.array([0.22, 0.40, 0.75])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Exercise:
-    """Somebody's exercise; see `Doer`."""
+    """Squats and hops in one place, in a beat that drifts; a `Doer`."""
 
     beat_hz: float  # beats a second
     drift: Wander  # of the beat, in radians

@@ -43,7 +43,7 @@ class Carriage:
 
 @dataclass(frozen=True, slots=True)
 class PersonStyle:
-    """Something that people do."""
+    """How a style of people moves: speed, carriage and what it does besides."""
 
     sentence: str
     speed_mps: tuple[float, float] | None  # None for a body that stays in place

@@ -60,7 +60,7 @@ class Torso:
 
     @classmethod
     def draw(cls, rng: np.random.Generator) -> Self:
-        """Draw a trunk's swing."""
+        """Draw how far and with which lags the trunk pitches and rolls, and how it wanders."""
         pitch_lag, roll_lag = rng.random(2)
         pitch, roll = _SWING_RAD * np.abs(rng.standard_normal(2)).clip(0, _MAX_SIGMAS)
         wander = Wander.draw(rng, _WANDER_RAD, _WANDER_RAD_S)

@@ -58,12 +58,12 @@ class Leap:
 
     @property
     def end_s(self) -> float:
-        """When it stands."""
+        """When the body stands again, in seconds."""
         return self.still_s + _RISE_S
 
     @property
     def ahead_m(self) -> float:
-        """How far it gets."""
+        """How far the body gets from push to standstill, in metres."""
         push, flight, landing = self._parts_s
         return self.velocity_mps[0] * (0.5 * push + flight + 0.5 * landing)
 
