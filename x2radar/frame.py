@@ -24,7 +24,7 @@ _WRAP = 1 << 32  # the module counts in 32 bits
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FastTimeAxis:
-    """Where the samples of a frame lie, and what they are."""
+    """Ranges of a frame's samples, and the radar's carrier, bandwidth and rate."""
 
     kind: Kind
     """Real samples at the RF sampling rate, or complex baseband."""

@@ -21,7 +21,7 @@ _T = TypeVar("_T")
 
 @dataclass(frozen=True, slots=True)
 class Key:
-    """What one setting may be: a number within limits, or one of a few words."""
+    """Allowed values of one setting: a number within limits, or one of a few words."""
 
     low: float = math.inf  # least number that makes sense; inf where only words do
     high: float = math.inf

@@ -29,7 +29,7 @@ _SUFFIXES = (".png", ".pdf", ".svg")
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """The frames that are drawn."""
+    """Frames to draw, with the axis and rate that the pictures need."""
 
     title: str
     stream: StreamInfo

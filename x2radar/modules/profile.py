@@ -70,7 +70,7 @@ class ProfileSettings(ModuleSettings):
 
     @classmethod
     def for_port(cls, rate_hz: float | None, kind: str | None) -> "ProfileSettings":
-        """As in `ModuleSettings`: a profile runs at one rate and sends baseband only."""
+        """Return settings for a port's keys; a profile has one rate and sends baseband only."""
         if rate_hz not in {None, _FRAME_RATE_HZ}:
             msg = f"port key 'rate': {rate_hz:g}; the profiles of an X2M200 run at 20 only"
             raise SettingsError(msg)

@@ -126,7 +126,7 @@ class RadarSettings(ModuleSettings):
 
     @classmethod
     def for_port(cls, rate_hz: float | None, kind: str | None) -> "RadarSettings":
-        """As in `ModuleSettings`: 60 Hz and RF unless the keys say otherwise."""
+        """Return settings for the keys of a port: 60 Hz and RF unless they say otherwise."""
         output = "iq" if kind == "baseband" else "rf"
         return cls.for_frame_rate(60.0 if rate_hz is None else rate_hz, output=output)
 

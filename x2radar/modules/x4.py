@@ -104,7 +104,7 @@ class X4Settings(ModuleSettings):
 
     @classmethod
     def for_port(cls, rate_hz: float | None, kind: str | None) -> "X4Settings":
-        """As in `ModuleSettings`: 60 Hz and baseband unless the keys say otherwise."""
+        """Return settings for the keys of a port: 60 Hz and baseband unless they say otherwise."""
         rate_hz = 60.0 if rate_hz is None else rate_hz
         return cls.for_frame_rate(rate_hz, is_baseband=kind != "rf")
 
@@ -149,5 +149,5 @@ class X4Settings(ModuleSettings):
 
     @property
     def raw_kind(self) -> Kind:
-        """What its frames hold, which are all raw."""
+        """What frames hold: RF, or half of them I and half Q; an X4 sends all of them raw."""
         return "baseband" if self.is_baseband else "rf"

@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 
 
 class RoomNotEmpty(RadardError):
-    """Somebody or something moves where nothing should."""
+    """The room moves during a calibration, where nothing should."""
 
 
 class RoomSurvey:

@@ -47,7 +47,7 @@ class PowerMap:
 
 @dataclass(frozen=True, slots=True)
 class Peak:
-    """Something that stands out, in one block."""
+    """A cell that stands out of its neighbours, in one block."""
 
     range_m: float  # centre of its power
     power_db: float  # highest power over the floor

@@ -26,7 +26,7 @@ class Probabilities:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Answer:
-    """What a network says of a window."""
+    """Probabilities that a network gives a window, by itself and with those before it."""
 
     window: Probabilities  # of the window alone
     # Log-probabilities of `CLASSES` by this window and those before it, -inf for a class that the

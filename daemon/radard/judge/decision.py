@@ -39,7 +39,7 @@ class TrackVerdict:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Decision:
-    """What was decided on one dwell."""
+    """Result of one dwell: gate, probabilities, label and alarm."""
 
     seq: int  # from 1
     t_s: float  # stream time at the end of the dwell

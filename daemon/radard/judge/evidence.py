@@ -36,7 +36,7 @@ def windows_a_feed(hop_s: float) -> int:
 
 
 class Evidence:
-    """What is known of somebody, window after window, `hop_s` apart."""
+    """What the windows of one visit say together, `hop_s` apart."""
 
     def __init__(self, settings: EvidenceSettings, hop_s: float = HOP_S) -> None:
         self._settings = settings

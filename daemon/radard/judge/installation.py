@@ -20,7 +20,7 @@ _STANDS_OUT = 10**0.5  # times its floor, a bin's power counts: as the gate has 
 
 @dataclass(frozen=True, slots=True)
 class Mount:
-    """How a radar hangs; None is not known."""
+    """Height, tilt and level of a radar; None where it is not known."""
 
     height_m: float | None = None  # over the floor
     tilt_deg: float | None = None  # down from level

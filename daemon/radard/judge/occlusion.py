@@ -25,7 +25,7 @@ _MIN_P = 1e-4
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """What the network took in and gave out."""
+    """Features that the network was given, and its answer."""
 
     features: Features
     hidden: Hidden | None

@@ -23,7 +23,7 @@ _MAX_SHARE = 0.75
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VelocityGrid:
-    """One map's CPI and axes."""
+    """CPI and axes of one velocity-time map."""
 
     cpi_s: float  # length of the CPI at the carrier `carrier_hz`
     # At another carrier the CPI lasts in proportion to the wavelength, so that every radar
@@ -42,7 +42,7 @@ class VelocityGrid:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
+        """Number of rows (velocities) and columns (time cells)."""
         return 2 * int(self.max_mps / self.step_mps + 1e-9) + 1, self.n_cells
 
     def transform(self, dwell: Dwell, column_rate_hz: float | None = None) -> VelocityTransform:

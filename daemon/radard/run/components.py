@@ -43,7 +43,7 @@ _PIPELINE_SECTIONS = ("mount", "model", "gate", "decision")
 
 @dataclass(slots=True)
 class Parts:
-    """What a worker works with; a reload replaces some of it."""
+    """Pipeline, alarm policy and stores that a worker uses; a reload replaces some."""
 
     config: Config  # what the rest was made of
     pipeline: Pipeline  # dwell to decision

@@ -39,7 +39,7 @@ Tell = Callable[[float, int], None]
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """What became of one recording; `fault` is empty if all went well."""
+    """Decisions or events of one recording; `fault` is empty if all went well."""
 
     path: Path
     records: Path

@@ -49,7 +49,7 @@ _RECENT = 20  # records: a screen of decisions, and what happened among them
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunOptions:
-    """What only the command line can say."""
+    """Options that stand on the command line alone."""
 
     duration_s: float | None = None  # stream seconds after which to stop
     record: Path | None = None  # write the frames into this recording as well

@@ -125,7 +125,7 @@ class Worker:
             self._room.stop("the run ended")
 
     def look_up(self) -> None:
-        """See whether nothing has come for too long."""
+        """Report an event if no frames or decisions have come for too long."""
         status = self._health.check()
         self._tell(status)
         if status is not None and not status.is_well:

@@ -48,7 +48,7 @@ class CoalescedReads:
         self.write, self.close = inner.write, inner.close
 
     def read(self, timeout_s: float) -> bytes:
-        """As in `Transport`; after a read that found a stream, not before the pause is over."""
+        """Read from the inner transport; once a stream was found, only after the pause."""
         wait_s = self._wait_s()
         if wait_s > 0:
             self._sleep(wait_s)

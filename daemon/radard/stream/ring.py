@@ -30,7 +30,7 @@ _WATCHED_S = 2.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DwellShape:
-    """How dwells are cut from the stream."""
+    """Length and hop of the dwells that are cut from the stream."""
 
     n_slow: int  # frames in a dwell: columns of the spectrogram + frames of a CPI - 1
     hop_s: float  # stream time from one dwell to the next

@@ -161,7 +161,7 @@ class LiveSource:
         return self._radar.stats
 
     def close(self) -> None:
-        """As in `FrameSource`."""
+        """Close the port; `frames` then ends."""
         self._radar.close()
 
     def _read(self) -> Iterator[Frame]:
@@ -235,7 +235,7 @@ class ReplaySource:
             start_s, offset = 0.0, index + 1
 
     def close(self) -> None:
-        """As in `FrameSource`."""
+        """End the replay; `frames` then ends."""
         self._closed = True
         self.playback.close()
 

@@ -96,7 +96,7 @@ SETTINGS: tuple[Setting, ...] = _settings()
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One thing that is asked of an alarm."""
+    """A row of the acceptance test: who comes, how often, and what is asked of the alarm."""
 
     name: str
     kind: Kind
@@ -182,7 +182,7 @@ class AcceptSpec:
 
     @property
     def settings(self) -> tuple[Setting, ...]:
-        """Those whose radar the bundle takes."""
+        """Radars and mounts that the bundle can judge."""
         if self.model == AUTO_MODEL:
             return SETTINGS
         bundle = load_bundle(self.model)

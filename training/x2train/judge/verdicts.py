@@ -131,7 +131,7 @@ class Sweep:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How an alarm did on people and pets."""
+    """Misses and false alarms of a policy on people and pets."""
 
     # people who entered the swath; those without an alarm from then on
     n_intrusions: int

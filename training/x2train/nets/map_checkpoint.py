@@ -36,7 +36,7 @@ _DAMAGED = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SavedPoint:
-    """Where a training is: so many steps into an epoch."""
+    """State of a training after so many steps of an epoch."""
 
     print: str  # of data and settings, see `fingerprint`
     epoch: int  # from 1

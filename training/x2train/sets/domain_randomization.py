@@ -43,16 +43,16 @@ class DomainRandomization:
 
     @property
     def label(self) -> Label:
-        """That of the mover."""
+        """Label of the body inside."""
         return self.mover.label
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Those of the mover."""
+        """Names of the parts of the body inside."""
         return self.mover.names
 
     def at(self, t_s: Array, antenna_m: Array) -> Points:
-        """Return its points; see `Mover`."""
+        """Return the body's points by an uneven clock, with gains of its own; see `Mover`."""
         size_s, rate_hz, phase = self.wave[:, None]
         uneven = (size_s * np.sin(2 * np.pi * rate_hz * t_s[:, None] + phase)).sum(axis=1)
         points = self.mover.at(self.begin_s + self.pace * t_s + uneven, antenna_m)

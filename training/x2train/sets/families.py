@@ -48,7 +48,7 @@ class Family:
 
     @property
     def stays(self) -> bool:
-        """Whether it moves in its place."""
+        """Whether the body moves in its place."""
         return self.is_still or self.label == "other" or self.options.get("style") in _STAYING
 
 

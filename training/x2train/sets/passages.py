@@ -38,7 +38,7 @@ _ERROR_DB = -50.0  # of echoes: far under clutter that jitter leaves
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """What really went on, by frame."""
+    """True range, velocity, speed and SNR, frame by frame."""
 
     range_m: Array
     velocity_mps: Array
@@ -68,7 +68,7 @@ class BodyModel:
 
     @property
     def options(self) -> dict[str, Any]:
-        """As a scene has them."""
+        """Options of the body as a scene file has them."""
         size = {"total_rcs_dbsm": "physical"} if self.is_physical else {}
         return {"motion": self.motion, "skin": self.skin, **size}
 

@@ -168,7 +168,7 @@ def draw_radar(rng: np.random.Generator, kind: RadarKind = "any") -> Radar:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Site:
-    """Where and with what is measured."""
+    """Radar, mount, room and receiver of one passage."""
 
     radar: Radar
     antenna: Antenna

@@ -69,7 +69,7 @@ class ElementSpec:
 
     @property
     def features(self) -> FeatureSettings:
-        """As the daemon takes them; the range-time map fits the swath."""
+        """Settings of the daemon's features; the range-time map fits the swath."""
         return FeatureSettings(
             dwell_s=self.dwell_s,
             n_cpi=self.n_cpi,

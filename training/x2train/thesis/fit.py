@@ -109,7 +109,7 @@ def fit_settings(activation: str, **changes: Any) -> FitSettings:
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """The network at one look."""
+    """Scores of all repeats at one look."""
 
     stage: str  # 'autoencoder 1', ..., 'output', 'whole'
     # done, and at most to do

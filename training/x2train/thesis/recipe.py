@@ -26,7 +26,7 @@ Tell = Callable[[str, int, int], None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Variant:
-    """One configuration of a cell."""
+    """A configuration of a cell: its training, and switches of its data."""
 
     label: str  # short, for tables and file names
     fit: FitSettings
@@ -81,7 +81,7 @@ def variants(base: FitSettings) -> tuple[Variant, ...]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StudyRecipe:
-    """Where things lie and how much of them there is."""
+    """Folders and sizes of the whole study."""
 
     folder: Path  # of data, results and checkpoints
     n_elements: int = 5000  # of a data set; a tenth of it evaluates

@@ -21,7 +21,7 @@ _MIN_P = 1e-12  # its logarithm is finite
 
 @dataclass(frozen=True, slots=True)
 class SetResult:
-    """What the repeats did on one set of elements."""
+    """Scores of the repeats on one set of elements."""
 
     n: int
     total: tuple[float, ...]

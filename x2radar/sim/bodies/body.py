@@ -48,7 +48,7 @@ class Body:
     breath: Breath | None = None
 
     def at(self, t_s: Array, antenna_m: Array) -> Points:
-        """Return its points; see `Mover`."""
+        """Return the echoing points of all parts; see `Mover`."""
         pose = self.motion.pose(t_s)
         if self.breath:
             # Breathing moves the surface of the trunk towards the antenna.

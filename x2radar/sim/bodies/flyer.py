@@ -75,7 +75,7 @@ class Flight:
 
 @dataclass(frozen=True, slots=True)
 class FlyerBuild:
-    """What a flying animal is like."""
+    """Sizes of a flying animal's body and wings, and how it flaps."""
 
     body_m: float
     span_m: float

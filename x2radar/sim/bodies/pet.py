@@ -46,7 +46,7 @@ _STROLL_FROUDE, _STROLL_SHARE = (0.008, 0.10), 0.7
 
 @dataclass(frozen=True, slots=True)
 class PetStyle:
-    """Something that a pet does."""
+    """How a style of pets moves: its speed and gait, and how often it is drawn."""
 
     sentence: str
     weight: float  # against the others where a style is drawn

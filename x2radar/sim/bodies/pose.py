@@ -44,7 +44,7 @@ def rod(middle_m: Array, axis: Array) -> Ends:
 
 
 class Motion(Protocol):
-    """What a body does; a function of time alone."""
+    """A body's poses over time; a function of time alone."""
 
     def pose(self, t_s: Array) -> Pose:
         """Return where its segments are at times of shape (n_slow,), in any order."""

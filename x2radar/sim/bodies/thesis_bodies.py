@@ -20,7 +20,7 @@ _HALF_TURN = np.pi / 2
 
 @dataclass(frozen=True, slots=True)
 class Scatterer:
-    """One point of a body."""
+    """A point of a body, with its sinusoid about the trunk."""
 
     x_m: float  # at the start
     y_m: float
@@ -131,7 +131,7 @@ class ThesisBody:
         return tuple(f"scatterer {k + 1}" for k in range(len(self.scatterers)))
 
     def at(self, t_s: Array, antenna_m: Array) -> Points:
-        """Return its points; see `Mover`. The thesis' origin is the antenna."""
+        """Return the scatterers, see `Mover`; the thesis' origin is the antenna."""
         position_m, rcs_m2 = ranges_xyz(self.scatterers, t_s)
         level = np.broadcast_to(rcs_m2 / SEED_GAIN, position_m.shape[:2])
         return Points(position_m + antenna_m, level)

@@ -28,7 +28,7 @@ from x2radar.sim.echo.common import FINEST_DB, Amplitude, Array, Frames, Task, e
 
 @dataclass(frozen=True, slots=True)
 class Tier:
-    """One way to make frames."""
+    """A way to make frames of echoes, with its error and its cost."""
 
     frames: Callable[[Array, Amplitude, Task, float], Frames]
     finest_db: float  # smallest error that it can be asked for

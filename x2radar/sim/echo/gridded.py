@@ -71,7 +71,7 @@ def frames(range_m: Array, amplitude: Amplitude, task: Task, floor: float) -> Fr
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Design:
-    """One axis' grid and matrix."""
+    """Grid and interpolation matrix for the axis of one radar."""
 
     grid: SpreadGrid
     matrix: NDArray[np.float32]

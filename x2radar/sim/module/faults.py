@@ -129,7 +129,7 @@ def describe_faults() -> str:
 
 
 class Dice:
-    """One generator a kind of fault."""
+    """Random generators, one for each kind of fault."""
 
     def __init__(self, plan: FaultPlan, seed: int) -> None:
         self.plan = plan
@@ -162,7 +162,7 @@ _ON_FRAMES = {"drop_frames", "duplicate", "spike", "clip", "counter_restart", "r
 
 
 class ModuleFaults:
-    """What goes wrong inside the module."""
+    """Faults inside the module, frame by frame."""
 
     def __init__(self, dice: Dice) -> None:
         self._plan = plan = dice.plan

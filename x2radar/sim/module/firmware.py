@@ -66,7 +66,7 @@ _RUNS = {app_id: name for name, (app_id, _) in PROFILES.items()}
 
 @dataclass(frozen=True, slots=True)
 class Obeyed:
-    """What a command comes to."""
+    """Reply to a command, and what happens to the stream."""
 
     reply: Message
     stops: bool = False
@@ -220,7 +220,7 @@ class X4Firmware(Firmware):
     def frame_message(
         self, axis: FastTimeAxis, counter: int, frame: np.ndarray[Any, Any]
     ) -> Message:
-        """As in `Firmware`: raw frames always, baseband as half I and half Q."""
+        """Return a raw frame: RF, or baseband as half I and half Q."""
         is_rf = axis.kind == "rf"
         values = frame if is_rf else np.concatenate([frame.real, frame.imag])
         return Data(ContentId.RAW_FRAME, counter, values)

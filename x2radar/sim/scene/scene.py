@@ -80,7 +80,7 @@ class StaticPoint:
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """What a scene file says."""
+    """A scene file, read and checked."""
 
     name: str  # built-in name or file name
     description: str  # one sentence for people

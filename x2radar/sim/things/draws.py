@@ -44,7 +44,7 @@ class Thing:
     label: Label = "other"
 
     def at(self, t_s: Array, antenna_m: Array) -> Points:
-        """Return its points; see `Mover`."""
+        """Return the echoing points; see `Mover`."""
         return self.points(t_s, antenna_m)
 
 

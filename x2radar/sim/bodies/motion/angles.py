@@ -114,7 +114,7 @@ hips from a kink when they change."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AnglePerson(StridingPerson):
-    """Somebody who goes along a path; a `Motion`."""
+    """A person who walks a path by joint angles over the stride; a `Motion`."""
 
     joints: tuple[JointCurve, ...]  # hip, knee, ankle, shoulder, elbow
     lag: Array  # (4,): of left leg, right leg, left arm, right arm, in strides

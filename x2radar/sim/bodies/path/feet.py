@@ -127,7 +127,7 @@ class FootState:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Gait:
-    """How a body puts its feet; tuples are by leg."""
+    """Timing and places of a body's footfalls; tuples are by leg."""
 
     offset: tuple[float, ...]  # how much later than leg 0 it lands, in strides from 0 to 1
     # Where it stands, half-way through a stance: ahead and left of the point on the path.

@@ -138,7 +138,7 @@ time of half a step."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PathState:
-    """Where a body is on its path, all of shape (n_slow,), float64."""
+    """Place, heading and speed of a body on its path, all of shape (n_slow,), float64."""
 
     x_m: Array
     y_m: Array

@@ -88,7 +88,7 @@ class PersonBuild:
 
     @property
     def hip_height_m(self) -> float:
-        """Of the hips over the floor, legs straight: 0.53 of the stature."""
+        """Height of the hips over the floor with straight legs: 0.53 of the stature."""
         return self.leg_m + self.ankle_m
 
     def half_lengths(self) -> Array:

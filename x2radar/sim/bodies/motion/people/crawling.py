@@ -21,7 +21,7 @@ _KNEE_M = 0.06
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Crawling:
-    """Somebody who crawls along a path."""
+    """A person who crawls along a path on hands and knees; a `Motion`."""
 
     path: Path  # where the middle of the trunk goes
     feet: Feet  # contacts: left knee, left hand, right knee, right hand

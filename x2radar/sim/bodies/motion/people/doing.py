@@ -31,7 +31,7 @@ _MIDDLE, _SPAN = np.array([0.50, 0.05, -0.30]), np.array([0.35, 0.30, 0.55])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Doing:
-    """What somebody does at given times, besides going."""
+    """Bends, turns and reaches of a body at given times, besides its going."""
 
     share: Array  # (n_slow,): 0 for arms that swing or hang, 1 for hands at work
     shift_m: Array  # (n_slow, 3): of the hips, ahead, to the left and up
@@ -44,7 +44,7 @@ class Doing:
 
 
 class Doer(Protocol):
-    """How somebody does it; a function of time alone."""
+    """An activity besides going; a function of time alone."""
 
     def at(self, t_s: Array, vigour: Array) -> Doing:
         """Return what is done at times of shape (n_slow,).
@@ -68,7 +68,7 @@ def within_reach(hands: Array) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Busy:
-    """Somebody who fidgets, works or searches with the hands."""
+    """An activity of hands and trunk: fidgeting, working, searching; a `Doer`."""
 
     wander: Wander  # shift of the hips (2), crouch, lean, twist, and the two hands (6)
     effort: Wander  # one number in -1 to 1: hands rest where it is low
@@ -113,7 +113,7 @@ _HEAD_ALONE_SHARE = 0.25
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Seated:
-    """Somebody on a seat; see `Doer`."""
+    """Sitting on a seat, with small movements; a `Doer`."""
 
     crouch: float  # how much lower the hips are than standing, as a share of the leg
     back_m: float  # how far the hips are behind the feet

@@ -67,7 +67,7 @@ class GaitParams:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FootfallPerson(StridingPerson):
-    """Somebody who goes along a path on feet that stand."""
+    """A person who walks a path: feet stand where they fall, legs follow; a `Motion`."""
 
     params: GaitParams
     prints: tuple[Footprints, ...]  # left and right

@@ -26,7 +26,7 @@ _BRISK = 1.5
 
 @dataclass(frozen=True, slots=True)
 class Carriage:
-    """How a body is carried over its feet."""
+    """Lean, crouch and swing with which a body is carried over its feet."""
 
     bend: float = 0.012  # how much lower the hips are than on straight legs, as a share of the leg
     lean_rad: float = 0.05  # of the trunk, forward

@@ -50,7 +50,7 @@ class Moment:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Torso:
-    """How a trunk swings over its hips."""
+    """Swing of a trunk over its hips, in step with the stride."""
 
     pitch_rad: float  # amplitudes at cruising speed, forward and to the left
     roll_rad: float
@@ -84,7 +84,7 @@ class Torso:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StridingPerson(ABC):
-    """Somebody who goes along a path; a `Motion`."""
+    """A person who walks a path with a trunk that swings; a `Motion`."""
 
     path: Path
     build: PersonBuild

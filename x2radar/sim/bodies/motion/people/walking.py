@@ -39,7 +39,7 @@ _QUICKER: Mapping[Age, float] = {"adult": 1.0, "child": 1.1, "toddler": 1.35}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Hips:
-    """Where the middle of the hips is, and how the body is turned."""
+    """Place of the middle of the hips, and the body's heading."""
 
     middle_m: Array  # (n_slow, 3): middle between the hip joints
     heading_rad: Array  # (n_slow,): where the body faces
@@ -52,7 +52,7 @@ class _Hips:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OnFeet:
-    """Somebody who goes along a path on two feet, and stands where it stops."""
+    """A person who walks a path on two feet and stands where it stops; a `Motion`."""
 
     path: Path
     feet: Feet

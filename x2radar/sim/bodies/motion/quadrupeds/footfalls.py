@@ -57,7 +57,7 @@ def draw_lags(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bearing:
-    """What a trunk does over its legs; amplitudes in hip heights."""
+    """Swings of a trunk over its legs; amplitudes in hip heights."""
 
     manner: Manner  # and head and tail
     bob: float  # up, aside and ahead

@@ -29,7 +29,7 @@ _WIDEST_WAG_RAD = 1.1
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Trunk:
-    """Where a trunk is at given times."""
+    """Place and attitude of a trunk at given times."""
 
     middle_m: Array  # (n_slow, 3): half-way between hip and shoulder
     heading_rad: Array  # (n_slow,)
@@ -40,7 +40,7 @@ class Trunk:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Manner:
-    """What an animal does with head and tail."""
+    """How an animal carries and moves its head and tail."""
 
     neck_rad: float  # how far the neck points up
     head_rad: float  # and the head
@@ -177,13 +177,13 @@ hips give."""
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Stance(Trunk):
-    """Where trunk and paws are at given times."""
+    """Trunk and paws at given times."""
 
     paw_m: Array  # (n_slow, 4, 3): soles, in the order of `LEGS`
 
 
 class Action(Protocol):
-    """What an animal does; a function of time alone."""
+    """A movement of trunk and paws; a function of time alone."""
 
     def at(self, t_s: Array) -> Stance:
         """Return where trunk and paws are at times of shape (n_slow,)."""
