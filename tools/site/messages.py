@@ -2,7 +2,9 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import fields
+from enum import IntEnum
 
+from x2radar.wire import wire_ids
 from x2radar.wire.layouts import COMMANDS, RESPONSES, X4_FORMATS, Layout
 from x2radar.wire.wire_ids import COMMAND_NAMES, RESPONSE_NAMES, X4Setting
 
@@ -40,6 +42,17 @@ def _names(names: Mapping[bytes, str]) -> str:
     return "\n".join(lines)
 
 
+def _numbers() -> str:
+    kinds = [kind for kind in vars(wire_ids).values() if isinstance(kind, type)]
+    lines = ["| enumeration | hexadecimal number and name |", "|---|---|"]
+    lines += [
+        f"| `{kind.__name__}` | {', '.join(f'{x:X} {x.name}' for x in kind)} |"
+        for kind in kinds
+        if issubclass(kind, IntEnum) and kind is not IntEnum
+    ]
+    return "\n".join(lines)
+
+
 def _x4_settings() -> str:
     lines = ["| setting | begins with | then |", "|---|---|---|"]
     for setting, forms in X4_FORMATS.items():
@@ -62,6 +75,7 @@ PARTS: Mapping[str, Callable[[], str]] = {
     "commands-x4": lambda: _table(_by_first_byte(COMMANDS, {0x50}), is_answered=True),
     "commands-x4-settings": _x4_settings,
     "commands-names": lambda: _names(COMMAND_NAMES),
+    "numbers": _numbers,
     "answers": lambda: _table([row for row in RESPONSES if row.prefix[0] != 0x50]),
     "answers-profiles": lambda: _table(_by_first_byte(RESPONSES, {0x50})),
     "answers-names": lambda: _names(RESPONSE_NAMES),
