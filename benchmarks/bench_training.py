@@ -1,6 +1,7 @@
 """What a window costs in training: as torch runs it, in bfloat16, compiled, in one run.
 
-Medians of interleaved steps of 128 windows on one thread, augmentation and optimiser included.
+Medians of interleaved steps of 128 windows on one thread, augmentation and optimiser included;
+windows and GFLOP a second of the plain way beside those of a matrix product on the same thread.
 """
 
 import argparse
@@ -11,6 +12,7 @@ from collections.abc import Callable
 import numpy as np
 import torch
 from torch import nn
+from torch.utils.flop_counter import FlopCounterMode
 
 from radard.judge.features import feature_shape
 from radard.judge.installation import N_INSTALLATION
@@ -53,6 +55,22 @@ def step_of(size: str, *, is_half: bool, is_compiled: bool) -> Callable[[], None
     return step
 
 
+_N_MATRIX = 512
+
+
+def matrix_product() -> None:
+    """Multiply two matrices as large as a cache likes them."""
+    a = torch.ones(_N_MATRIX, _N_MATRIX)
+    torch.mm(a, a)
+
+
+def flops_of(step: Callable[[], None]) -> int:
+    """Return the floating-point operations of a step's convolutions and products."""
+    with FlopCounterMode(display=False) as counter:
+        step()
+    return int(counter.get_total_flops())
+
+
 def main() -> None:
     """Print one JSON object."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -61,6 +79,8 @@ def main() -> None:
     args = parser.parse_args()
     torch.set_num_threads(1)
     steps = {k: step_of(args.size, is_half=h, is_compiled=c) for k, (h, c) in _WAYS.items()}
+    flops = flops_of(steps["plain"])
+    steps["matrix_product"] = matrix_product
     took_s: dict[str, list[float]] = {name: [] for name in steps}
     for number in range(_N_FIRST + args.steps):
         for name, step in steps.items():
@@ -69,9 +89,14 @@ def main() -> None:
             if number >= _N_FIRST:
                 took_s[name].append(time.perf_counter() - started_s)
     batch = MapFitSettings().batch
-    us = {f"us_{name}": 1e6 * float(np.median(t)) / batch for name, t in took_s.items()}
-    ratios = {f"speedup_{k}": us["us_plain"] / us[f"us_{k}"] for k in steps if k != "plain"}
-    print(json.dumps({key: round(value, 3) for key, value in {**us, **ratios}.items()}))
+    median_s = {name: float(np.median(t)) for name, t in took_s.items()}
+    us = {f"us_{name}": 1e6 * median_s[name] / batch for name in _WAYS}
+    ratios = {f"speedup_{k}": us["us_plain"] / us[f"us_{k}"] for k in _WAYS if k != "plain"}
+    machine = 2e-9 * _N_MATRIX**3 / median_s["matrix_product"]
+    network = 1e-9 * flops / median_s["plain"]
+    rates = {"windows_per_s": batch / median_s["plain"], "gflops": network}
+    rates |= {"gflops_of_matrix_product": machine, "share_of_machine": network / machine}
+    print(json.dumps({key: round(value, 3) for key, value in {**us, **ratios, **rates}.items()}))
 
 
 if __name__ == "__main__":

@@ -93,6 +93,7 @@ def test_a_second_run_trains_nothing(published, monkeypatch, capsys):
         (["--epochs", "1"], "at least look_every"),
         (["--parts", "all"], "--parts 'all': must be of networks, own, switches"),
         (["--optimiser", "newton"], "invalid choice"),
+        (["--parts", "switches", "--rows", "luck"], "--rows luck: must be of rectified profile"),
         (["--animal", "horse"], "invalid choice"),
         (["--switch"], "unrecognized arguments"),
     ],
@@ -133,6 +134,10 @@ def test_a_repeat_becomes_a_bundle_that_the_daemon_takes(published, tmp_path, ca
             right.append(getattr(p, name) > 0.5)
     assert metrics["accuracy"] == pytest.approx(np.mean(right), abs=1e-4)
     assert metrics["windows"] == 40
+    # Both of lone elements and of visits, by body.
+    for kind in ("of lone elements without alarm", "without alarm", "of visits with an alarm"):
+        assert {f"share {kind}, {body}" for body in ("dog", "human")} <= set(metrics)
+    assert metrics["streams of each body"] == 4
     first = out.with_suffix(".onnx").read_bytes()
     assert b"site-packages" not in first
     assert thesis(tmp_path, *how) == 0

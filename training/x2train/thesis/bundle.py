@@ -17,8 +17,11 @@ from x2train.thesis.cells import Cell
 from x2train.thesis.fit import Fitted
 from x2train.thesis.recipe import StudyRecipe, Tell, Variant
 from x2train.thesis.results import judged
+from x2train.thesis.streams import stream_metrics
 
 CLASSES = ("pet", "human")
+_MIN_STREAMS, _MAX_STREAMS, _ELEMENTS_A_STREAM = 4, 64, 40
+"""Of streams that judge it: as much as fits a training on so many fresh elements."""
 _RECIPE = (
     "The thesis' network ({layers}, {activation}) on its type {vector} vector, trained on the "
     "thesis' five-sinusoid bodies: people against {animals} at {rate} Hz. A base line: it knows "
@@ -44,7 +47,8 @@ def write_thesis_bundle(
 ) -> Mapping[str, float]:
     """Train a cell, write the repeat with the best score as a bundle, return its metrics.
 
-    The evaluation elements calibrate it, the fresh ones judge it. `path` is without suffix.
+    The evaluation elements calibrate it, the fresh ones judge it, and streams of the same bodies.
+    `path` is without suffix.
 
     Raises
     ------
@@ -66,13 +70,9 @@ def write_thesis_bundle(
         "cross-entropy": result.cross_entropy[0],
         "accuracy pet": result.class1[0] / 100,
         "accuracy human": result.class2[0] / 100,
-        **{
-            f"share without alarm, {name}": float((p[fresh.y == k, 0] > PET_LIMIT).mean())
-            for k, name in enumerate(CLASSES)
-        },
+        **_element_shares(p[:, 0] > PET_LIMIT, fresh.y, cell),
         DIFFERENCE: difference,
     }
-    metrics = {key: round(value, 4) if value > 1e-3 else value for key, value in metrics.items()}
     rate_hz = float(cell.frame_rate_hz)
     bundle = Bundle(
         name=path.name,
@@ -89,6 +89,9 @@ def write_thesis_bundle(
         policy="window",
         evidence={},
     )
+    named = (*cell.bodies, "human")
+    n_streams = max(_MIN_STREAMS, min(_MAX_STREAMS, recipe.n_fresh // _ELEMENTS_A_STREAM))
+    metrics |= stream_metrics(bundle, rate_hz, named, n_streams, tell)
     training = {
         "recipe": _RECIPE.format(
             layers="-".join(map(str, fitted.net.sizes)),
@@ -100,8 +103,21 @@ def write_thesis_bundle(
         "command": command,
         "seed": recipe.seed,
     }
+    metrics = {key: round(value, 4) if value > 1e-3 else value for key, value in metrics.items()}
     write_bundle(path.parent, bundle, training=training, metrics=metrics, gate={})
     return metrics
+
+
+def _element_shares(
+    quiet: NDArray[np.bool_], y: NDArray[np.int64], cell: Cell
+) -> dict[str, float]:
+    """Return the share of lone elements without an alarm, by body; animals come in turn."""
+    animals, people = quiet[y == 0], quiet[y == 1]
+    parts = {body: animals[k :: len(cell.bodies)] for k, body in enumerate(cell.bodies)}
+    return {
+        f"share of lone elements without alarm, {body}": float(part.mean())
+        for body, part in (*parts.items(), ("human", people))
+    }
 
 
 def folded(fitted: Fitted, repeat: int) -> nn.Sequential:

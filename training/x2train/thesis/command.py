@@ -52,6 +52,7 @@ def register(commands: Commands) -> None:
         help="of networks (the thesis'), own (our features), switches (section 7 of its plans); "
         "networks by default, all with --publish",
     )
+    add("--rows", nargs="+", metavar="NAME", help="of switches, by the page's names (all)")
     add(
         "--folder",
         type=Path,
@@ -235,7 +236,12 @@ def _jobs(
     tried = next(c for c in (*cells, *wanted_cells()) if c.vector == 2)
     if "switches" in parts:
         base = fit_settings("relu", **_fit_changes(args))
-        yield from (Job(recipe, tried, v) for v in variants(base))
+        rows = {v.label: v for v in variants(base)}
+        wrong = set(args.rows or ()) - set(rows)
+        if wrong:
+            msg = f"--rows {', '.join(sorted(wrong))}: must be of {', '.join(rows)}"
+            raise UsageError(msg)
+        yield from (Job(recipe, tried, rows[name]) for name in args.rows or rows)
     if args.finetune:
         wanted = cells if "networks" in parts and not args.publish else (tried,)
         for cell in wanted:

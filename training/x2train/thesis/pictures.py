@@ -1,7 +1,6 @@
-"""The page and its pictures: one element (2.5-2.7, 3.7-3.9), results, bodies, pulse."""
+"""The page and its pictures: results, bodies, pulse; elements are in `element_pictures`."""
 
 from collections.abc import Sequence
-from itertools import count
 from pathlib import Path
 
 import matplotlib as mpl
@@ -13,17 +12,14 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import torch
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from radard.dsp.cadence import cadence_velocity_diagram, extent_profile, type1_vector
-from radard.dsp.doppler import doppler_hz, micro_doppler
-from radard.dsp.gram import gaussian_taper
 from x2radar.errors import RecordingError
 from x2radar.sim.bodies.thesis_bodies import THESIS_BODIES, ranges_xyz
 from x2radar.sim.signal.pulse import pulse_sigma_s
 from x2train.sets.shards import write_whole
 from x2train.thesis.cells import RATES_HZ
-from x2train.thesis.elements import PROFILE, ElementSpec, dwell, scatterers
+from x2train.thesis.element_pictures import features, five_scatterers, profiles, save
+from x2train.thesis.elements import BODIES
 from x2train.thesis.mlp import ACTIVATIONS
 from x2train.thesis.page import MAIN, page
 from x2train.thesis.recipe import StudyRecipe
@@ -31,17 +27,6 @@ from x2train.thesis.results import CellResult
 
 _CLASSES = ("pet", "person")
 _MOVED_S = 0.3  # limbs are apart
-_MIN_DB = -40.0  # as in the thesis' plots
-_NEAR_M, _FAR_M = 1.5, 3.0  # of the torso in the elements that are drawn
-_Extent = tuple[float, float, float, float]
-
-
-def save(figure: Figure, path: Path) -> Path:
-    """Write a figure without a date, so that the same data gives the same file."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=70, bbox_inches="tight", metadata={"Software": None})
-    plt.close(figure)
-    return path
 
 
 def pulse(path: Path) -> Path:
@@ -142,63 +127,6 @@ def confidence(path: Path, result: CellResult) -> Path:
     return save(figure, path)
 
 
-def features(folder: Path, spec: ElementSpec, body: str) -> Path:
-    """Draw an element of a body, in view all the time, into a folder; return the file."""
-    number = next(k for k in count() if _is_in_view(spec, body, k))
-    made, _ = dwell(spec, body, number)
-    n_cpi, rate_hz, range_m = spec.n_cpi, spec.frame_rate_hz, made.axis.range_m
-    first = len(made.frames) // 2 - n_cpi // 2
-    mu = micro_doppler(made.frames, n_cpi)
-    diagram = cadence_velocity_diagram(mu)
-    lines = doppler_hz(n_cpi, rate_hz)
-    rows = (float(lines[0]), float(lines[-1]))
-    figure, axes = plt.subplots(2, 3, figsize=(13, 6), layout="constrained")
-    figure.suptitle(f"{body}, {rate_hz} Hz, element {number}")
-    middle = _range_doppler(made.frames[first : first + n_cpi])
-    _map(axes[0, 0], middle, (range_m[0], range_m[-1], *rows), "G, middle CPI", "range (m)")
-    _map(axes[0, 1], mu, (0, mu.shape[1] / rate_hz, *rows), "µ", "slow time (s)")
-    cadences = (0, spec.n_cadence / spec.dwell_s, *rows)
-    _map(axes[0, 2], diagram[:, : spec.n_cadence], cadences, "D", "cadence (Hz)")
-    type1 = type1_vector(diagram, spec.n_cadence)
-    profile = extent_profile(made.frames, n_cpi, PROFILE)
-    extent_m = np.arange(PROFILE) * made.axis.bin_length_m
-    axes[1, 0].plot(extent_m, profile, lw=0.8)
-    axes[1, 0].set(
-        title="range profile of the widest extent",
-        xlabel="behind its first sample (m)",
-        ylabel="amplitude, of its peak",
-    )
-    for axis, vector, name in (
-        (axes[1, 1], type1, "type 1 vector"),
-        (axes[1, 2], np.concatenate([profile, type1]), "type 2 vector"),
-    ):
-        axis.plot(vector, lw=0.8)
-        axis.set(title=name, xlabel="element", ylabel="value")
-    return save(figure, folder / f"features-{body}-{rate_hz}.png")
-
-
-def _is_in_view(spec: ElementSpec, body: str, number: int) -> bool:
-    """Return whether an element's torso stays where the radar sees it well."""
-    torso_m = scatterers(spec, body, number)[0][:, 0]
-    return bool(torso_m.min() > _NEAR_M and torso_m.max() < _FAR_M)
-
-
-def _range_doppler(cpi: NDArray[np.complex64]) -> NDArray[np.float64]:
-    """Return the range-Doppler map G of one CPI (2.34), shape (n_cpi, n_range), linear power."""
-    moving = cpi - cpi.mean(axis=0, dtype=np.complex128)
-    lines = np.fft.fft(moving * gaussian_taper(len(cpi))[:, None], axis=0)
-    return np.fft.fftshift(np.abs(lines) ** 2, axes=0)
-
-
-def _map(axis: Axes, power: NDArray[np.floating], extent: _Extent, title: str, label: str) -> None:
-    level_db = 10 * np.log10(np.maximum(power / max(float(power.max()), 1e-300), 1e-12))
-    image = axis.imshow(
-        level_db, aspect="auto", origin="lower", extent=extent, vmin=_MIN_DB, vmax=0
-    )
-    axis.figure.colorbar(image, ax=axis, label="dB under the peak")
-    axis.set(title=title, xlabel=label, ylabel="Doppler (Hz)")
-
-
 def publish(
     recipe: StudyRecipe, results: Sequence[CellResult], path: Path, commands: tuple[str, str]
 ) -> Path:
@@ -232,11 +160,11 @@ def _publish(
             if (r := _widest([m for m in main if m.label == label])) is not None
         ]
         pictures["Confidence over epochs, a good and a poor initialisation (5.1, 5.2)"] = drawn
-    made = [
-        features(folder, recipe.spec(rate_hz), body)
-        for rate_hz in RATES_HZ
-        for body in ("human", "dog", "cat")
+    made = [five_scatterers(folder / "five-scatterers.png")]
+    made += [
+        features(folder, recipe.spec(rate_hz), body) for rate_hz in RATES_HZ for body in BODIES
     ]
+    made.append(profiles(folder / "profiles.png", recipe.spec(60)))
     pictures["G, µ, D and both vectors (figures 2.5-2.7, 3.7-3.9)"] = made
     pictures["Scatterers from above (figures 4.1-4.3)"] = [bodies(folder / "bodies.png")]
     pictures["Pulse and activation functions"] = [
