@@ -179,21 +179,16 @@ def exit_codes() -> Iterator[str]:
 
 
 def claims() -> Iterator[str]:
-    """Every claim of the threat model has tests, which tests/claims.yaml names and which exist."""
+    """Every claim of the threat model, in tests/claims.yaml, has tests that there are."""
     known = {
         name
         for path in (ROOT / "tests").rglob("test_*.py")
         for name in re.findall(r"^ *(?:async )?def (test_\w+)", path.read_text(), re.MULTILINE)
     }
-    section = read("docs/threat-model.md").split("## What is claimed")[1].split("\n## ")[0]
-    items = re.findall(r"^\* (.*(?:\n  .*)*)", section, re.MULTILINE)
-    made = {" ".join(item.split()) for item in items}
-    tested = yaml.safe_load(read("tests/claims.yaml"))
-    for claim in made ^ set(tested):
-        yield f"threat-model.md and tests/claims.yaml differ: {claim}"
-    for name in (name for names in tested.values() for name in names or ["no test"]):
-        if name not in known:
-            yield f"tests/claims.yaml: no test {name}"
+    for claim, names in yaml.safe_load(read("tests/claims.yaml")).items():
+        for name in names or ["any"]:
+            if name not in known:
+                yield f"tests/claims.yaml: no test {name} of '{claim}'"
 
 
 def accuracy() -> Iterator[str]:

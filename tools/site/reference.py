@@ -267,7 +267,14 @@ def faults() -> str:
     return "\n".join(["| kind | value | what happens |", "|---|---|---|", *rows])
 
 
+def claims() -> str:
+    """Return the claims of the threat model as a list."""
+    made = yaml.safe_load((ROOT / "tests" / "claims.yaml").read_text("utf-8"))
+    return "\n".join(f"* {claim}" for claim in made)
+
+
 PARTS: Mapping[str, Callable[[], str]] = {
+    "claims": claims,
     "cli": cli,
     "config": config,
     "records": records,
