@@ -13,14 +13,13 @@ import argparse
 import json
 import os
 import resource
+import statistics
 import subprocess
 import sys
 import tempfile
 import threading
 import time
 from pathlib import Path
-
-import numpy as np
 
 _FIRST_S = 2.45
 """Of a stream, until its first decision at 60 Hz."""
@@ -73,7 +72,8 @@ def run(folder: Path, n_radars: int, args: argparse.Namespace) -> dict[str, floa
 def measure(folder: Path, n_radars: int, args: argparse.Namespace) -> dict[str, float]:
     """Run the daemon in this process and read what it decided when."""
     os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[: args.cores])
-    # Late: libraries start their threads on the cores that they find.
+    # Late: libraries start their threads on the cores that they find. And numpy not before
+    # radard, which tells it to have one thread, as the command does.
     from radard.config.config import load_config  # noqa: PLC0415
     from radard.run.process import Process, RunOptions  # noqa: PLC0415
 
@@ -101,16 +101,18 @@ def measure(folder: Path, n_radars: int, args: argparse.Namespace) -> dict[str, 
     thread.join()
     text = lines.read_bytes()[begun[2] : end].decode(errors="replace").splitlines()[1:-1]
     made = [record for record in map(json.loads, text) if record["type"] == "decision"]
-    latency_ms = [record["latency_ms"] for record in made]
+    percentiles = statistics.quantiles(
+        (record["latency_ms"] for record in made), n=100, method="inclusive"
+    )
     # Where a recording begins again, the first whole dwell is longer in coming.
     due = n_radars * wall_s * (30.0 - _FIRST_S) / 30.0
     return {
         "radars": n_radars,
         "cpu_fraction": round(cpu_s / wall_s / args.cores, 3),
-        "p50_ms": round(float(np.percentile(latency_ms, 50)), 1),
-        "p99_ms": round(float(np.percentile(latency_ms, 99)), 1),
+        "p50_ms": round(percentiles[49], 1),
+        "p99_ms": round(percentiles[98], 1),
         "dropped": max(0, round(due - len(made) - n_radars)),
-        "open": round(float(np.mean([record["gate"] == "open" for record in made])), 2),
+        "open": round(statistics.mean(record["gate"] == "open" for record in made), 2),
         "mib": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1),
     }
 
