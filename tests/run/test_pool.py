@@ -1,7 +1,9 @@
 """The pool of workers: every radar's items in order, none kept from its turn by another."""
 
 import threading
+import time
 from collections import deque
+from itertools import pairwise
 
 from radard.run.pool import WorkerPool
 from tests.waiting import wait_for
@@ -80,4 +82,47 @@ def test_nobody_has_two_turns_before_another_has_one():
     pool.fit(1)
     wait_for(lambda: not any(left.values()))
     assert order == ["a", "b"] * 3
+    pool.close()
+
+
+def test_turns_come_when_they_were_asked_for_one_for_each_time():
+    pool, came = WorkerPool(), []
+
+    def step():
+        came.append(time.monotonic())
+        if len(came) < 4:
+            # The earlier one counts.
+            turns.ask_in(60.0)
+            turns.ask_in(0.05)
+        return False
+
+    turns = pool.turns(step)
+    pool.fit(2)
+    turns.ask()
+    wait_for(lambda: len(came) == 4)
+    assert min(b - a for a, b in pairwise(came)) >= 0.05
+    turns.ask()
+    wait_for(lambda: len(came) == 5)
+    pool.close()
+
+
+def test_times_are_heeded_while_one_thread_hangs_and_another_radar_never_rests():
+    pool, gate, came = WorkerPool(), threading.Event(), []
+
+    def tick():
+        came.append(1)
+        late.ask_in(0.01)
+        return False
+
+    late = pool.turns(tick)
+    busy = pool.turns(lambda: not gate.is_set())
+    stuck = pool.turns(lambda: gate.wait(60) and False)
+    pool.fit(2)
+    late.ask()
+    wait_for(lambda: len(came) > 2)
+    stuck.ask()
+    busy.ask()
+    n = len(came)
+    wait_for(lambda: len(came) > n + 5)
+    gate.set()
     pool.close()

@@ -1,5 +1,6 @@
 """Play, pause, seek and speed of a replay."""
 
+import itertools
 import threading
 import time
 
@@ -20,23 +21,23 @@ def recording(tmp_path):
 
 def test_without_commands_frames_pass_at_once():
     playback = Playback(10.0, None)
-    assert [playback.pace(k / 60) for k in range(600)] == [None] * 600
+    assert [playback.wait_s(k / 60) for k in range(600)] == [0.0] * 600
+    assert (playback.take_seek(), playback.due_s) == (None, 0.0)
     assert playback.state.position_s == pytest.approx(599 / 60)
 
 
 def test_a_pause_holds_and_says_so():
-    reminders = threading.Event()
-    playback = Playback(10.0, None, reminders.set)
+    reminders, changes = [], []
+    playback = Playback(10.0, None, lambda: reminders.append(1))
+    playback.listen(lambda: changes.append(1))
     playback.pause()
-    passed = threading.Event()
-    thread = threading.Thread(target=lambda: (playback.pace(1.0), passed.set()))
-    thread.start()
-    assert reminders.wait(60)
-    assert not passed.is_set()
     assert not playback.state.is_playing
+    assert playback.wait_s(1.0) > 0
+    assert playback.wait_s(1.0) > 0
+    assert len(reminders) == 2
     playback.play()
-    assert passed.wait(60)
-    thread.join()
+    assert playback.wait_s(1.0) == 0
+    assert (len(reminders), len(changes)) == (2, 2)
 
 
 def test_a_seek_wakes_a_pause_and_is_told_once():
@@ -44,19 +45,25 @@ def test_a_seek_wakes_a_pause_and_is_told_once():
     playback.pause()
     playback.seek(4.0)
     assert playback.state.position_s == 4.0
-    assert playback.pace(1.0) == 4.0
+    assert (playback.wait_s(1.0), playback.take_seek()) == (0.0, 4.0)
     playback.play()
-    assert playback.pace(4.0) is None
+    assert (playback.wait_s(4.0), playback.take_seek()) == (0.0, None)
 
 
-def test_closing_frees_the_reader():
+@pytest.mark.parametrize("is_before", [True, False])
+def test_closing_frees_the_reader(is_before):
     playback = Playback(10.0, 0.25)
     playback.pause()
-    thread = threading.Thread(target=playback.pace, args=(0.0,))
+    assert playback.wait_s(0.0) > 0
+    # Between asking and waiting, too.
+    if is_before:
+        playback.close()
+    thread = threading.Thread(target=playback.wait, args=(60.0,))
     thread.start()
     playback.close()
-    thread.join(60)
+    thread.join(30)
     assert not thread.is_alive()
+    assert playback.wait_s(0.0) == 0
 
 
 @pytest.mark.parametrize("value", [0.0, 0.2, 65.0, -1.0, float("nan"), float("inf")])
@@ -75,14 +82,24 @@ def test_the_next_round_of_a_loop_is_paced_as_well(monkeypatch):
     now = [100.0]
     playback = Playback(10.0, 1.0)
     monkeypatch.setattr("radard.stream.playback.time.monotonic", lambda: now[0])
-
-    def wait(wait_s):
-        now[0] += wait_s
-
-    monkeypatch.setattr(playback._changed, "wait", wait)
     for position_s in (0.0, 5.0, 9.9, 0.0, 5.0, 9.9):
-        playback.pace(position_s)
+        now[0] += playback.wait_s(position_s)
+        assert playback.due_s == pytest.approx(now[0])
     assert now[0] == pytest.approx(100 + 2 * 9.9)
+
+
+def test_a_frame_that_is_read_late_was_due_when_it_should_have_come(recording):
+    source = open_source(f"replay:{recording}", speed="8")
+    items = source.items()
+    first = next(items)
+    time.sleep(0.5)
+    frames = list(itertools.takewhile(lambda item: not isinstance(item, float), items))
+    # Of four seconds, all that was due, by the clock and not by the reader; then it says so.
+    assert len(frames) > 200
+    last = frames[-1]
+    assert last.t_mono_s - first.t_mono_s == pytest.approx(last.index / 60 / 8, abs=0.11)
+    assert 0 < next(items) <= 0.1
+    source.close()
 
 
 def test_a_replay_follows_its_controls(recording):

@@ -4,49 +4,74 @@ More threads than cores only wait for each other. A radar's items are worked on 
 whichever thread is free, one item a turn: no radar keeps the others waiting for longer.
 """
 
+import heapq
+import math
 import os
 import threading
+import time
+from collections import deque
 from collections.abc import Callable
-from queue import SimpleQueue
 
 _MIN_THREADS = 2
 """With one core, too: a radar whose work stands still must not stop the others."""
+_HELP_S = 0.05
+"""So late a second thread sees to turns whose time has come: two at once get little more done than
+one, since they wait for the interpreter's lock at every step."""
 
 
 class Turns:
     """The turns of one radar: `step` does a piece of its work and says whether there is more."""
 
-    def __init__(self, step: Callable[[], bool], ready: "SimpleQueue[Turns | None]") -> None:
+    def __init__(self, step: Callable[[], bool], pool: "WorkerPool") -> None:
         self._step = step
-        self._ready = ready
+        self._pool = pool
         self._lock = threading.Lock()
         self._is_asked = self._is_queued = False
+        self._due_s = math.inf
 
     def ask(self) -> None:
         """Have `step` called soon, once more than before; for any thread."""
-        with self._lock:
-            self._is_asked = True
-            if self._is_queued:
-                return
-            self._is_queued = True
-        self._ready.put(self)
+        if self._note():
+            self._pool.queue(self)
 
-    def take(self) -> None:
-        """Do one piece of work; for a thread of the pool."""
+    def ask_in(self, seconds: float) -> None:
+        """Have `step` called in so many seconds, or before; for `step` itself."""
+        due_s = time.monotonic() + seconds
+        if due_s < self._due_s:
+            self._due_s = due_s
+            self._pool.queue_at(due_s, self)
+
+    def is_due(self, due_s: float) -> bool:
+        """Note that a time has come; return whether this turn is yet to be taken."""
+        if due_s == self._due_s:
+            self._due_s = math.inf
+        return self._note()
+
+    def take(self) -> bool:
+        """Do one piece of work; return whether another is to be queued; for the pool."""
         with self._lock:
             self._is_asked = False
         has_more = self._step()
         with self._lock:
-            self._is_queued = is_queued = has_more or self._is_asked
-        if is_queued:
-            self._ready.put(self)
+            self._is_queued = has_more or self._is_asked
+            return self._is_queued
+
+    def _note(self) -> bool:
+        with self._lock:
+            self._is_asked = True
+            was_queued, self._is_queued = self._is_queued, True
+            return not was_queued
 
 
 class WorkerPool:
     """Threads that work until `close`."""
 
     def __init__(self) -> None:
-        self._ready: SimpleQueue[Turns | None] = SimpleQueue()
+        self._changed = threading.Condition()
+        self._ready: deque[Turns] = deque()
+        self._later: list[tuple[float, int, Turns]] = []
+        self._n_later = 0
+        self._is_watched = self._is_closed = False
         self._n_threads = 0
 
     def fit(self, n_radars: int) -> None:
@@ -63,13 +88,58 @@ class WorkerPool:
 
     def turns(self, step: Callable[[], bool]) -> Turns:
         """Return the turns of another radar."""
-        return Turns(step, self._ready)
+        return Turns(step, self)
+
+    def queue(self, turns: Turns) -> None:
+        """Let a turn be taken by the next thread that is free; for `Turns`."""
+        with self._changed:
+            self._ready.append(turns)
+            self._changed.notify()
+
+    def queue_at(self, due_s: float, turns: Turns) -> None:
+        """Let a turn be taken at a time of the host's monotonic clock; for `Turns`."""
+        with self._changed:
+            self._n_later += 1
+            heapq.heappush(self._later, (due_s, self._n_later, turns))
+            if self._later[0][2] is turns:
+                self._changed.notify()
 
     def close(self) -> None:
         """Tell every thread to end; returns at once."""
-        for _ in range(self._n_threads):
-            self._ready.put(None)
+        with self._changed:
+            self._is_closed = True
+            self._changed.notify_all()
 
     def _work(self) -> None:
-        while (turns := self._ready.get()) is not None:
-            turns.take()
+        with self._changed:
+            while (turns := self._next()) is not None:
+                self._changed.release()
+                try:
+                    has_more = turns.take()
+                finally:
+                    self._changed.acquire()
+                if has_more:
+                    # Nobody is woken: this thread is free.
+                    self._ready.append(turns)
+
+    def _next(self) -> Turns | None:
+        """Wait for the next turn to be taken; None at the end."""
+        while not self._is_closed:
+            now_s = time.monotonic()
+            while self._later and self._later[0][0] <= now_s:
+                due_s, _, turns = heapq.heappop(self._later)
+                if turns.is_due(due_s):
+                    self._ready.append(turns)
+            if self._ready:
+                return self._ready.popleft()
+            self._wait(self._later[0][0] - now_s if self._later else None)
+        return None
+
+    def _wait(self, seconds: float | None) -> None:
+        """Wait until something is ready, or for so long; one thread in time, the others later."""
+        if self._is_watched:
+            self._changed.wait(None if seconds is None else seconds + _HELP_S)
+            return
+        self._is_watched = True
+        self._changed.wait(seconds)
+        self._is_watched = False

@@ -1,11 +1,12 @@
 """A radar at work: its port is open (`OpenedSensor`), its stream is read (`RunningSensor`).
 
 The *reader*, a thread, takes frames from the source and pushes them into the ring; threads of the
-pool take what the ring completes to the worker, one item a turn.
+pool take what the ring completes to the worker, one item a turn. A recording needs no reader: it
+never lets anybody wait, so the pool reads it as well.
 """
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from radard.config.quiet_hours import Now
@@ -16,7 +17,8 @@ from radard.run.pool import WorkerPool
 from radard.run.tap import Tap
 from radard.run.worker import Worker
 from radard.stream.ring import FrameRing
-from radard.stream.source import FrameSource
+from radard.stream.source import FrameSource, ReplaySource
+from x2radar.frame import Frame
 
 _JOIN_S = 1.5  # for each thread: all of them within the 4.5 s of a forced end
 
@@ -71,12 +73,18 @@ class RunningSensor:
         self._pool = pool
         self._turns = pool.turns(self._step)
         self._reader = threading.Thread(target=self._read, name=thread_name, daemon=True)
+        self._first: int | None = None
+        self._items: Iterator[Frame | float] | None = None
 
     def start(self) -> None:
         """Start the reader; from now on the pool works on what the ring has."""
         self.ring.listen(self._turns.ask)
+        if isinstance(source := self.opened.source, ReplaySource):
+            self._items = source.items()
+            source.playback.listen(self._turns.ask)
+        else:
+            self._reader.start()
         self._turns.ask()
-        self._reader.start()
 
     def look_up(self) -> None:
         """Have the worker look whether nothing comes; for any thread, returns at once."""
@@ -96,9 +104,10 @@ class RunningSensor:
         if not self.over.wait(_JOIN_S):
             stuck.append("worker")
             self._pool.grow()
-        self._reader.join(_JOIN_S)
-        if self._reader.is_alive():
-            stuck.append(self._reader.name)
+        if self._items is None:
+            self._reader.join(_JOIN_S)
+            if self._reader.is_alive():
+                stuck.append(self._reader.name)
         if stuck and self.failure is None:
             self.failure = RadardError(f"stuck and left behind: {', '.join(stuck)}")
         self.worker.close()
@@ -110,20 +119,40 @@ class RunningSensor:
         return stuck
 
     def _read(self) -> None:
-        first = None
         try:
             for frame in self.opened.source.frames():
-                first = frame.index if first is None else first
-                if self._max_frames is not None and frame.index - first >= self._max_frames:
-                    break
-                self.opened.tap.write(frame)
-                self.worker.hold(frame)
-                if not self.ring.push(frame):
+                if not self._keep(frame) or not self.ring.push(frame):
                     break
         except BaseException as err:  # noqa: BLE001 - handed over to the keeper
             self.failure = self.failure or err
         finally:
             self.ring.end()
+
+    def _keep(self, frame: Frame) -> bool:
+        """Keep a frame for recording and clips; return False if it is one too many."""
+        self._first = frame.index if self._first is None else self._first
+        if self._max_frames is not None and frame.index - self._first >= self._max_frames:
+            return False
+        self.opened.tap.write(frame)
+        self.worker.hold(frame)
+        return True
+
+    def _read_on(self, items: Iterator[Frame | float]) -> bool:
+        """Read what is due, and work on the first item of it; return whether there is more."""
+        for found in items:
+            if not isinstance(found, Frame):
+                self._turns.ask_in(found)
+                return False
+            if not self._keep(found):
+                break
+            has_worked = False
+            for item in self.ring.items(found):
+                self.worker.handle(item)
+                has_worked = True
+            if has_worked:
+                return True
+        self.ring.end()
+        return True
 
     def _step(self) -> bool:
         """Work on one item; return whether there may be another."""
@@ -155,7 +184,7 @@ class RunningSensor:
             if self._must_look:
                 self._must_look = False
                 self.worker.look_up()
-            return False
+            return self._read_on(self._items) if self._items is not None else False
         if item is None:
             return None
         self.worker.handle(item)

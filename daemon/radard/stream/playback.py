@@ -1,4 +1,7 @@
-"""Playback: play, pause, seek and speed of a replay, for the thread that reads it and others."""
+"""Playback: play, pause, seek and speed of a replay, for the thread that reads it and others.
+
+It says when a frame is due and never waits for that itself, so that one thread can read many.
+"""
 
 import math
 import threading
@@ -40,6 +43,11 @@ class Playback:
         self._position_s = 0.0
         self._seek_s: float | None = None
         self._anchor: tuple[float, float] | None = None
+        self._is_touched = False
+        self._on_change: Callable[[], object] = lambda: None
+        self.due_s = 0.0
+        """When the frame that was last asked for was due, on the host's monotonic clock; 0 where
+        frames come at no speed, so that the time of their arrival means nothing."""
 
     @property
     def state(self) -> PlaybackState:
@@ -51,11 +59,6 @@ class Playback:
                 is_playing=self._is_playing,
                 speed=self._speed,
             )
-
-    @property
-    def is_paced(self) -> bool:
-        """Whether frames come at a speed, so that the time of their arrival means something."""
-        return self._speed is not None
 
     def play(self) -> None:
         """Go on after a pause."""
@@ -72,58 +75,75 @@ class Playback:
             raise ValueError(msg)
         with self._changed:
             self._speed, self._anchor = speed, None
-            self._changed.notify_all()
+        self._touch()
 
     def seek(self, position_s: float) -> None:
         """Go on from elsewhere; raises ValueError outside of the recording."""
         if not 0 <= position_s < self._length_s:
             msg = f"position {position_s:g} s: the recording has {self._length_s:.1f} s"
             raise ValueError(msg)
-        with self._changed:
-            self._seek_s = position_s
-            self._changed.notify_all()
+        self._seek_s = position_s
+        self._touch()
 
     def close(self) -> None:
         """Let the reading thread go; it stands still no more."""
-        with self._changed:
-            self._is_closed = True
-            self._changed.notify_all()
+        self._is_closed = True
+        self._touch()
 
-    def pace(self, position_s: float) -> float | None:
-        """Wait until the frame at a position on the recording's clock is due.
+    def listen(self, on_change: Callable[[], object]) -> None:
+        """Call `on_change` whenever what `wait_s` said may hold no more; from any thread."""
+        self._on_change = on_change
 
-        Return where to read on instead, if somebody has asked for that.
+    def wait_s(self, position_s: float) -> float:
+        """Return in how many seconds a frame may be due, by its place on the recording's clock.
+
+        0 when it is due, when somebody wants to go on elsewhere, and once closed.
         """
         with self._changed:
+            self._is_touched = False
             if position_s < self._position_s:
                 # A new round of a recording that loops.
                 self._anchor = None
             self._position_s = position_s
-            while not self._is_closed:
-                if self._seek_s is not None:
-                    target, self._seek_s, self._anchor = self._seek_s, None, None
-                    return target
-                wait_s = self._wait_s(position_s)
-                if wait_s <= 0:
-                    break
-                if not self._is_playing:
-                    self._on_pause()
-                self._changed.wait(wait_s)
-        return None
+            if self._is_closed or self._seek_s is not None:
+                return 0.0
+            if self._is_playing:
+                return self._left_s(position_s)
+        self._on_pause()
+        return _REMIND_S
 
-    def _wait_s(self, position_s: float) -> float:
-        if not self._is_playing:
-            return _REMIND_S
+    def take_seek(self) -> float | None:
+        """Return where to read on instead, if somebody has asked for that since."""
+        if self._seek_s is None:
+            return None
+        with self._changed:
+            target, self._seek_s, self._anchor = self._seek_s, None, None
+            return target
+
+    def wait(self, seconds: float) -> None:
+        """Wait for so long, or until something changes after the last `wait_s`."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._is_touched, seconds)
+
+    def _left_s(self, position_s: float) -> float:
         if self._speed is None:
+            self.due_s = 0.0
             return 0.0
         now_s = time.monotonic()
         if self._anchor is None:
             self._anchor = (now_s, position_s)
         begun_s, first_s = self._anchor
         after_s = (position_s - first_s) / self._speed
-        return begun_s + TICK_S * math.ceil(after_s / TICK_S) - now_s
+        self.due_s = begun_s + TICK_S * math.ceil(after_s / TICK_S)
+        return max(0.0, self.due_s - now_s)
+
+    def _touch(self) -> None:
+        with self._changed:
+            self._is_touched = True
+            self._changed.notify_all()
+        self._on_change()
 
     def _set(self, *, is_playing: bool) -> None:
         with self._changed:
             self._is_playing, self._anchor = is_playing, None
-            self._changed.notify_all()
+        self._touch()

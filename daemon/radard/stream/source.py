@@ -5,7 +5,6 @@ opens before the first frame is asked for, so that faults of the port come at st
 """
 
 import math
-import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from itertools import chain
@@ -204,28 +203,46 @@ class ReplaySource:
 
     def frames(self) -> Iterator[Frame]:
         """Yield the recording's frames, again and again with loop=1."""
-        rate_hz = self.stream.frame_rate_hz
+        for item in self.items():
+            if isinstance(item, Frame):
+                yield item
+            else:
+                self.playback.wait(item)
+
+    def items(self) -> Iterator[Frame | float]:
+        """Yield frames that are due; and while none is, in how many seconds one may be.
+
+        Never waits, so that a thread can read many.
+        """
+        rate_hz, playback = self.stream.frame_rate_hz, self.playback
         start_s, offset, index = self._start_s, 0, -1
         is_first_round = True
         while True:
             seek_s: float | None = None
             for n, frame in enumerate(self._reader.frames(start_s)):
-                seek_s = self.playback.pace(frame.index / rate_hz)
+                while wait_s := playback.wait_s(frame.index / rate_hz):
+                    yield wait_s
                 if self._closed:
                     return
-                if seek_s is not None:
+                if (seek_s := playback.take_seek()) is not None:
                     break
                 index = frame.index + offset
-                moved = frame if not offset else replace(frame, index=index, lost=0)
-                if self.playback.is_paced:
-                    moved = _arrived(moved)
                 # Where one round ends and the next begins, time does not go on smoothly.
                 is_jump = n == 0 and not is_first_round
                 if is_jump:
                     self._on_notice(
                         "moved", f"the replay goes on at {frame.index / rate_hz:.1f} s"
                     )
-                yield replace(moved, lost=0, restarted=True) if is_jump else moved
+                # By itself: `replace` takes longer than the ring does.
+                yield Frame(
+                    frame.samples,
+                    frame.counter,
+                    index,
+                    0 if offset or is_jump else frame.lost,
+                    is_jump or frame.restarted,
+                    frame.axis,
+                    playback.due_s,
+                )
             is_first_round = False
             if seek_s is not None:
                 start_s = seek_s
@@ -238,10 +255,3 @@ class ReplaySource:
         """End the replay; `frames` then ends."""
         self._closed = True
         self.playback.close()
-
-
-def _arrived(frame: Frame) -> Frame:
-    """Return a frame that arrives now; `replace` takes longer than the ring does."""
-    now_s = time.monotonic()
-    f = frame
-    return Frame(f.samples, f.counter, f.index, f.lost, f.restarted, f.axis, now_s)
