@@ -3,6 +3,7 @@
 import contextlib
 import os
 from pathlib import Path
+from typing import BinaryIO
 
 
 def write_atomically(
@@ -14,12 +15,11 @@ def write_atomically(
     failure does not lose it. Raises OSError if it cannot be written; the old file is then as it
     was.
     """
-    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     made = path.with_name(f".{path.name}.{os.getpid()}.new")
     try:
-        with made.open("wb") as file:
+        with _opened(made) as file:
             file.write(content.encode() if isinstance(content, str) else content)
-            made.chmod(mode)
+            os.fchmod(file.fileno(), mode)
             if sync:
                 file.flush()
                 os.fsync(file.fileno())
@@ -34,3 +34,11 @@ def write_atomically(
             os.fsync(folder)
         finally:
             os.close(folder)
+
+
+def _opened(path: Path) -> BinaryIO:
+    try:
+        return path.open("wb")
+    except FileNotFoundError:
+        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        return path.open("wb")

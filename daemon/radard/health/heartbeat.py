@@ -19,7 +19,7 @@ from radard.health.status_file import read_status, write_status
 from radard.health.systemd import Notifier
 
 log = logging.getLogger("radard")
-_EVERY_S = 0.5  # `radard health` calls a file of 10 s stale
+_EVERY_S = 1.0  # `radard health` calls a file of 10 s stale
 _MAIN_LATE_S = 5.0  # the main thread comes by once a second
 
 

@@ -1,6 +1,6 @@
 """The status file: how `radard health` knows, from outside and without HTTP.
 
-A JSON object in the runtime directory, rewritten twice a second by the heartbeat. It
+A JSON object in the runtime directory, rewritten once a second by the heartbeat. It
 counts only while it is fresh, by the clock that all processes of one boot share.
 """
 
@@ -8,13 +8,14 @@ import json
 import os
 import time
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from radard.config.atomic import write_atomically
 from radard.health.health import Status
 
-STALE_S = 10.0  # twenty beats
+STALE_S = 10.0  # ten beats
 _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 
@@ -66,6 +67,7 @@ def read_status(path: Path, *, stale_s: float = STALE_S) -> StatusReport:
     return StatusReport(status.is_well, line, content)
 
 
+@cache
 def _boot_id() -> str:
     try:
         return _BOOT_ID.read_text(encoding="ascii").strip()
