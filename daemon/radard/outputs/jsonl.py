@@ -54,9 +54,10 @@ class JsonLinesSink(DirectSink):
         if is_hello:
             self._hellos[record.get("sensor", "")] = record
         try:
-            if self._has_moved():
+            size = self._size_unless_moved()
+            if size is None:
                 self._reopen()
-            elif self._is_regular and self._size() + len(line) > self._most_bytes:
+            elif self._is_regular and size + len(line) > self._most_bytes:
                 self._rotate()
             is_told = is_hello and self._lacks_hello
             self._write_hellos()
@@ -87,15 +88,17 @@ class JsonLinesSink(DirectSink):
     def _size(self) -> int:
         return os.fstat(self._fd).st_size if self._fd is not None else 0
 
-    def _has_moved(self) -> bool:
+    def _size_unless_moved(self) -> int | None:
+        """Return the bytes in the file; None if it is no longer what has its name."""
         if self._fd is None:
-            return True
+            return None
         try:
             there = self._path.stat()
         except FileNotFoundError:
-            return True
+            return None
         ours = os.fstat(self._fd)
-        return (there.st_dev, there.st_ino) != (ours.st_dev, ours.st_ino)
+        is_there = (there.st_dev, there.st_ino) == (ours.st_dev, ours.st_ino)
+        return ours.st_size if is_there else None
 
     def _reopen(self) -> None:
         """Open the file; a new one holds every `hello` first."""
@@ -123,7 +126,6 @@ class JsonLinesSink(DirectSink):
     def _append(self, line: bytes) -> None:
         """Write a whole line or nothing of it; the next attempt must not begin in its middle."""
         fd = self._fd if self._fd is not None else self._open()
-        size = self._size()
         rest = line
         try:
             while rest:
@@ -131,7 +133,7 @@ class JsonLinesSink(DirectSink):
         except OSError:
             if len(rest) < len(line):
                 if self._is_regular:
-                    os.ftruncate(fd, size)
+                    os.ftruncate(fd, self._size() - (len(line) - len(rest)))
                 else:
                     # Nothing can be taken back from a pipe; its reader sees the end of it.
                     self._shut()
