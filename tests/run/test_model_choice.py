@@ -1,8 +1,12 @@
 """Which bundle judges when none is named: that of the module, told by its stream alone."""
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
+
+import radard.models
 
 from radard.cli import main
 from radard.config.config import load_config
@@ -106,3 +110,21 @@ def test_explain_says_that_the_module_decides(capsys):
     )
     assert main(["explain", "--model", "accurate"]) == 0
     assert text.endswith(capsys.readouterr().out)
+
+
+def test_radars_with_the_same_bundle_share_its_network(tmp_path):
+    def classifier(model):
+        return make_classifier(load_config(environ={}, options={"model": {"name": model}}))
+
+    first = classifier("fast")
+    assert classifier("fast") is first
+    assert classifier("balanced") is not first
+    # The same name says nothing: the file may be another by now.
+    bundle = load_bundle("fast")
+    (tmp_path / "fast.onnx").write_bytes(bundle.onnx)
+    sidecar = json.loads((Path(radard.models.__file__).parent / "fast.json").read_text())
+    (tmp_path / "fast.json").write_text(json.dumps(sidecar))
+    name = str(tmp_path / "fast.onnx")
+    assert classifier(name) is first
+    (tmp_path / "fast.json").write_text(json.dumps({**sidecar, "pet_limit": 0.5}))
+    assert classifier(name).bundle.pet_limit == 0.5

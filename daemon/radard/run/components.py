@@ -2,8 +2,10 @@
 
 import hashlib
 import logging
+import threading
 from dataclasses import dataclass
 from pathlib import Path
+from weakref import WeakSet
 
 from radard.alarm.events import See
 from radard.alarm.panel import AlarmPolicy
@@ -37,6 +39,9 @@ from x2radar.command import installed_version
 from x2radar.frame import StreamInfo
 
 log = logging.getLogger("radard")
+_making = threading.Lock()
+_classifiers: "WeakSet[Classifier]" = WeakSet()
+"""Those in use."""
 RESTART_SECTIONS = ("sensor", "service")
 _PIPELINE_SECTIONS = ("mount", "model", "gate", "decision")
 
@@ -62,9 +67,20 @@ def logger_of(config: Config) -> logging.Logger:
 
 
 def make_classifier(config: Config, stream: StreamInfo | None = None) -> Classifier | None:
-    """Return the classifier that is named; raises BundleError or ModelMismatch."""
+    """Return the classifier that is named; raises BundleError or ModelMismatch.
+
+    Radars with the same bundle share it: it keeps nothing of a stream.
+    """
     name = model_for(config.model.name, stream)
-    return None if name == "none" else Classifier(load_bundle(name))
+    if name == "none":
+        return None
+    bundle = load_bundle(name)
+    with _making:
+        made = next((each for each in _classifiers if each.bundle == bundle), None)
+        if made is None:
+            made = Classifier(bundle)
+            _classifiers.add(made)
+        return made
 
 
 def classifier_for(

@@ -1,8 +1,8 @@
 """A radar at work: its port is open (`OpenedSensor`), its stream is read (`RunningSensor`).
 
 The *reader*, a thread, takes frames from the source and pushes them into the ring; threads of the
-pool take what the ring completes to the worker, one item a turn. A recording needs no reader: it
-never lets anybody wait, so the pool reads it as well.
+pool take what the ring completes to the worker, one item a turn. A recording needs no reader: its
+frames are there, so the pool reads it, too (a disk that hangs holds one of its threads).
 """
 
 import threading
