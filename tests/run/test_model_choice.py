@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 import radard.models
-
 from radard.cli import main
 from radard.config.config import load_config
 from radard.config.sections import AUTO_MODEL, DEFAULT_MODEL

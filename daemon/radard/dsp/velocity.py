@@ -18,7 +18,7 @@ frame-to-frame steps, *before* the DFT over range: static clutter is then gone e
 before anything was rounded (see `radard.dsp.steps`).
 """
 
-from functools import lru_cache, partial
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -241,9 +241,9 @@ def _powers(
     by_frequency = np.ascontiguousarray(rows.T)
     s0, s1 = by_frequency.strides
     # Views, which numpy's own functions take longer to make than the sums below.
-    view = partial(np.ndarray, (n_freq, n_half, n), np.complex64, by_frequency)
-    front = view(0, (s0, s1, stride * s1))
-    back = view((width - 1) * s1, (s0, -s1, stride * s1))
+    shape, last = (n_freq, n_half, n), (width - 1) * s1
+    front = np.ndarray(shape, np.complex64, by_frequency, 0, (s0, s1, stride * s1))
+    back = np.ndarray(shape, np.complex64, by_frequency, last, (s0, -s1, stride * s1))
     # C x and S x of the real and the imaginary part: both velocities' lines are made of them.
     apart, together = np.empty((2, n_freq, n_half, 2 * n), np.float32)
     np.subtract(front.real, back.real, out=apart[..., :n])
