@@ -157,9 +157,11 @@ def test_explain_prints_policy_delay_and_rates(capsys):
     assert "2 of 3 verdicts make an alarm" in text
     (row,) = [line for line in text.splitlines() if line.startswith("> normal")]
     assert "2 s, 3 s" in row
-    assert f"{100 * (1 - alarm_probability(0.965, 2, 3, 5)):.2g} %, 3.5 %" in row
-    assert "thesis_human missed" in text
-    assert "thesis_dog false alarm" in text
+    quiet = read_card("thesis").metrics["share without alarm, human"]
+    apart = 1 - alarm_probability(1 - quiet, 2, 3, 5)
+    assert f"{100 * apart:.2g} %, {100 * quiet:.2g} %" in row
+    assert "human missed" in text
+    assert "dog false alarm" in text
 
 
 def test_explain_follows_options(capsys):
