@@ -53,6 +53,9 @@ from radard.judge.installation import INSTALLATION, Mount, echo_at_1m_db, instal
 from radard.stream.ring import Dwell, DwellShape, FrameRing
 from x2radar.frame import StreamInfo
 
+_warm: set[tuple[object, ...]] = set()
+"""Pipelines that `warm_up` has prepared for."""
+
 
 class Pipeline:
     """Everything between the frames of one stream and its decisions.
@@ -129,9 +132,14 @@ class Pipeline:
     def warm_up(self) -> None:
         """Judge a made-up dwell and forget it, so that the first real one takes no longer.
 
-        Whatever libraries prepare at their first use is prepared then. A body oscillates in
-        noise, so that the gate opens and all behind it takes part.
+        Whatever libraries prepare at their first use is prepared then, once for all radars that
+        are alike. A body oscillates in noise, so that the gate opens and all behind it takes part.
         """
+        bundle = self.classifier.bundle.name if self.classifier else ""
+        alike = (self.stream.axis, self.shape, self._features, bundle)
+        if alike in _warm:
+            return
+        _warm.add(alike)
         converter, shape = self._converter(), self.shape
         axis = converter.axis
         rng = np.random.default_rng(0)
