@@ -126,3 +126,15 @@ def test_times_are_heeded_while_one_thread_hangs_and_another_radar_never_rests()
     wait_for(lambda: len(came) > n + 5)
     gate.set()
     pool.close()
+
+
+def test_streams_begin_apart_and_the_first_at_once():
+    pool = WorkerPool()
+    before_s = time.monotonic()
+    begin_s = [pool.begin_s() for _ in range(100)]
+    assert begin_s[0] - before_s < 0.1
+    assert all(0 <= each - before_s < 2.0 for each in begin_s)
+    phases = sorted((each - begin_s[0]) % 1.0 for each in begin_s)
+    apart = [b - a for a, b in pairwise([*phases, phases[0] + 1.0])]
+    assert min(apart) > 0.002
+    assert max(apart) < 0.03

@@ -88,6 +88,18 @@ def test_the_next_round_of_a_loop_is_paced_as_well(monkeypatch):
     assert now[0] == pytest.approx(100 + 2 * 9.9)
 
 
+def test_a_round_that_is_read_late_follows_on_the_last_all_the_same(monkeypatch):
+    now = [100.0]
+    playback = Playback(10.0, 2.0)
+    monkeypatch.setattr("radard.stream.playback.time.monotonic", lambda: now[0])
+    playback.begin_at(101.0)
+    assert playback.wait_s(0.0) == pytest.approx(1.0)
+    now[0] = 110.0
+    assert (playback.wait_s(9.8), playback.due_s) == (0.0, pytest.approx(105.9))
+    assert (playback.wait_s(0.0), playback.due_s) == (0.0, pytest.approx(105.9))
+    assert (playback.wait_s(8.0), playback.due_s) == (0.0, pytest.approx(109.9))
+
+
 def test_a_frame_that_is_read_late_was_due_when_it_should_have_come(recording):
     source = open_source(f"replay:{recording}", speed="8")
     items = source.items()

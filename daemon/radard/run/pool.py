@@ -18,6 +18,10 @@ _HELP_S = 0.05
 """So late a second thread sees to turns whose time has come: two at once get little more done than
 one, since they wait for the interpreter's lock at every step."""
 
+_SPREAD = (5**0.5 - 1) / 2
+"""Of a second, from one stream's beginning to the next one's: however many there are, no two begin
+at the same phase (multiples of the golden ratio)."""
+
 
 class Turns:
     """The turns of one radar: `step` does a piece of its work and says whether there is more."""
@@ -73,6 +77,7 @@ class WorkerPool:
         self._n_later = 0
         self._is_watched = self._is_closed = False
         self._n_threads = 0
+        self._n_begun, self._first_s = 0, 0.0
 
     def fit(self, n_radars: int) -> None:
         """Have as many threads as so many radars can use."""
@@ -89,6 +94,19 @@ class WorkerPool:
     def turns(self, step: Callable[[], bool]) -> Turns:
         """Return the turns of another radar."""
         return Turns(step, self)
+
+    def begin_s(self) -> float:
+        """Return when another stream should begin, on the host's monotonic clock: within a second.
+
+        Dwells of streams that began together would end together, again and again.
+        """
+        now_s = time.monotonic()
+        with self._changed:
+            if not self._n_begun:
+                self._first_s = now_s
+            phase_s = self._n_begun * _SPREAD
+            self._n_begun += 1
+        return now_s + (self._first_s + phase_s - now_s) % 1.0
 
     def queue(self, turns: Turns) -> None:
         """Let a turn be taken by the next thread that is free; for `Turns`."""

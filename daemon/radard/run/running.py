@@ -82,6 +82,7 @@ class RunningSensor:
         if isinstance(source := self.opened.source, ReplaySource):
             self._items = source.items()
             source.playback.listen(self._turns.ask)
+            source.playback.begin_at(self._pool.begin_s())
         else:
             self._reader.start()
         self._turns.ask()

@@ -43,6 +43,7 @@ class Playback:
         self._position_s = 0.0
         self._seek_s: float | None = None
         self._anchor: tuple[float, float] | None = None
+        self._begin_s = 0.0
         self._is_touched = False
         self._on_change: Callable[[], object] = lambda: None
         self.due_s = 0.0
@@ -90,6 +91,10 @@ class Playback:
         self._is_closed = True
         self._touch()
 
+    def begin_at(self, begin_s: float) -> None:
+        """Let no frame be due before that time on the host's monotonic clock."""
+        self._begin_s = begin_s
+
     def listen(self, on_change: Callable[[], object]) -> None:
         """Call `on_change` whenever what `wait_s` said may hold no more; from any thread."""
         self._on_change = on_change
@@ -101,9 +106,11 @@ class Playback:
         """
         with self._changed:
             self._is_touched = False
-            if position_s < self._position_s:
-                # A new round of a recording that loops.
-                self._anchor = None
+            if position_s < self._position_s and self._anchor is not None and self._speed:
+                # A new round of a recording that loops: it follows on the last, however late.
+                begun_s, first_s = self._anchor
+                begun_s += (self._position_s - first_s) / self._speed
+                self._anchor = begun_s, position_s
             self._position_s = position_s
             if self._is_closed or self._seek_s is not None:
                 return 0.0
@@ -131,7 +138,7 @@ class Playback:
             return 0.0
         now_s = time.monotonic()
         if self._anchor is None:
-            self._anchor = (now_s, position_s)
+            self._anchor = (max(now_s, self._begin_s), position_s)
         begun_s, first_s = self._anchor
         after_s = (position_s - first_s) / self._speed
         self.due_s = begun_s + TICK_S * math.ceil(after_s / TICK_S)
