@@ -20,6 +20,8 @@ WIDTHS = {
     "accurate": ((24, 40, 48, 48), (20, 28, 36, 36), 80),
 }
 """Channels of the three bundles' networks: of branches, of those with longer CPIs, hidden."""
+_BATCH = 128
+_OUT = Path("models")
 _STREAMS = {
     "any": {
         "frame_rate_hz": (14.5, 210.0),
@@ -70,7 +72,7 @@ def register(commands: Commands) -> None:
     )
     add("--name", default="balanced", help="name of the bundle (balanced)")
     add("--size", choices=sorted(WIDTHS), default="balanced", help="of the network (balanced)")
-    add("--out", type=Path, default=Path("models"), help="folder of the bundle (models)")
+    add("--out", type=Path, default=_OUT, help="folder of the bundle (models)")
     add("--epochs", type=int, default=12, help="passes over the windows (12)")
     add("--seed", type=int, default=0, help="same seed, same file (0)")
     add(
@@ -82,6 +84,13 @@ def register(commands: Commands) -> None:
         "--compile",
         action="store_true",
         help="let torch compile the network: faster, needs a C++ compiler",
+    )
+    add("--batch", type=int, default=_BATCH, help=f"windows a step ({_BATCH}); a GPU likes 512")
+    add(
+        "--device",
+        choices=("auto", "cpu", "cuda"),
+        default="auto",
+        help="where to train: on a GPU if torch finds one (auto)",
     )
     add("--teacher", metavar="MODEL", help="a bundle whose probabilities are learnt beside labels")
     add("--stream", choices=sorted(_STREAMS), help="what it is for (what --validate is of)")
@@ -96,7 +105,7 @@ def stream_of(abouts: Sequence[Mapping[str, Any]]) -> Mapping[str, tuple[float, 
 
 
 def _run(args: argparse.Namespace) -> int:
-    check_least(args, epochs=1, seed=0)
+    check_least(args, epochs=1, seed=0, batch=2)
     # Late: torch takes seconds, and --help must not.
     from x2train.bundle.export import DIFFERENCE, exported  # noqa: PLC0415
     from x2train.bundle.metrics import (  # noqa: PLC0415
@@ -110,7 +119,12 @@ def _run(args: argparse.Namespace) -> int:
     )
     from x2train.bundle.writing import write_bundle  # noqa: PLC0415
     from x2train.judge.verdicts import PET_LIMIT  # noqa: PLC0415
-    from x2train.nets.map_fit import INPUTS, MapFitSettings, fit_maps  # noqa: PLC0415
+    from x2train.nets.map_fit import (  # noqa: PLC0415
+        INPUTS,
+        MapFitSettings,
+        device_of,
+        fit_maps,
+    )
     from x2train.nets.teacher import taught_by  # noqa: PLC0415
     from x2train.sets.window_set import load_windows, worth_learning  # noqa: PLC0415
 
@@ -125,8 +139,11 @@ def _run(args: argparse.Namespace) -> int:
     taught = taught_by(teacher, train) if teacher else None
     start = load_bundle(args.start) if args.start else None
     widths, long_widths, hidden = WIDTHS[args.size]
+    args.device = device_of(args.device)
     settings = MapFitSettings(
         epochs=args.epochs,
+        batch=args.batch,
+        device=args.device,
         seed=args.seed,
         widths=widths,
         long_widths=long_widths,
@@ -144,6 +161,7 @@ def _run(args: argparse.Namespace) -> int:
     # Nor is what it started from.
     held_out = kept_out_of(abouts) if teacher is None and start is None else "none"
     training: dict[str, Any] = {
+        "device": args.device,
         "recipe": _RECIPE.format(held_out=held_out),
         "command": _command(args),
         "seed": args.seed,
@@ -198,7 +216,9 @@ def _command(args: argparse.Namespace) -> str:
         f"train-export fit {sets} --name {args.name} --size {args.size} "
         f"--epochs {args.epochs} --seed {args.seed}"
         f"{' --half' if args.half else ''}{' --compile' if args.compile else ''}"
+        f"{f' --batch {args.batch}' if args.batch != _BATCH else ''}"
         f"{f' --teacher {args.teacher}' if args.teacher else ''}"
         f"{f' --start {args.start}' if args.start else ''}"
         f"{f' --stream {args.stream}' if args.stream else ''}"
+        f"{f' --out {args.out}' if args.out != _OUT else ''}"
     )

@@ -100,6 +100,11 @@ class Checkpoints:
         rng.set_state(self._resumed.now)
         torch.set_rng_state(self._resumed.layers)
 
+    @property
+    def is_due(self) -> bool:
+        """Whether it is time for the next one."""
+        return self._path is not None and time.monotonic() >= self._next_s
+
     def save(
         self,
         at: tuple[int, int, float],
@@ -108,8 +113,8 @@ class Checkpoints:
         order: torch.Tensor,
         rng: torch.Generator,
     ) -> None:
-        """Write a checkpoint if it is time; `at` as `resume` returns it."""
-        if self._path is None or time.monotonic() < self._next_s:
+        """Write a checkpoint; `at` as `resume` returns it."""
+        if self._path is None:
             return
         point = SavedPoint(
             self._run,

@@ -10,6 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
+from radard.errors import UsageError
 from radard.judge.bundle import Bundle
 from radard.judge.installation import INSTALLATION, N_INSTALLATION
 from x2train.nets.epoch import Epoch, temperature_of
@@ -50,6 +51,7 @@ class MapFitSettings:
     hidden: int = 40
     seed: int = 0  # of weights, order and augmentation
     threads: int = 1  # of torch; the same number, the same weights
+    device: str = "cpu"  # of torch, such as 'cuda', which holds all windows
     is_half: bool = False  # whether layers compute in bfloat16; weights stay in single precision
     # whether torch compiles the network first, which takes a C++ compiler
     is_compiled: bool = False
@@ -72,60 +74,89 @@ def fit_maps(
     checkpoint: Path | None = None,
     start: Bundle | None = None,
 ) -> Iterator[Epoch | MapTrained]:
-    """Train; yield every epoch, and at last the network.
+    """Train; yield every epoch, and at last the network, on the processor.
 
     Windows are `INPUTS`, maps as bytes, shape (n, rows, n_cells), and `label`. `taught`, shape
     (n, 3), is what a teacher makes of the windows to train on, see `x2train.nets.teacher`.
     `checkpoint` is a file that an interrupted training goes on from; `start` a bundle of this size
-    whose weights are gone on from.
+    whose weights are gone on from. On a processor the same seed gives the same weights; a GPU
+    adds in an order of its own.
     """
     torch.manual_seed(settings.seed)
     torch.set_num_threads(settings.threads)
-    rng = torch.Generator().manual_seed(settings.seed)
-    maps = [torch.from_numpy(train[name]) for name in MAPS]
-    known = torch.from_numpy(train[INSTALLATION])
-    labels = torch.from_numpy(np.asarray(train["label"], np.int64))
+    device = settings.device
+    rng = torch.Generator(device).manual_seed(settings.seed)
+    maps = [torch.from_numpy(train[name]).to(device) for name in MAPS]
+    known = torch.from_numpy(train[INSTALLATION]).to(device)
+    labels = torch.from_numpy(np.asarray(train["label"], np.int64)).to(device)
     net, optimizer = _beginning(maps, known, settings, start)
-    counts = torch.bincount(labels, minlength=3).float()
-    weight = counts.sum() / (3 * counts.clamp(min=1))
-    error = nn.CrossEntropyLoss(weight=weight, label_smoothing=settings.smoothing)
-    shown = None if taught is None else torch.from_numpy(taught)
+    error = _Error(labels, settings)
+    shown = None if taught is None else torch.from_numpy(taught).to(device)
     # The last batch of an epoch is smaller: once more compiled, not made to fit any size.
     answer = torch.compile(net, dynamic=False) if settings.is_compiled else net
     run = fingerprint(train, settings, taught, start) if checkpoint else ""
     kept = Checkpoints(checkpoint, run)
-    first, done, total = kept.resume(net, optimizer, rng)
+    first, done, resumed = kept.resume(net, optimizer, rng)
+    total: float | torch.Tensor = resumed
     for number in range(first, settings.epochs + 1):
         net.train()
         order = rng.get_state()
-        parts = torch.split(torch.randperm(len(labels), generator=rng), settings.batch)
+        parts = torch.split(
+            torch.randperm(len(labels), generator=rng, device=device), settings.batch
+        )
         if done:
             kept.at_step(rng)
         for step, part in enumerate(parts[done:], done + 1):
             shown_maps = augmented(*(m[part].float() / 255 for m in maps), rng=rng)
             batch = (*shown_maps, hidden_more(known[part], rng))
-            with torch.autocast("cpu", torch.bfloat16, enabled=settings.is_half):
+            with torch.autocast(device, torch.bfloat16, enabled=settings.is_half):
                 answers = answer(*batch)
-            if shown is None:
-                loss = error(answers.float(), labels[part])
-            else:
-                loss = taught_error(
-                    answers.float(),
-                    labels[part],
-                    shown[part],
-                    share=settings.teacher_share,
-                    weight=weight,
-                )
+            loss = error(answers.float(), labels[part], None if shown is None else shown[part])
             optimizer.step(loss)
-            total += loss.item() * len(part)
-            kept.save((number, step, total), net, optimizer, order, rng)
+            # Summed where it is: to fetch each would let a GPU wait.
+            total = total + loss.detach().double() * len(part)
+            if kept.is_due:
+                kept.save((number, step, float(total)), net, optimizer, order, rng)
         logits = logits_of(net, validation)
         score = _cross_entropy(logits, np.asarray(validation["label"]))
-        yield Epoch(number, total / len(labels), score)
+        yield Epoch(number, float(total) / len(labels), score)
         done, total = 0, 0.0
     kept.done()
+    net.cpu()
     logits = logits_of(net, validation)
     yield MapTrained(net, temperature_of(logits, np.asarray(validation["label"])))
+
+
+class _Error:
+    """What a batch has wrong, every class weighing the same."""
+
+    def __init__(self, labels: torch.Tensor, settings: MapFitSettings) -> None:
+        counts = torch.bincount(labels.cpu(), minlength=3).float().to(labels.device)
+        self._weight = counts.sum() / (3 * counts.clamp(min=1))
+        self._alone = nn.CrossEntropyLoss(self._weight, label_smoothing=settings.smoothing)
+        self._share = settings.teacher_share
+
+    def __call__(
+        self, answers: torch.Tensor, labels: torch.Tensor, taught: torch.Tensor | None
+    ) -> torch.Tensor:
+        """Return the loss of logits, shape (n, 3); `taught` are a teacher's probabilities."""
+        if taught is None:
+            alone: torch.Tensor = self._alone(answers, labels)
+            return alone
+        return taught_error(answers, labels, taught, share=self._share, weight=self._weight)
+
+
+def device_of(wanted: str) -> str:
+    """Return where torch trains: 'cpu' or 'cuda'; 'auto' is a GPU if there is one.
+
+    Raises UsageError if there is none and one is wanted.
+    """
+    if wanted == "auto":
+        return "cuda" if torch.cuda.is_available() else "cpu"
+    if wanted == "cuda" and not torch.cuda.is_available():
+        msg = "--device cuda: torch finds no GPU here"
+        raise UsageError(msg)
+    return wanted
 
 
 def _beginning(
@@ -152,7 +183,7 @@ def network(rows: tuple[int, ...], settings: MapFitSettings) -> MapNet:
         hidden=settings.hidden,
         dropout=settings.dropout,
     )
-    net.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+    net.to(settings.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
     return net
 
 
@@ -171,16 +202,17 @@ def optimizer_of(
 
 
 def logits_of(net: nn.Module, windows: Arrays) -> NDArray[np.float64]:
-    """Return the logits of windows, shape (n, 3), by torch."""
+    """Return the logits of windows, shape (n, 3), by torch, where the network is."""
     net.eval()
+    device = next(net.parameters()).device
     n = len(windows["label"])
     out = []
     with torch.no_grad():
         for first in range(0, n, 1024):
             rows = slice(first, first + 1024)
-            maps = [torch.from_numpy(windows[name][rows]).float() / 255 for name in MAPS]
-            known = torch.from_numpy(windows[INSTALLATION][rows])
-            out.append(net(*maps, known).numpy().astype(np.float64))
+            maps = [torch.from_numpy(windows[n][rows]).to(device).float() / 255 for n in MAPS]
+            known = torch.from_numpy(windows[INSTALLATION][rows]).to(device)
+            out.append(net(*maps, known).cpu().numpy().astype(np.float64))
     return np.concatenate(out) if out else np.zeros((0, 3))
 
 

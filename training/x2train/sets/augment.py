@@ -21,10 +21,11 @@ def augmented(
 ) -> tuple[torch.Tensor, ...]:
     """Return changed copies of a batch of maps, 0 to 1, each of shape (n, rows, n_cells).
 
-    In the same order: velocity-time, range-time, and velocity-time maps with longer CPIs.
+    In the same order: velocity-time, range-time, and velocity-time maps with longer CPIs. Maps
+    are where `rng` draws: in memory, or on a GPU.
     """
     n, _, n_cells = velocity.shape
-    u = torch.rand(n, 7, generator=rng)
+    u = torch.rand(n, 7, generator=rng, device=rng.device)
     ranges = _shifted(ranges, u[:, 0])
     slow = [_noisier(_deeper(each, u[:, 1]), u[:, 3], rng) for each in (velocity, *long)]
     ranges = _noisier(_deeper(ranges, u[:, 2]), u[:, 3], rng)
@@ -40,7 +41,7 @@ def _shifted(ranges: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
     """Move each map along range; what comes in is empty."""
     n_rows = ranges.shape[1]
     shift = (u * (2 * _MAX_SHIFT + 1)).floor().long() - _MAX_SHIFT
-    source = torch.arange(n_rows)[None] - shift[:, None]
+    source = torch.arange(n_rows, device=u.device)[None] - shift[:, None]
     inside = (source >= 0) & (source < n_rows)
     index = source.clamp(0, n_rows - 1)[:, :, None].expand(-1, -1, ranges.shape[2])
     return ranges.gather(1, index) * inside[:, :, None]
@@ -57,7 +58,7 @@ def _noisier(maps: torch.Tensor, u: torch.Tensor, rng: torch.Generator) -> torch
     """Lay a speckled floor under some of the maps."""
     rows = torch.nonzero(u < _FLOOR_SHARE)[:, 0]
     level = (_MAX_FLOOR * u[rows] / _FLOOR_SHARE)[:, None, None]
-    speckle = _SPECKLE * torch.randn(maps[rows].shape, generator=rng)
+    speckle = _SPECKLE * torch.randn(maps[rows].shape, generator=rng, device=rng.device)
     lit = maps.amax(2, keepdim=True)[rows] > 0
     made = maps.clone()
     made[rows] = torch.where(lit, torch.maximum(maps[rows], level + speckle), 0.0).clamp(0, 1)
@@ -69,7 +70,7 @@ def _kept(u: torch.Tensor, n_cells: int) -> tuple[torch.Tensor, torch.Tensor]:
 
     Ends are cut, or there is a gap within.
     """
-    at = torch.arange(n_cells)[None] / n_cells
+    at = torch.arange(n_cells, device=u.device)[None] / n_cells
     size = 0.35 * u[:, 1:2]
     is_cut = u[:, 0:1] < _CUT_SHARE
     cut = is_cut & torch.where(u[:, 2:3] < 0.5, at < size, at >= 1 - size)

@@ -59,6 +59,7 @@ def known_of(windows: Mapping[str, NDArray[Any]]) -> NDArray[np.float32]:
 
 def hidden_more(known: torch.Tensor, rng: torch.Generator) -> torch.Tensor:
     """Return a batch of inputs, shape (n, `N_INSTALLATION`), with more of them missing."""
-    kept = torch.rand(len(known), 3, generator=rng) >= _HIDDEN_SHARE
+    kept = torch.rand(len(known), 3, generator=rng, device=rng.device) >= _HIDDEN_SHARE
     pairs = kept.repeat_interleave(2, dim=1)
-    return known * torch.cat([torch.ones(len(known), 1), pairs], 1)
+    always = torch.ones(len(known), 1, device=rng.device)
+    return known * torch.cat([always, pairs], 1)
