@@ -49,7 +49,7 @@ def test_decisions_and_events_are_those_of_a_replay(files, capsys):
         assert times[0] == "2026-03-01T12:00:02.950Z"
         assert [{k: v for k, v in r.items() if k != "file"} for r in own] == replayed(path)
         assert "invalid" in {r.get("gate") for r in own}
-    assert {r["model"] for r in told if r["type"] == "hello"} == {"x2"}
+    assert {r["model"] for r in told if r["type"] == "hello"} == {"accurate"}
     assert any(r["type"] == "event" and r["kind"] == "alarm" for r in told)
 
 

@@ -28,7 +28,7 @@ def test_live_replayed_and_in_a_table_they_are_the_same(hop_s, tmp_path, monkeyp
     )
     assert code == 0, said
     assert live[0]["hop_s"] == hop_s
-    assert said.count(f"decision.hop_s {hop_s:g}: model 'x2' learned from windows 1 s") == 1
+    assert said.count(f"decision.hop_s {hop_s:g}: model 'accurate' learned from windows 1 s") == 1
     assert f"spans {max(1.0, hop_s):g} s" in said
     made = decisions_of(live)
     assert np.diff([r["t_s"] for r in made]) == pytest.approx(hop_s, abs=0.02)

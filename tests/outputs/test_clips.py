@@ -97,7 +97,7 @@ def test_what_a_clip_holds(tmp_path):
     assert n_samples == 768
     assert attrs["format"] == "x2radar-recording"
     assert attrs["config_hash"] == hello["config_hash"]
-    assert (attrs["model"], attrs["sensor"]) == ("x2", "radar")
+    assert (attrs["model"], attrs["sensor"]) == ("accurate", "radar")
     assert len(attrs["model_sha256"]) == 64
     event = json.loads(attrs["event"])
     assert event["id"] == clip.stem

@@ -53,13 +53,13 @@ def test_sets_are_those_of_the_sidecar(name):
 
 
 def test_a_share_has_sets_and_a_folder_of_its_own(tmp_path):
-    *sets, last = arguments("balanced", share=0.01, workers=3)
+    *sets, last = arguments("balanced", share=0.01, workers=3, motion=Path("/clips"))
     assert sets[0] == shlex.split(
         "dataset --out sets-0.01/x2clear --families all --motion footfalls angles "
         "--skin points ellipsoids --radar x2 --clear 1 --plain 1 --longest 6 --seed 506 "
         "--passages 260 --workers 3"
     )
-    assert "sets-0.01/longallcheck" in last
+    assert "sets-0.01/longall" in last
     assert not any(word.startswith("sets/") for step in (*sets, last) for word in step)
     assert recipe_of(f"train-export {shlex.join(last)}") is None
     for share, is_fast in ((0.01, False), (0.001, False), (0.05, True), (1.0, True)):
@@ -78,16 +78,21 @@ def test_a_share_has_sets_and_a_folder_of_its_own(tmp_path):
     assert {step[step.index("--passages") + 1] for step in smallest} == {"12"}
 
 
-def test_recorded_motion_goes_on_from_a_shipped_bundle(capsys):
-    steps = arguments("x2", share=0.01, motion=Path("/clips"), models=Path("mine"))
-    assert [step[0] for step in steps if step[0] != "dataset"] == ["fit", "temporal"]
-    (fit,) = (step for step in steps if step[0] == "fit")
-    assert fit[fit.index("--start") + 1] == "accurate"
+def test_recorded_motion_goes_on_from_generated(tmp_path, capsys):
+    steps = arguments("accurate", share=0.01, motion=Path("/clips"), models=tmp_path)
+    first, fit, head = (step for step in steps if step[0] != "dataset")
+    assert [first[0], fit[0], head[0]] == ["fit", "fit", "temporal"]
+    # Parts lie in a folder of their own, and each is made before somebody needs it.
+    parts = tmp_path / "parts"
+    assert all(step[step.index("--out") + 1] == str(parts) for step in (first, fit))
+    assert fit[fit.index("--start") + 1] == str(parts / "generated-accurate.onnx")
+    assert head[head.index("--model") + 1] == str(parts / "recorded-accurate.onnx")
+    assert head[head.index("--out") + 1] == str(tmp_path)
     clips = [step for step in steps if "--clips" in step]
-    assert len(clips) == 3
     assert all(step[step.index("--clips") + 1] == "/clips" for step in clips)
-    assert main(["make", "x2"]) == 2
-    assert "make x2: needs --motion" in capsys.readouterr().err
+    assert len(clips) == 3
+    assert main(["make", "accurate"]) == 2
+    assert "make accurate: needs --motion" in capsys.readouterr().err
 
 
 @pytest.mark.nightly
@@ -130,19 +135,19 @@ def test_sets_of_later_steps_are_made_beside_the_training(tmp_path, monkeypatch,
     parser = argparse.ArgumentParser()
     parser.set_defaults(train_export=lambda step: events.append(step[0]) or 0)
     make.register(parser.add_subparsers())
-    args = parser.parse_args(["make", "fast", "--out", str(tmp_path), "--workers", "3"])
+    args = parser.parse_args(["make", "x4m03", "--out", str(tmp_path), "--workers", "3"])
     assert args.run(args) == 0
     (began,) = (k for k, event in enumerate(events) if isinstance(event, list))
-    assert events[:began] == ["dataset"] * 5
+    assert events[:began] == ["dataset"] * 6
     assert events[began + 1 :][:2] == ["fit", "waited"]
-    assert [e for e in events[began + 3 :] if e != "waited"] == ["dataset"] * 2 + ["temporal"]
+    assert [e for e in events[began + 3 :] if e != "waited"] == ["dataset"] * 6 + ["temporal"]
     python, flag, module, *argv = events[began]
     assert (python, flag, module) == (sys.executable, "-m", "x2train")
     capsys.readouterr()
     assert main([*argv, "--show"]) == 0
     shown = capsys.readouterr().out
-    assert shown.count("train-export dataset") == 7
-    assert shown.count("--workers 2") == 7
+    assert shown.count("train-export dataset") == 12
+    assert shown.count("--workers 2") == 12
 
 
 @pytest.mark.parametrize("argv", [["--share", "0"], ["--share", "2"], ["--workers", "0"]])
@@ -152,13 +157,13 @@ def test_options_out_of_bounds(argv, tmp_path, monkeypatch):
 
 
 def test_commands_are_shown(capsys):
-    assert main(["make", "balanced", "--show"]) == 0
+    assert main(["make", "x4m03", "--show"]) == 0
     words = [line.split() for line in capsys.readouterr().out.splitlines()]
     kinds = [each[1] for each in words]
     # What a head alone needs is made while the network trains.
-    assert kinds == ["dataset"] * 5 + ["fit"] + ["dataset"] * 2 + ["temporal"]
+    assert kinds == ["dataset"] * 6 + ["fit"] + ["dataset"] * 6 + ["temporal"]
     assert main(["make", "balanced", "--sets", "--show"]) == 0
-    assert capsys.readouterr().out.count("dataset") == 7
+    assert capsys.readouterr().out.count("dataset") == 12
     assert main(["make", "x4m03", "--show", "--workers", "2"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert (

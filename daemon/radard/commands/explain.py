@@ -60,7 +60,7 @@ def explained(config: Config, *, pass_s: float) -> Iterator[str]:
     limit = pet_limit_of(config, bundle)
     if config.model.name == AUTO_MODEL:
         others = ", ".join(OF_ONE_MODULE)
-        yield f"model auto: {bundle.name}, or before the module it is named after: {others}"
+        yield f"model auto: {bundle.name}, or where it does not take the stream: {others}"
     yield f"model {bundle.name}, policy {decides}: alarm unless p(pet) + p(other) > {limit:g}"
     yield f"and one of the two is at least {MIN_P:g},"
     hop_s = config.decision.hop_s

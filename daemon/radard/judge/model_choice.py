@@ -7,10 +7,8 @@ from x2radar.frame import StreamInfo
 from x2radar.modules.modules import MODULES
 
 OF_ONE_MODULE = tuple(row.bundle for row in MODULES.values() if row.bundle)
-"""Bundles that were made for one module."""
-_BETTER = ("x2",)
-"""Of these, those that know their module's streams better than `DEFAULT_MODEL` does; the others
-judge what it does not take."""
+"""Bundles that were made for one module: they judge its streams that `DEFAULT_MODEL` does not
+take."""
 
 
 def model_for(name: str, stream: StreamInfo | None = None) -> str:
@@ -24,7 +22,7 @@ def model_for(name: str, stream: StreamInfo | None = None) -> str:
     if stream is None or stream.axis.bandwidth_hz == 0:
         return DEFAULT_MODEL
     axis, rate_hz = stream.axis, stream.frame_rate_hz
-    known = (*_BETTER, DEFAULT_MODEL, *OF_ONE_MODULE)
+    known = (DEFAULT_MODEL, *OF_ONE_MODULE)
     return next((each for each in known if load_bundle(each).takes(axis, rate_hz)), DEFAULT_MODEL)
 
 

@@ -29,8 +29,7 @@ def register(commands: Commands) -> None:
         ),
         epilog=(
             "examples:\n"
-            "  train-export make accurate\n"
-            "  train-export make x2 --motion clips       of recorded motion\n"
+            "  train-export make accurate --motion clips\n"
             "  train-export make fast --share 0.01 --out /tmp/models    to try it\n"
         ),
         formatter_class=argparse.RawDescriptionHelpFormatter,
