@@ -78,7 +78,7 @@ def test_it_says_what_a_replay_decided(person, capsys):
     decision = next(r for r in records if r["type"] == "decision" and r["t_s"] == 3.45)
     assert f"window that ends at 3.45 s: A {'person' if decision['alarm'] else 'pet'}" in out
     assert f"{decision['p_human']:7.3f}" in out
-    assert f"{decision['fused_p_human']:.3f} here" in out
+    assert f"{decision['fused_p_human']:8.3f}" in out
     for stage in ("frames", "gate", "classifier", "rule", "* decided"):
         assert stage in out
 
