@@ -12,6 +12,8 @@ from types import ModuleType
 from typing import Any
 
 from radard.config.config import Config, load_config
+from radard.config.directories import demo_state
+from radard.config.folders import own_folder
 from radard.config.options import add_options, config_options
 from radard.config.sink_table import FORMS
 from radard.errors import UsageError
@@ -93,9 +95,12 @@ def _body(argv: Sequence[str]) -> int:
     options = config_options(args)
 
     def load() -> Config:
-        return load_config(args.config, options=options)
+        return demo_state(load_config(args.config, options=options))
 
     config = load()
+    if config.service.state_dir == own_folder():
+        text = "a simulation's clips, labels and settings end with it; --state DIR keeps them"
+        logging.getLogger("radard.dashboard").info(text)
     # Late, so that --help and wrong options answer at once.
     from radard.run.process import RunOptions, run  # noqa: PLC0415
 

@@ -72,6 +72,15 @@ def test_on_a_phone_decisions_come_before_the_charts(tab):
     phone, desk = tab(width=390, height=844).open(), tab().open()
     for one in (phone, desk):
         one.until("document.querySelectorAll('.decisions tbody tr').length > 5")
+    # The widest row there is.
+    phone.page.evaluate(
+        """async () => {
+            const { take, lastDecision } = await import('/static/state.js');
+            const d = lastDecision();
+            take({ ...d, seq: d.seq + 1, t_s: d.t_s + 1, label: 'none', alarm: true,
+                   fused_p_human: 1, range_m: 2.5 });
+        }"""
+    )
     for one, is_first in ((phone, True), (desk, False)):
         decisions, charts = (one.page.evaluate(top.format(s)) for s in (".latest", ".columns"))
         assert (decisions < charts) is is_first
@@ -123,6 +132,26 @@ def test_nothing_overlaps_in_any_state_and_the_alarm_is_the_largest_word(tab, wi
         assert (size > 0, said.startswith("Now: ")) == (name == "alarm", name == "alarm")
         assert "all is well" not in told
     assert one.page.evaluate("document.documentElement.scrollWidth") <= width
+
+
+def test_nothing_is_well_while_no_frames_come(tab):
+    one = tab().open()
+    one.until("document.querySelectorAll('.decisions tbody tr').length > 0")
+    banner, told, is_dim = one.page.evaluate(
+        """async (panel) => {
+            const { take } = await import('/static/state.js');
+            take({ type: 'now', state: 'offline', reason: 'no answer', panel });
+            const text = (id) => document.querySelector(id).textContent;
+            return [text('#banner'), text('#verdict-sub'),
+                    document.body.classList.contains('is-lost')];
+        }""",
+        {"panel": "armed", "armed": True, "open": {}},
+    )
+    assert (banner, told) == (
+        "Nobody is watchingno answer",
+        "Last known; nobody is watching",
+    )
+    assert is_dim
 
 
 def test_a_page_that_opens_late_takes_the_backlog_and_stays(tab):

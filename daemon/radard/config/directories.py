@@ -13,6 +13,7 @@ from radard.config.config import Config
 from radard.config.folders import (
     made_up_folder,
     named_state_folder,
+    own_folder,
     state_folder,
     temporary_folder,
 )
@@ -92,6 +93,20 @@ def runtime_dir(config: Config, environ: Mapping[str, str] = os.environ) -> Path
     if given := environ.get("XDG_RUNTIME_DIR"):
         return Path(given) / "radard"
     return temporary_folder() or state_folder(config.service.state_dir, environ) / "run"
+
+
+def demo_state(config: Config, environ: Mapping[str, str] = os.environ) -> Config:
+    """Return the configuration, with a folder for state where only simulations are on a page.
+
+    So a demo has clips to replay and to label. The folder ends with the process, unless one was
+    named: what was tried on a demo's page must change no later run.
+    """
+    is_sim = {each.sensor.kind for each in config.each()} == {"sim"}
+    has_page = any(output.startswith("http:") for output in config.output)
+    if not (is_sim and has_page) or named_state_dir(config, environ) is not None:
+        return config
+    service = config.service.model_copy(update={"state_dir": own_folder()})
+    return config.model_copy(update={"service": service})
 
 
 def named_state_dir(config: Config, environ: Mapping[str, str] = os.environ) -> Path | None:

@@ -140,7 +140,7 @@ function drawSensor() {
 
 function bannerOf() {
   const { panel } = state;
-  document.body.classList.toggle("is-lost", state.connection === "lost");
+  document.body.classList.toggle("is-lost", state.connection === "lost" || state.state === "offline");
   if (state.connection === "lost") {
     const hasEnded = state.state === "offline" && state.reason;
     const why = hasEnded ? `radard has ended (${state.reason}).` : "What you see is old.";

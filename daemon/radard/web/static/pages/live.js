@@ -272,6 +272,7 @@ function makeHero() {
 function subtitle(d) {
   if (state.connection === "lost") return "Last known; the connection is lost";
   if (!d) return "The first decision comes after 2.5 s";
+  if (state.state === "offline") return "Last known; nobody is watching";
   if (d.gate === "invalid") return "Frames are missing or cannot be used";
   const { panel } = state.panel;
   if (panel === "alarm") {
