@@ -7,9 +7,7 @@ import pytest
 
 from tests.body_helpers import drawn, parts, places, speeds, strongest_hz
 from x2radar.sim.bodies.motion import MOTIONS
-from x2radar.sim.bodies.motion.people.gait import (
-    STYLES,
-)
+from x2radar.sim.bodies.motion.people.gait import STYLES
 from x2radar.sim.bodies.skeleton.people import PERSON, draw_person_build
 
 STEP_S = 1 / 200

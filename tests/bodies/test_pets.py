@@ -17,12 +17,7 @@ from tests.body_helpers import (
     speeds,
     strongest_hz,
 )
-from x2radar.sim.bodies.motion.quadrupeds.gait import (
-    GRAVITY_MPS2,
-    duty,
-    froude,
-    stride_m,
-)
+from x2radar.sim.bodies.motion.quadrupeds.gait import GRAVITY_MPS2, duty, froude, stride_m
 from x2radar.sim.bodies.motion.quadrupeds.jumping import Leap
 from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.bodies.pet import PET_STYLES

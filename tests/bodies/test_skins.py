@@ -14,12 +14,7 @@ from x2radar.sim.bodies.skeleton.people import PERSON, draw_person_build
 from x2radar.sim.bodies.skins.base import SKIN_REFLECTION, THEORY, WAVELENGTH_M, EchoGain
 from x2radar.sim.bodies.skins.capsules import CapsuleSkin
 from x2radar.sim.bodies.skins.draw import SKINS, draw_skin, sized
-from x2radar.sim.bodies.skins.surface import (
-    SHADOW_DB,
-    SPREAD_DB,
-    AspectFluctuation,
-    SurfaceSkin,
-)
+from x2radar.sim.bodies.skins.surface import SHADOW_DB, SPREAD_DB, AspectFluctuation, SurfaceSkin
 from x2radar.sim.place.antenna import Antenna
 
 X, Y, Z = np.eye(3)

@@ -138,14 +138,7 @@ def test_streams_that_do_not_fit_are_named():
 
 @pytest.mark.parametrize(
     "logits",
-    [
-        [1e4, -1e4],
-        [-1e4, -1e4, -1e4],
-        [1e4, 1e4, 1e4],
-        [1e4, 1e4 - 1, -1e4],
-        [0.0],
-        [3e38, -3e38],
-    ],
+    [[1e4, -1e4], [-1e4, -1e4, -1e4], [1e4, 1e4, 1e4], [1e4, 1e4 - 1, -1e4], [0.0], [3e38, -3e38]],
 )
 def test_softmax_at_its_extremes_against_extended_precision(logits):
     x = np.array(logits)

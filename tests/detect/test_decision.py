@@ -5,13 +5,7 @@ import pytest
 from radard.config.config import Config
 from radard.judge.bundle import load_bundle
 from radard.judge.classifier import Probabilities
-from radard.judge.decision import (
-    HIGH_PET_LIMIT,
-    invalid_decision,
-    judge,
-    pet_limit_of,
-    policy_of,
-)
+from radard.judge.decision import HIGH_PET_LIMIT, invalid_decision, judge, pet_limit_of, policy_of
 from tests.radar_helpers import dwell_of, noise
 
 

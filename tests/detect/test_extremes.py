@@ -15,13 +15,7 @@ from radard.config.sections import GateSettings
 from radard.detect.clutter_map import ClutterRemover
 from radard.detect.gate import Gate
 from radard.detect.tracks import Tracker
-from radard.judge.features import (
-    FEATURES,
-    MAP_FEATURES,
-    FeatureSettings,
-    FeatureStream,
-    extract,
-)
+from radard.judge.features import FEATURES, MAP_FEATURES, FeatureSettings, FeatureStream, extract
 from radard.stream.ring import Dwell, DwellShape
 from tests.clutter_helpers import AXIS, body, room
 from tests.dsp_helpers import under_clutter

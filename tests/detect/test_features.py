@@ -4,13 +4,7 @@ import pytest
 from radard.dsp.cadence import cadence_velocity_diagram, type1_vector
 from radard.dsp.doppler import micro_doppler
 from radard.errors import FeatureError, ModelMismatch
-from radard.judge.features import (
-    FEATURES,
-    FeatureSettings,
-    FeatureStream,
-    extract,
-    feature_shape,
-)
+from radard.judge.features import FEATURES, FeatureSettings, FeatureStream, extract, feature_shape
 from tests.radar_helpers import BASEBAND, copy_ring, dwell_of, noise, walker
 from x2radar.frame import Frame
 

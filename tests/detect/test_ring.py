@@ -189,9 +189,7 @@ def test_frames_converted_together_are_those_converted_alone(n_slow, rate, lost,
 def test_a_frame_of_another_length_is_refused():
     converter = DownConverter(RF, 8)
     ring = FrameRing(
-        converter.axis,
-        converter.convert,
-        DwellShape(n_slow=3, hop_s=1.0, frame_rate_hz=3.0),
+        converter.axis, converter.convert, DwellShape(n_slow=3, hop_s=1.0, frame_rate_hz=3.0)
     )
     first, second, third = frames_of(noise(3, RF.n_range).real.astype(np.float32), RF)
     ring.push(first)

@@ -11,14 +11,7 @@ from x2radar.device.assemble import FrameAssembler
 from x2radar.frame import CounterTracker, FastTimeAxis, Frame, Step
 from x2radar.modules.x2 import RadarSettings
 from x2radar.wire.codec import decode_response, encode
-from x2radar.wire.messages import (
-    Ack,
-    BasebandAp,
-    BasebandIq,
-    Data,
-    Message,
-    Unknown,
-)
+from x2radar.wire.messages import Ack, BasebandAp, BasebandIq, Data, Message, Unknown
 from x2radar.wire.wire_ids import ContentId
 
 SETTINGS = RadarSettings(sample_delay_s=10e-9, pulse_generator=6)

@@ -11,11 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as np_st
 
-from tests.codec_helpers import (
-    BY_HAND,
-    same,
-    values_of,
-)
+from tests.codec_helpers import BY_HAND, same, values_of
 from x2radar.errors import MessageError
 from x2radar.wire import messages
 from x2radar.wire.codec import decode_any, decode_command, decode_response, encode
@@ -222,10 +218,7 @@ def test_data_without_elements(wire: str) -> None:
 @pytest.mark.parametrize(
     ("wire", "expected"),
     [
-        (
-            "11 10 01 00 00 00 02 00 00 00 02 00 00 00 07 ff 01",
-            ByteReply(1, 2, (7, 255)),
-        ),
+        ("11 10 01 00 00 00 02 00 00 00 02 00 00 00 07 ff 01", ByteReply(1, 2, (7, 255))),
         ("11 10 01 00 00 00 02 00 00 00 02 00 00 00 07 ff", ByteReply(1, 2, (7, 255))),
         ("11 11 01 00 00 00 02 00 00 00 01 00 00 00 05 00 00 00 04", Reply(1, 2, (5,))),
         ("11 13 01 00 00 00 02 00 00 00 04 00 00 00 41 42 00 00 01", Reply(1, 2, "AB")),

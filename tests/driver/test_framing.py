@@ -181,10 +181,7 @@ def test_longest_packets(data: bytes, packing: Packing) -> None:
 
 
 @settings(max_examples=400)
-@given(
-    packets=st.lists(any_packet, max_size=8),
-    places=st.lists(st.integers(0, 300), max_size=12),
-)
+@given(packets=st.lists(any_packet, max_size=8), places=st.lists(st.integers(0, 300), max_size=12))
 @example(packets=[(b"\x02\x7e\x7c\x7c\x7c\x7c", Packing.ESCAPED)], places=[])
 @example(packets=[(b"\x01", Packing.FAST), (b"\x10", Packing.ESCAPED)], places=[8])
 def test_any_packets_cut_anywhere(packets: list, places: list[int]) -> None:

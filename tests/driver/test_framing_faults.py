@@ -1,6 +1,7 @@
 """Framing on a bad line: what is lost, what is said of it, and what it may cost."""
 
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,65 +30,6 @@ from x2radar.wire.messages import Data
 
 GOOD = encode(b"\x10")
 SOUND = Packet(b"\x10")
-
-
-@pytest.mark.parametrize(
-    ("line", "expected"),
-    [
-        pytest.param(
-            b"\x01\x02" + GOOD, [LineFault(Fault.JUNK, 2), SOUND], id="junk before a packet"
-        ),
-        pytest.param(
-            GOOD + b"\x01\x7c\x7c" + GOOD,
-            [SOUND, LineFault(Fault.JUNK, 3), SOUND],
-            id="junk inside",
-        ),
-        pytest.param(
-            b"\x01\x7f" + GOOD, [LineFault(Fault.JUNK, 2), SOUND], id="junk ends with an escape"
-        ),
-        pytest.param(
-            b"\x7d\x10\x6c\x7e" + GOOD, [LineFault(Fault.CRC_ERROR, 4), SOUND], id="bad checksum"
-        ),
-        pytest.param(
-            GOOD[:-1] + GOOD, [LineFault(Fault.LOST_BYTES, 3), SOUND], id="lost end flag"
-        ),
-        pytest.param(
-            GOOD[:-1] + b"\x7f" + GOOD,
-            [Packet(b"\x10\x6d\x7d\x10")],
-            id="end flag became an escape: the joined packets' checksum is right",
-        ),
-        pytest.param(
-            b"\x7d\x7e" + GOOD, [LineFault(Fault.INCOMPLETE_PACKET, 2), SOUND], id="nothing inside"
-        ),
-        pytest.param(
-            b"\x7d\x7d\x7e" + GOOD,
-            [LineFault(Fault.LOST_BYTES, 1), LineFault(Fault.INCOMPLETE_PACKET, 2), SOUND],
-            id="flags only",
-        ),
-        pytest.param(
-            LENGTH_START + b"\xff\xff\xff\xff\0" + GOOD,
-            [LineFault(Fault.OUT_OF_BUFFER, 1), LineFault(Fault.JUNK, 8), SOUND],
-            id="impossible length",
-        ),
-        pytest.param(
-            LENGTH_START + b"\x02\0\0\0\0\x01" + GOOD + GOOD,
-            [LineFault(Fault.LOST_BYTES, 1), LineFault(Fault.JUNK, 9), SOUND, SOUND],
-            id="length packet that is cut short",
-        ),
-        pytest.param(
-            b"\x7d\x51\x02\0\0\0\x01\x01\x01" + GOOD,
-            [LineFault(Fault.LOST_BYTES, 9), SOUND],
-            id="fast packet with a bad checksum",
-        ),
-        pytest.param(
-            b"\x7d\x51\0\0\0\0\x01" + GOOD,
-            [LineFault(Fault.LOST_BYTES, 7), SOUND],
-            id="fast packet without data",
-        ),
-    ],
-)
-def test_fault(line: bytes, expected: list) -> None:
-    assert decode([line]) == expected
 
 
 @pytest.mark.parametrize(
@@ -123,6 +65,10 @@ def test_packet_whose_start_flag_is_hidden_by_junk() -> None:
 
 
 def test_length_packet_handed_out_too_early_does_not_take_the_next_one_along() -> None:
+    # Who has the next packets, too, sees that this one is cut short.
+    at_once = decode([LENGTH_START + b"\x02\0\0\0\0\x01" + GOOD + GOOD])
+    lost, junk = LineFault(Fault.LOST_BYTES, 1), LineFault(Fault.JUNK, 9)
+    assert at_once == [lost, junk, SOUND, SOUND]
     short = encode(b"\x01\x02\x03\x04", Packing.LENGTH)[:-1]
     stream = short + GOOD + GOOD
     items = decode([stream[: len(short) + 1], stream[len(short) + 1 :]])
@@ -299,148 +245,102 @@ def test_a_frame_is_copied_once_on_its_way_to_a_message():
     assert np.array_equal(message.values, values)
 
 
-LOST, JUNK, CRC = Fault.LOST_BYTES, Fault.JUNK, Fault.CRC_ERROR
-NOTHING, TOO_LONG = Fault.INCOMPLETE_PACKET, Fault.OUT_OF_BUFFER
+LINES = """
+junk before a packet: 01 02 ok = junk 2, ok
+junk inside: ok 01 7c 7c ok = ok, junk 3, ok
+junk ends with an escape: 01 7f ok = junk 2, ok
+bad checksum: 7d 10 6c 7e ok = crc 4, ok
+lost end flag: 7d 10 6d ok = lost 3, ok
+end flag became an escape: the joined packets' checksum is right: 7d 10 6d 7f ok = <10 6d 7d 10>
+nothing inside: 7d 7e ok = nothing 2, ok
+flags only: 7d 7d 7e ok = lost 1, nothing 2, ok
+impossible length: 7c 7c 7c 7c ff ff ff ff 00 ok = too long 1, junk 8, ok
+fast packet with a bad checksum: 7d 51 02 00 00 00 01 01 01 ok = lost 9, ok
+fast packet without data: 7d 51 00 00 00 00 01 ok = lost 7, ok
+a packet of a checksum alone is none, and an end flag too many is junk:
+    02 7d 7f 7d 7e / 7e = junk 1, nothing 4 / junk 1
+a fast packet that breaks off is given up at the next packet:
+    00 7d 7d 51 / 01 00 / 00 00 / ok = junk 1 +3 / +5 / +7 / lost 1, lost 6, ok
+a packet that holds an escaped flag only:
+    7d 51 05 / 00 / 00 00 7c 7d 7f /  / ok = +3 / +4 / +9 / +9 / lost 7, crc 2, ok
+a length packet behind junk, and the beginning of one behind it:
+    7e 7c 7c 7c 7c 03 00 00 00 00 03 7e 7c = junk 1, L<03 7e 7c>
+escapes before a false start flag: 7d 7d 7f 7e / 7f 7f 03 7d 7e = +4 / lost 1, lost 6, nothing 2
+an escaped end flag is no packet: 51 7c / 7d 7f 7e 7e = junk 1 +1 / junk 1, nothing 4
+two escapes guard no start flag: 7d 7f / 7f / ok = +2 / +3 / lost 3, ok
+junk in pieces: 01 00 7d / 7e / ef a9 7f 7f 7f 7d = junk 2 +1 / nothing 2 / junk 5 +1
+a length packet of no byte is told once its header is whole:
+    7c 7c 7c 7c 00 00 00 00 / 00 / 7f = +8 / too long 1, junk 8 / junk 1
+an escaped fast start in a broken packet is none:
+    00 7d 00 7f 7d 51 7d 7e / ok = junk 1, lost 5, nothing 2 / ok
+a fast packet behind an escaped one:
+    7d 7d / 7c 05 04 7e 7d 51 01 00 00 00 64 49 = +2 / lost 1, <7c 05>, F<64>
+a fast packet that ends within its header: 7d 51 7f 00 00 7e = crc 6
+a first packet that lost its end: 7d / 7f / ok = +1 / +2 / crc 6
+a start flag and an escaped one:
+    7d / 7d / 7f / 7d / 00 / 00 / 7e = +1 / +2 / +3 / +4 / +5 / +6 / lost 1, <7d 00>
+an odd run of escapes across two pieces: 7d 7f 7c 7f 7f 7f / 7f 7e = +6 / crc 8
+a length packet's header alone waits: 7c 7c 7c 7c 01 00 00 00 7c = +9
+an escaped fast start at the beginning:
+    7d 7f 7d 51 7f 7f 2e / 7d / 7e = +7 / +8 / lost 7, nothing 2
+an impossible length is dropped a byte at a time and told at once:
+    7c 7c / 7c 7c / 7c 00 00 01 / ok = +2 / +4 / +8 / too long 2, junk 6, ok
+junk that ends in 7c, and a packet in pieces:
+    7f / 7c / 7d / 7f 7f 7d 7d 00 00 7c 05 / 04 / 7e
+        = junk 1 / +1 / junk 1 +1 / +9 / +10 / lost 4, <00 00 7c 05>
+after a good packet an escape before a start flag is one again:
+    7d 7c 03 10 7c 51 7c 03 05 02 01 7f 7f 05 3c 7e 7d 7f 7f 7f ok
+        = <7c 03 10 7c 51 7c 03 05 02 01 7f 05>, crc 8
+of a start flag and a length packet behind junk the first counts: 7e 7d 7c 7c 7c 7c = junk 1 +5
+a length packet behind junk waits for its header: 7e 7c 7c 7c 7c = junk 1 +4
+an escaped escape behind other escapes: 7d 05 7f 7d 7f 00 7f 7f 7d 07 7e = <05 7d 00 7f 7d>
+a length packet behind a false start waits for its bytes:
+    7d 7d 7c 7c 7c 7c 0c 00 00 00 7f 7e 7d 6d 7e = lost 2 +13
+only what lies before a length packet is dropped:
+    20 7d 7c 7c 7c 7c 01 00 00 00 7d 7e = junk 1, lost 1, L<7e>
+a length packet directly behind a broken start: 7d 7c 7c 7c 7c 08 00 00 00 7e = crc 1 +9
+a fast packet of no byte in a broken packet is none:
+    7d 7d 51 00 00 00 00 7d 28 7e = lost 7, nothing 3
+a length packet longer than the limit is refused by its header:
+    7c 7c 7c 7c 00 00 02 00 7e = too long 1, junk 8
+"""
+"""What: bytes of the line in pieces = what is told of each piece, and of how many bytes it waits.
+A packet is shown by its bytes; `ok` is `7d 10 6d 7e`, and its packet."""
+FAULTS = {
+    "lost": Fault.LOST_BYTES,
+    "junk": Fault.JUNK,
+    "crc": Fault.CRC_ERROR,
+    "nothing": Fault.INCOMPLETE_PACKET,
+    "too long": Fault.OUT_OF_BUFFER,
+}
+PACKINGS = {"": Packing.ESCAPED, "F": Packing.FAST, "L": Packing.LENGTH}
 ACK = "7d 10 6d 7e"
 
 
-def is_dropped(fault: Fault, n_bytes: int) -> LineFault:
-    return LineFault(fault, n_bytes)
+def told_of(text: str) -> tuple[list, int]:
+    items, _, waiting = text.partition("+")
+    return [item_of(each.strip()) for each in items.split(",") if each.strip()], int(waiting or 0)
 
 
-def packet(data: str, packing: Packing = Packing.ESCAPED) -> Packet:
-    return Packet(bytes.fromhex(data), packing)
+def item_of(text: str) -> Packet | LineFault:
+    if text == "ok":
+        return SOUND
+    if text.endswith(">"):
+        packing, _, data = text[:-1].partition("<")
+        return Packet(bytes.fromhex(data), PACKINGS[packing])
+    kind, _, n_bytes = text.rpartition(" ")
+    return LineFault(FAULTS[kind], int(n_bytes))
 
 
-LINES = {
-    "a packet of a checksum alone is none, and an end flag too many is junk": (
-        ["02 7d 7f 7d 7e", "7e"],
-        [([is_dropped(JUNK, 1), is_dropped(NOTHING, 4)], 0), ([is_dropped(JUNK, 1)], 0)],
-    ),
-    "a fast packet that breaks off is given up at the next packet": (
-        ["00 7d 7d 51", "01 00", "00 00", ACK],
-        [
-            ([is_dropped(JUNK, 1)], 3),
-            ([], 5),
-            ([], 7),
-            ([is_dropped(LOST, 1), is_dropped(LOST, 6), SOUND], 0),
-        ],
-    ),
-    "a packet that holds an escaped flag only": (
-        ["7d 51 05", "00", "00 00 7c 7d 7f", "", ACK],
-        [
-            ([], 3),
-            ([], 4),
-            ([], 9),
-            ([], 9),
-            ([is_dropped(LOST, 7), is_dropped(CRC, 2), SOUND], 0),
-        ],
-    ),
-    "a length packet behind junk, and the beginning of one behind it": (
-        ["7e 7c 7c 7c 7c 03 00 00 00 00 03 7e 7c"],
-        [([is_dropped(JUNK, 1), packet("03 7e 7c", Packing.LENGTH)], 0)],
-    ),
-    "escapes before a false start flag": (
-        ["7d 7d 7f 7e", "7f 7f 03 7d 7e"],
-        [([], 4), ([is_dropped(LOST, 1), is_dropped(LOST, 6), is_dropped(NOTHING, 2)], 0)],
-    ),
-    "an escaped end flag is no packet": (
-        ["51 7c", "7d 7f 7e 7e"],
-        [([is_dropped(JUNK, 1)], 1), ([is_dropped(JUNK, 1), is_dropped(NOTHING, 4)], 0)],
-    ),
-    "two escapes guard no start flag": (
-        ["7d 7f", "7f", ACK],
-        [([], 2), ([], 3), ([is_dropped(LOST, 3), SOUND], 0)],
-    ),
-    "junk in pieces": (
-        ["01 00 7d", "7e", "ef a9 7f 7f 7f 7d"],
-        [([is_dropped(JUNK, 2)], 1), ([is_dropped(NOTHING, 2)], 0), ([is_dropped(JUNK, 5)], 1)],
-    ),
-    "a length packet of no byte is told once its header is whole": (
-        ["7c 7c 7c 7c 00 00 00 00", "00", "7f"],
-        [([], 8), ([is_dropped(TOO_LONG, 1), is_dropped(JUNK, 8)], 0), ([is_dropped(JUNK, 1)], 0)],
-    ),
-    "an escaped fast start in a broken packet is none": (
-        ["00 7d 00 7f 7d 51 7d 7e", ACK],
-        [([is_dropped(JUNK, 1), is_dropped(LOST, 5), is_dropped(NOTHING, 2)], 0), ([SOUND], 0)],
-    ),
-    "a fast packet behind an escaped one": (
-        ["7d 7d", "7c 05 04 7e 7d 51 01 00 00 00 64 49"],
-        [([], 2), ([is_dropped(LOST, 1), packet("7c 05"), packet("64", Packing.FAST)], 0)],
-    ),
-    "a fast packet that ends within its header": (
-        ["7d 51 7f 00 00 7e"],
-        [([is_dropped(CRC, 6)], 0)],
-    ),
-    "a first packet that lost its end": (
-        ["7d", "7f", ACK],
-        [([], 1), ([], 2), ([is_dropped(CRC, 6)], 0)],
-    ),
-    "a start flag and an escaped one": (
-        ["7d", "7d", "7f", "7d", "00", "00", "7e"],
-        [*([([], k) for k in range(1, 7)]), ([is_dropped(LOST, 1), packet("7d 00")], 0)],
-    ),
-    "an odd run of escapes across two pieces": (
-        ["7d 7f 7c 7f 7f 7f", "7f 7e"],
-        [([], 6), ([is_dropped(CRC, 8)], 0)],
-    ),
-    "a length packet's header alone waits": (["7c 7c 7c 7c 01 00 00 00 7c"], [([], 9)]),
-    "an escaped fast start at the beginning": (
-        ["7d 7f 7d 51 7f 7f 2e", "7d", "7e"],
-        [([], 7), ([], 8), ([is_dropped(LOST, 7), is_dropped(NOTHING, 2)], 0)],
-    ),
-    "an impossible length is dropped a byte at a time and told at once": (
-        ["7c 7c", "7c 7c", "7c 00 00 01", ACK],
-        [([], 2), ([], 4), ([], 8), ([is_dropped(TOO_LONG, 2), is_dropped(JUNK, 6), SOUND], 0)],
-    ),
-    "junk that ends in 7c, and a packet in pieces": (
-        ["7f", "7c", "7d", "7f 7f 7d 7d 00 00 7c 05", "04", "7e"],
-        [
-            ([is_dropped(JUNK, 1)], 0),
-            ([], 1),
-            ([is_dropped(JUNK, 1)], 1),
-            ([], 9),
-            ([], 10),
-            ([is_dropped(LOST, 4), packet("00 00 7c 05")], 0),
-        ],
-    ),
-    "after a good packet an escape before a start flag is one again": (
-        ["7d 7c 03 10 7c 51 7c 03 05 02 01 7f 7f 05 3c 7e 7d 7f 7f 7f 7d 10 6d 7e"],
-        [([packet("7c 03 10 7c 51 7c 03 05 02 01 7f 05"), is_dropped(CRC, 8)], 0)],
-    ),
-    "of a start flag and a length packet behind junk the first counts": (
-        ["7e 7d 7c 7c 7c 7c"],
-        [([is_dropped(JUNK, 1)], 5)],
-    ),
-    "a length packet behind junk waits for its header": (
-        ["7e 7c 7c 7c 7c"],
-        [([is_dropped(JUNK, 1)], 4)],
-    ),
-    "an escaped escape behind other escapes": (
-        ["7d 05 7f 7d 7f 00 7f 7f 7d 07 7e"],
-        [([packet("05 7d 00 7f 7d")], 0)],
-    ),
-    "a length packet behind a false start waits for its bytes": (
-        ["7d 7d 7c 7c 7c 7c 0c 00 00 00 7f 7e 7d 6d 7e"],
-        [([is_dropped(LOST, 2)], 13)],
-    ),
-    "only what lies before a length packet is dropped": (
-        ["20 7d 7c 7c 7c 7c 01 00 00 00 7d 7e"],
-        [([is_dropped(JUNK, 1), is_dropped(LOST, 1), packet("7e", Packing.LENGTH)], 0)],
-    ),
-    "a length packet directly behind a broken start": (
-        ["7d 7c 7c 7c 7c 08 00 00 00 7e"],
-        [([is_dropped(CRC, 1)], 9)],
-    ),
-    "a fast packet of no byte in a broken packet is none": (
-        ["7d 7d 51 00 00 00 00 7d 28 7e"],
-        [([is_dropped(LOST, 7), is_dropped(NOTHING, 3)], 0)],
-    ),
-    "a length packet longer than the limit is refused by its header": (
-        ["7c 7c 7c 7c 00 00 02 00 7e"],
-        [([is_dropped(TOO_LONG, 1), is_dropped(JUNK, 8)], 0)],
-    ),
-}
+def _rows() -> Iterator:
+    """Yield pieces of hex and what is told of each, for every row."""
+    for row in re.sub(r"\n +", " ", LINES.strip()).splitlines():
+        what, line, told = re.fullmatch(r"(.+): ([^:=]*) = (.*)", row).groups()
+        pieces = [each.strip().replace("ok", ACK) for each in line.split("/")]
+        yield pytest.param(pieces, [told_of(each) for each in told.split("/")], id=what)
+
+
+each_line = pytest.mark.parametrize(("pieces", "told"), list(_rows()))
 
 
 def read(pieces: list[str]) -> list:
@@ -448,12 +348,12 @@ def read(pieces: list[str]) -> list:
     return [(decoder.feed(bytes.fromhex(each)), decoder.n_buffered) for each in pieces]
 
 
-@pytest.mark.parametrize(("pieces", "told"), LINES.values(), ids=LINES)
+@each_line
 def test_what_is_said_of_a_line(pieces: list[str], told: list) -> None:
     assert read(pieces) == told
 
 
-@pytest.mark.parametrize(("pieces", "told"), LINES.values(), ids=LINES)
+@each_line
 def test_the_same_packets_come_of_a_line_byte_by_byte(pieces: list[str], told: list) -> None:
     alone = [f"{byte:02x}" for each in pieces for byte in bytes.fromhex(each)]
     items = [item for out, _ in read(alone) for item in out if isinstance(item, Packet)]
@@ -465,7 +365,7 @@ def test_a_reset_in_a_packet_forgets_how_far_it_was_searched() -> None:
     decoder = PacketDecoder()
     assert decoder.feed(bytes.fromhex("7d 7c 01")) == []
     decoder.reset()
-    assert decoder.feed(b"\x7e") == [is_dropped(JUNK, 1)]
+    assert decoder.feed(b"\x7e") == [LineFault(Fault.JUNK, 1)]
     assert decoder.feed(bytes.fromhex(ACK)) == [SOUND]
     decoder.feed(bytes.fromhex("7d 01 02 03 04 05 06 07"))
     decoder.reset()
@@ -475,6 +375,8 @@ def test_a_reset_in_a_packet_forgets_how_far_it_was_searched() -> None:
 
 def test_a_reset_forgets_that_a_fast_packet_may_have_an_end_flag() -> None:
     decoder = PacketDecoder()
-    assert decoder.feed(bytes.fromhex("7d 51 01 00 00 00 64 49")) == [packet("64", Packing.FAST)]
+    assert decoder.feed(bytes.fromhex("7d 51 01 00 00 00 64 49")) == [
+        Packet(b"\x64", Packing.FAST)
+    ]
     decoder.reset()
-    assert decoder.feed(b"\x7e") == [is_dropped(JUNK, 1)]
+    assert decoder.feed(b"\x7e") == [LineFault(Fault.JUNK, 1)]

@@ -17,11 +17,7 @@ from x2radar.ports import KEYS, PORT_FORMS
 from x2train import cli as training_cli
 
 ROOT = Path(__file__).parents[2]
-MAINS = {
-    "radard": radard_cli.main,
-    "x2radar": x2radar_cli.main,
-    "train-export": training_cli.main,
-}
+MAINS = {"radard": radard_cli.main, "x2radar": x2radar_cli.main, "train-export": training_cli.main}
 
 
 def said(capsys, name, *argv):

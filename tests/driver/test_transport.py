@@ -14,12 +14,7 @@ import serial
 
 from tests.device_helpers import in_thread
 from x2radar.device import transport as transport_module
-from x2radar.device.transport import (
-    PtyTransport,
-    SerialTransport,
-    Transport,
-    memory_pair,
-)
+from x2radar.device.transport import PtyTransport, SerialTransport, Transport, memory_pair
 from x2radar.errors import NoPort, PortBusy, PortDenied, PortError, PortNotFound, TransportClosed
 
 pytestmark = pytest.mark.integration

@@ -30,9 +30,7 @@ from x2train.cli import main as train_export
 MAINS = {"radard": radard, "x2radar": x2radar, "train-export": train_export}
 BLOCKS = {path: list(blocks_of(path)) for path in PAGES}
 ALL = [block for blocks in BLOCKS.values() for block in blocks]
-ELSEWHERE = {
-    "docs/research/extending.md": "house/test_extending.py",
-}
+ELSEWHERE = {"docs/research/extending.md": "house/test_extending.py"}
 """Pages whose blocks need more than a place to run: which test runs them."""
 KINDS = {"sh", "python", "yaml", "json", "toml", "text", "nginx", "caddyfile"}
 USER = (

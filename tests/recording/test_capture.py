@@ -222,11 +222,7 @@ def test_decode_of_a_capture(capsys, tmp_path):
     items = [json.loads(line) for line in out.splitlines()]
     assert [item.get("port") for item in items if "port" in item] == ["opened", "closed"]
     messages = [(i["direction"], i["message"]) for i in items if "message" in i]
-    assert messages == [
-        ("from_module", "Ack"),
-        ("to_module", "Ping"),
-        ("to_module", "Reset"),
-    ]
+    assert messages == [("from_module", "Ack"), ("to_module", "Ping"), ("to_module", "Reset")]
     faults = [item["fault"] for item in items if "fault" in item]
     assert "junk between packets" in faults
     assert "incomplete packet at the end" in faults

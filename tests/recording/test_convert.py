@@ -6,15 +6,7 @@ import numpy as np
 import pytest
 
 from tests.radar_helpers import BASEBAND, noise
-from tests.recording_helpers import (
-    COUNTERS,
-    LABELS,
-    RATE_HZ,
-    RF,
-    content,
-    make,
-    run,
-)
+from tests.recording_helpers import COUNTERS, LABELS, RATE_HZ, RF, content, make, run
 from x2radar.errors import RecordingError, SettingsError
 from x2radar.recording.about import Overrides
 from x2radar.recording.convert import convert
@@ -44,8 +36,7 @@ def names_in(folder):
 
 
 @pytest.mark.parametrize(
-    ("form", "kind", "counters"),
-    [(*held, c) for held, c in product(HOLDS, [None, COUNTERS, [7]])],
+    ("form", "kind", "counters"), [(*held, c) for held, c in product(HOLDS, [None, COUNTERS, [7]])]
 )
 def test_round_trip_keeps_everything(tmp_path, form, kind, counters):
     source, samples = make(tmp_path / "in.h5", kind, counters)
@@ -111,10 +102,7 @@ def test_raw_counters_are_exact_where_the_samples_came_from_them(tmp_path):
 
 @pytest.mark.parametrize(
     ("form", "kind", "words"),
-    [
-        ("xethru", "rf", "this is RF"),
-        ("framelogger", "baseband", "this is baseband"),
-    ],
+    [("xethru", "rf", "this is RF"), ("framelogger", "baseband", "this is baseband")],
 )
 def test_what_a_format_cannot_hold_is_refused(tmp_path, form, kind, words):
     source, _ = make(tmp_path / "in.h5", kind)

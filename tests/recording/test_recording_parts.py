@@ -322,8 +322,7 @@ def test_a_full_disk_leaves_a_readable_file(tmp_path):
 def test_a_killed_recorder_leaves_readable_parts(tmp_path, kill):
     options = ["--port", "sim:dog?seed=1", "--speed", "max", "--rotate-time", "2"]
     process = subprocess.Popen(
-        [sys.executable, "-m", "x2radar", "record", str(tmp_path / "w.h5"), *options],
-        cwd=ROOT,
+        [sys.executable, "-m", "x2radar", "record", str(tmp_path / "w.h5"), *options], cwd=ROOT
     )
     try:
         wait_for(lambda: existing_parts(tmp_path / "w.h5"))

@@ -246,11 +246,7 @@ def test_an_exit_delay_goes_on_after_a_restart(launch):
 def test_reload_changes_the_policy_the_outputs_and_the_clips(tmp_path, launch):
     configs = []
     first, second = tmp_path / "a.jsonl", tmp_path / "b.jsonl"
-    daemon = launch(
-        reload=configs.pop,
-        output=[f"json:{first}"],
-        alarm={"armed": True},
-    )
+    daemon = launch(reload=configs.pop, output=[f"json:{first}"], alarm={"armed": True})
     panel_of(daemon, "gate", "closed")
     assert daemon.radar.parts.clips is not None
     clips = daemon.config.clips.model_copy(update={"enabled": False})

@@ -63,14 +63,7 @@ def test_coming_in_unseen_takes_time():
     # In at 2 m at 2 s, seen at 5 s.
     walk = [step(0.0, 1.5), step(1.0), step(2.0), step(3.0), step(4.0), step(5.0, 2.75)]
     assert by_range(walk)[1] == RangeCell(
-        near_m=2.0,
-        far_m=2.5,
-        windows=2,
-        seen=0,
-        alarms=0,
-        visits=1,
-        missed=1,
-        first_seen_s=None,
+        near_m=2.0, far_m=2.5, windows=2, seen=0, alarms=0, visits=1, missed=1, first_seen_s=None
     )
     walk[-1] = step(5.0, 2.45)
     assert by_range(walk)[1].first_seen_s == pytest.approx(5 - 5 * 0.5 / 0.95, abs=0.01)

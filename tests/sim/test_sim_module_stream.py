@@ -12,14 +12,7 @@ from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.module.module import MAX_LATE_S, EchoStream
 from x2radar.sim.scene.scene import parse_scene
 from x2radar.sim.signal.pulse import LinkBudget
-from x2radar.wire.messages import (
-    Ack,
-    Reset,
-    SetMode,
-    SetOutput,
-    SetSysFloat,
-    SetSysInt,
-)
+from x2radar.wire.messages import Ack, Reset, SetMode, SetOutput, SetSysFloat, SetSysInt
 from x2radar.wire.wire_ids import BasebandOutput, Mode, OutputRef, SysCfg
 
 

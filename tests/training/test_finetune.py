@@ -14,13 +14,7 @@ from radard.judge.bundle import CLASSES, load_bundle
 from radard.web.labels import add_label
 from tests.alarm_helpers import write_recording
 from tests.radar_helpers import run_radard
-from tests.training_helpers import (
-    give_head,
-    settings,
-    tiny,
-    toy,
-    write_tiny,
-)
+from tests.training_helpers import give_head, settings, tiny, toy, write_tiny
 from x2train.cli import main
 from x2train.finetune.guard import Guard, Misses, load_guard
 from x2train.finetune.labels import OwnClip, labelled_clips, merged, named_clips
@@ -178,10 +172,7 @@ def test_labels_of_the_dashboard_point_to_clips(made, tmp_path):
         ("E", "other", None, "alarm"),
     )
     clips, left_out = labelled_clips(path)
-    assert [(c.path.name, c.label) for c in clips] == [
-        ("dog1.h5", "pet"),
-        ("dog2.h5", "wrong"),
-    ]
+    assert [(c.path.name, c.label) for c in clips] == [("dog1.h5", "pet"), ("dog2.h5", "wrong")]
     said = "; ".join(left_out)
     assert "its clip is gone" in said
     assert "not an alarm" in said

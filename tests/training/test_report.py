@@ -86,13 +86,7 @@ def compared(tmp_path_factory):
         asked.append(index)
         return PNG if index % 2 else None
 
-    made = write(
-        drawn(200),
-        folder,
-        title="a < b & c",
-        other=drawn(200, skill=1.0),
-        render=render,
-    )
+    made = write(drawn(200), folder, title="a < b & c", other=drawn(200, skill=1.0), render=render)
     return made, (folder / "report.html").read_text(encoding="utf-8"), asked
 
 

@@ -11,13 +11,7 @@ from tests.shard_helpers import Draws
 from x2radar.errors import RecordingError
 from x2train.judge.estimates import Estimate
 from x2train.judge.table import FLAGS, NUMBERS, SERIES, TEXTS, PassageTable
-from x2train.judge.verdicts import (
-    Sweep,
-    evidence,
-    limit_evidence,
-    outcome,
-    verdicts,
-)
+from x2train.judge.verdicts import Sweep, evidence, limit_evidence, outcome, verdicts
 from x2train.judge.windows import (
     Windows,
     balanced_accuracy,

@@ -9,19 +9,8 @@ from radard.errors import UsageError
 from x2radar.sim.bodies.skeleton.species import SPECIES
 from x2train.commands.fit import stream_of
 from x2train.judge.suites import SUITES, check_suites, n_more_pets, suite_of
-from x2train.sets.families import (
-    FAMILIES,
-    LABELS,
-    PAIRS,
-    draw_cast,
-    families,
-)
-from x2train.sets.sites import (
-    P4XX,
-    X2,
-    draw_radar,
-    draw_site,
-)
+from x2train.sets.families import FAMILIES, LABELS, PAIRS, draw_cast, families
+from x2train.sets.sites import P4XX, X2, draw_radar, draw_site
 
 N_DRAWS = 1500
 

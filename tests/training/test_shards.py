@@ -58,8 +58,7 @@ def test_a_shard_that_is_gone_is_due_again(made):
 
 
 @pytest.mark.parametrize(
-    "text",
-    ["", "{", "[]", '{"version": 1}', '{"version": 9, "about": {}, "shards": {}}', "\xff"],
+    "text", ["", "{", "[]", '{"version": 1}', '{"version": 9, "about": {}, "shards": {}}', "\xff"]
 )
 def test_a_damaged_manifest(made, text):
     (made.folder / MANIFEST).write_bytes(text.encode("latin-1"))

@@ -8,13 +8,7 @@ import pytest
 
 from radard.errors import FeatureError
 from walk_numbers import follow, measure
-from walks import (
-    RADARS_X_M,
-    compare,
-    recorded_walk,
-    simulated_walk,
-    walk_scene,
-)
+from walks import RADARS_X_M, compare, recorded_walk, simulated_walk, walk_scene
 from x2radar.frame import FastTimeAxis
 from x2radar.sim.echo import frames as echo_frames
 
