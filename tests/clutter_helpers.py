@@ -9,19 +9,11 @@ from radard.pipeline import Pipeline
 from radard.stream.ring import Dwell, FrameRing
 from tests.echo_references import baseband_echo
 from tests.radar_helpers import noise
-from x2radar.frame import FastTimeAxis
+from tests.sim_helpers import axis_with
 from x2radar.recording.registry import open_recording
 
 SPEED_OF_LIGHT_MPS = 299_792_458.0
-AXIS = FastTimeAxis(
-    kind="baseband",
-    n_range=96,
-    bin_length_m=0.0293,
-    range_offset_m=0.6,
-    carrier_hz=6.8e9,
-    bandwidth_hz=2.3e9,
-    sample_rate_hz=41e9,
-)
+AXIS = axis_with("baseband", 96, 0.0293, 0.6)
 
 
 def db(power):

@@ -52,6 +52,28 @@ def in_thread(work: Callable[..., object], *args: object, **kwargs: object) -> t
 
 
 @contextmanager
+def served(far: Transport, module: SimulatedModule, speed: float | None = None) -> Iterator[None]:
+    """Have a simulated module at this end of a line for a while."""
+    thread = in_thread(serve, module, far, speed=speed)
+    try:
+        yield
+    finally:
+        far.close()
+        thread.join(60)
+        assert not thread.is_alive()
+
+
+@contextmanager
+def plugged(
+    module: SimulatedModule | None = None, speed: float | None = None
+) -> Iterator[PtyTransport]:
+    """A pseudo-terminal with a simulated module at its far end: of an empty room, if not named."""
+    far = PtyTransport()
+    with served(far, module or SimulatedModule(load_scene("empty")), speed):
+        yield far
+
+
+@contextmanager
 def simulated(kind: str, speed: float | None = None) -> Iterator[Callable[[], Transport]]:
     """Run a simulated module at the far end; lend what connects to it."""
     if kind == "memory":
@@ -60,13 +82,8 @@ def simulated(kind: str, speed: float | None = None) -> Iterator[Callable[[], Tr
     else:
         far = PtyTransport()
         connect = lambda: SerialTransport(far.path)  # noqa: E731
-    thread = in_thread(serve, module(), far, speed=speed)
-    try:
+    with served(far, module(), speed):
         yield connect
-    finally:
-        far.close()
-        thread.join(60)
-        assert not thread.is_alive()
 
 
 class FarEnd:
@@ -149,11 +166,6 @@ class Wrapped:
 
     def close(self) -> None:
         self._inner.close()
-
-
-class WithoutReady(Wrapped):
-    def read(self, timeout_s: float) -> bytes:
-        return super().read(timeout_s).replace(wire(READY), b"")
 
 
 class OnUsb(Wrapped):

@@ -83,21 +83,3 @@ def inline_commands(path):
         flat = " ".join(quoted.replace("\\|", "|").split())
         if flat.startswith(tuple(f"{name} " for name in PROGRAMS)) and "..." not in flat:
             yield shlex.split(flat)
-
-
-def prose_of(path):
-    """Sentences of a page: without code, tables, headings, pictures and addresses of links."""
-    text = path.read_text("utf-8")
-    text = re.sub(r"^ *```.*?^ *```", "", text, flags=re.DOTALL | re.MULTILINE)
-    text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
-    kept = []
-    for part in re.split(r"\n\s*\n|\n(?=\s*(?:[*-]|\d+\.|\|) )", text):
-        flat = " ".join(part.split())
-        is_code = part.startswith("    ") and flat.split(" ")[0] in FIRST_WORDS
-        if not flat or flat[0] in "#|!<" or is_code:
-            continue
-        flat = re.sub(r"^(?:[*-]|\d+\.|:) +", "", flat)
-        flat = re.sub(r"!?\[([^\]]*)\]\([^)]*\)", r"\1", flat)
-        flat = re.sub(r"`[^`]*`", "X", flat)
-        kept += [s for s in re.split(r"(?<=[.!?])[*\"')]* +(?=[\"'(*A-Z0-9])", flat) if s.split()]
-    return kept

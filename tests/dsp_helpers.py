@@ -3,33 +3,16 @@
 import numpy as np
 
 from tests.radar_helpers import noise
+from tests.sim_helpers import axis_with
 from x2radar.frame import FastTimeAxis
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 
-X2 = FastTimeAxis(
-    kind="baseband",
-    n_range=96,
-    bin_length_m=8 * 0.003656,
-    range_offset_m=0.6,
-    carrier_hz=6.8e9,
-    bandwidth_hz=2.3e9,
-    sample_rate_hz=41e9,
+X2 = axis_with("baseband", 96, 8 * 0.003656, 0.6)
+P4XX = axis_with(
+    "baseband", 480, 9.149e-3, 2.62, carrier_hz=4.0e9, bandwidth_hz=1.7e9, sample_rate_hz=0.0
 )
-P4XX = FastTimeAxis(
-    kind="baseband",
-    n_range=480,
-    bin_length_m=9.149e-3,
-    range_offset_m=2.62,
-    carrier_hz=4.0e9,
-    bandwidth_hz=1.7e9,
-)
-X4 = FastTimeAxis(
-    kind="baseband",
-    n_range=91,
-    bin_length_m=51.4e-3,
-    range_offset_m=0.4,
-    carrier_hz=7.29e9,
-    bandwidth_hz=1.4e9,
+X4 = axis_with(
+    "baseband", 91, 51.4e-3, 0.4, carrier_hz=7.29e9, bandwidth_hz=1.4e9, sample_rate_hz=0.0
 )
 
 

@@ -5,22 +5,25 @@ import json
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import redirect_stderr, redirect_stdout
+from importlib import resources
 
+import jsonschema
 import numpy as np
 
 from radard.cli import main as radard_main
 from radard.stream.ring import Dwell, DwellShape, FrameRing
+from tests.sim_helpers import axis_with
 from x2radar.frame import FastTimeAxis, Frame
 
-BASEBAND = FastTimeAxis(
-    kind="baseband",
-    n_range=64,
-    bin_length_m=0.0293,
-    range_offset_m=0.6,
-    carrier_hz=6.8e9,
-    bandwidth_hz=2.3e9,
-    sample_rate_hz=41e9,
-)
+BASEBAND = axis_with("baseband", 64, 0.0293, 0.6)
+
+SCHEMA = json.loads((resources.files("radard") / "output.schema.json").read_text())
+
+
+def faults(records):
+    """What of these records does not keep the contract of the output."""
+    validator = jsonschema.Draft202012Validator(SCHEMA)
+    return [fault for record in records for fault in validator.iter_errors(record)]
 
 
 def noise(n_slow: int, n_range: int = 64, *, seed: int = 0, sigma: float = 1.0) -> np.ndarray:

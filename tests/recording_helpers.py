@@ -7,24 +7,17 @@ import numpy as np
 
 import x2radar
 from tests.radar_helpers import BASEBAND, noise
+from tests.sim_helpers import axis_with
 from x2radar.command import new_parser, run_command
 from x2radar.commands import convert, decode, info, record
-from x2radar.frame import FastTimeAxis, StreamInfo
+from x2radar.frame import StreamInfo
 from x2radar.modules.x2 import RadarSettings
 from x2radar.recording.blocks import Block, unwrap
 from x2radar.recording.hdf5_writer import RecordingWriter, write_labels
 
 RATE_HZ = 60.25
 SETTINGS = RadarSettings()
-RF = FastTimeAxis(
-    kind="rf",
-    n_range=48,
-    bin_length_m=SETTINGS.bin_length_m,
-    range_offset_m=SETTINGS.range_offset_m,
-    carrier_hz=SETTINGS.carrier_hz,
-    bandwidth_hz=SETTINGS.bandwidth_hz,
-    sample_rate_hz=SETTINGS.sample_rate_hz,
-)
+RF = axis_with("rf", 48, SETTINGS.bin_length_m, SETTINGS.range_offset_m)
 AXES = {"rf": RF, "baseband": BASEBAND}
 COUNTERS = [4294967290, 4294967291, 4294967294, 3, 4, 4, 5, 900_000_000, 900_000_001]
 LABELS = [(0.0, 0.05, "human"), (0.05, 0.1125, "dog")]

@@ -14,6 +14,7 @@ from urllib.parse import urlsplit
 import h5py
 from websockets.sync.client import connect
 
+from tests import sink_helpers
 from tests.waiting import free_port, wait_for
 
 HEADERS = {"Content-Type": "application/json", "X-Radard": "1"}
@@ -21,26 +22,10 @@ HEADERS = {"Content-Type": "application/json", "X-Radard": "1"}
 
 def decision(seq=1, t_s=2.45, **changes):
     """A decision's record; by default the gate is closed."""
-    record = {
-        "type": "decision",
-        "seq": seq,
-        "t_s": t_s,
-        "time": "2026-11-21T06:00:00.000Z",
-        "gate": "closed",
-        "power_db": -33.7,
-        "noise_floor_db": -33.9,
-        "threshold_db": -27.8,
-        **dict.fromkeys(("p_human", "p_pet", "p_other")),
-        **dict.fromkeys(("fused_p_human", "fused_p_pet", "fused_p_other")),
-        "label": "none",
-        "alarm": False,
-        "range_m": None,
-        "tracks": [],
-        "frames": 147,
-        "dropped": 0,
-        "latency_ms": 3.0,
-    }
-    return {**record, **changes}
+    own = {k: None for k in sink_helpers.decision() if k.endswith(("human", "pet", "other"))}
+    own |= {"gate": "closed", "label": "none", "alarm": False, "range_m": None}
+    own |= {"power_db": -33.7, "noise_floor_db": -33.9, "threshold_db": -27.8, "latency_ms": 3.0}
+    return sink_helpers.decision(seq, **own | {"t_s": t_s} | changes)
 
 
 def open_decision(seq=1, t_s=2.45, *, human, other=0.0, **changes):
@@ -62,20 +47,9 @@ def open_decision(seq=1, t_s=2.45, *, human, other=0.0, **changes):
 
 def event(event_id="01J0000000000000000000000A", phase="new", kind="alarm", **changes):
     """A record of an event."""
-    record = {
-        "type": "event",
-        "id": event_id,
-        "phase": phase,
-        "kind": kind,
-        "t_s": 5.0,
-        "time": "2026-11-21T06:00:02.000Z",
-        "start_t_s": 5.0,
-        "end_t_s": None,
-        "peak": 0.9,
-        "reason": "human at 1.8 m",
-        "clip": None,
-    }
-    return {**record, **changes}
+    own = {"id": event_id, "time": "2026-11-21T06:00:02.000Z", "end_t_s": None, "peak": 0.9}
+    own |= {"reason": "human at 1.8 m"}
+    return sink_helpers.event(5, kind=kind, phase=phase) | own | changes
 
 
 class Running:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from radard.dsp.doppler import micro_doppler, velocity_mps
-from x2radar.frame import FastTimeAxis
+from tests.sim_helpers import axis_with
 from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.bodies.person import draw_person
 from x2radar.sim.echo import frames as echo_frames
@@ -15,15 +15,7 @@ from x2radar.sim.place.antenna import Antenna
 
 RATE_HZ, N_CPI = 500.0, 64
 X2 = RadarSettings()
-AXIS = FastTimeAxis(
-    kind="baseband",
-    n_range=400,
-    bin_length_m=8 * X2.bin_length_m,
-    range_offset_m=1.0,
-    carrier_hz=X2.carrier_hz,
-    bandwidth_hz=X2.bandwidth_hz,
-    sample_rate_hz=X2.sample_rate_hz,
-)
+AXIS = axis_with("baseband", 400, 8 * X2.bin_length_m, 1.0)
 
 
 def spectrogram(speed_mps, seed):

@@ -1,7 +1,5 @@
 """`radard.classify`, `radard.features` and `radard.spectrogram`: the daemon's own way, by hand."""
 
-import subprocess
-
 import numpy as np
 import pytest
 
@@ -9,7 +7,8 @@ import radard
 import x2radar
 from radard import api
 from radard.errors import BundleError, ModelMismatch, UsageError
-from tests.radar_helpers import BASEBAND, noise, python, run_radard
+from tests.processes import ran
+from tests.radar_helpers import BASEBAND, noise, run_radard
 from tests.recording_helpers import record_scene
 
 LOST = range(250, 256)
@@ -116,5 +115,5 @@ def test_every_name_is_there_and_nothing_else_is_imported_for_it():
         "f, s = x2radar.simulate('empty', duration_s=2.5); "
         "print(radard.classify(f, s.axis, s.frame_rate_hz, model='none')[0].gate)"
     )
-    done = subprocess.run([python(), "-c", code], capture_output=True, text=True, check=False)
+    done = ran("-c", code)
     assert done.stdout.strip() == "closed", done.stderr

@@ -7,16 +7,9 @@ import pytest
 from radard.errors import BundleError, ModelMismatch
 from radard.judge.bundle import bundle_names, load_bundle
 from radard.judge.classifier import Classifier, softmax
-from x2radar.frame import FastTimeAxis
+from tests.sim_helpers import axis_with
 
-AXIS = FastTimeAxis(
-    kind="baseband",
-    n_range=768,
-    bin_length_m=299_792_458 / 82e9,
-    range_offset_m=0.6,
-    carrier_hz=6.8e9,
-    bandwidth_hz=2.3e9,
-)
+AXIS = axis_with("baseband", 768, 299_792_458 / 82e9, 0.6, sample_rate_hz=0.0)
 
 
 def features(vector):
@@ -113,11 +106,11 @@ def test_weights_that_are_no_network(copy, tmp_path):
 
 
 def test_a_bundle_that_fits_is_named_where_one_does_not():
-    korean = FastTimeAxis(
-        kind="baseband",
-        n_range=150,
-        bin_length_m=0.0514,
-        range_offset_m=0.4,
+    korean = axis_with(
+        "baseband",
+        150,
+        0.0514,
+        0.4,
         carrier_hz=8.748e9,
         bandwidth_hz=1.4e9,
         sample_rate_hz=23.328e9,

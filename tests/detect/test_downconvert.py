@@ -8,7 +8,7 @@ from radard.dsp.downconvert import DownConverter
 from radard.errors import FeatureError
 from tests.radar_helpers import BASEBAND, noise
 from tests.receiver_helpers import RF
-from x2radar.frame import FastTimeAxis
+from tests.sim_helpers import axis_with
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS, RadarSettings
 
 S = RadarSettings()
@@ -69,14 +69,8 @@ def definition(x, axis=RF, step=1):
     return wanted[::step] * 2 / np.sum(pulse**2)
 
 
-P4XX = FastTimeAxis(
-    kind="rf",
-    n_range=480,
-    bin_length_m=9.149e-3,
-    range_offset_m=2.62,
-    carrier_hz=4.0e9,
-    bandwidth_hz=1.7e9,
-    sample_rate_hz=1 / 61.035e-12,
+P4XX = axis_with(
+    "rf", 480, 9.149e-3, 2.62, carrier_hz=4.0e9, bandwidth_hz=1.7e9, sample_rate_hz=1 / 61.035e-12
 )
 X4 = replace(
     RF,

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.sim_helpers import axis_with
 from x2radar.device.assemble import FrameAssembler
-from x2radar.frame import CounterTracker, FastTimeAxis, Frame, Step
+from x2radar.frame import CounterTracker, Frame, Step
 from x2radar.modules.x2 import RadarSettings
 from x2radar.wire.codec import decode_response, encode
 from x2radar.wire.messages import Ack, BasebandAp, BasebandIq, Data, Message, Unknown
@@ -144,7 +145,7 @@ def test_frames_share_one_axis_until_it_changes() -> None:
     assert (longer.index, other.index) == (2, 3)
 
 
-AXIS = FastTimeAxis(kind="rf", n_range=4, bin_length_m=0.5, range_offset_m=2.0, carrier_hz=6.8e9)
+AXIS = axis_with("rf", 4, 0.5, 2.0, bandwidth_hz=0, sample_rate_hz=0)
 
 
 def track(counters: list[int], longest_gap: int = 36_000) -> list[tuple[Step, int, int]]:

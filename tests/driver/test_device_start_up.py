@@ -14,7 +14,6 @@ from tests.device_helpers import (
     SETTINGS,
     SHORT,
     FarEnd,
-    WithoutReady,
     in_thread,
     obey,
     obey_but,
@@ -129,14 +128,6 @@ def test_an_opening_that_needs_patience(answer, counts) -> None:
             assert far.commands.count(command) == n or (command == Ping() and n > 0)
         far.send(raw(1))
         assert take(radar, 1)[0].counter == 1
-
-
-def test_missed_ready_message_is_asked_for() -> None:
-    with simulated("memory") as connect:
-        radar = X2Radar(lambda: WithoutReady(connect()), SETTINGS, deadlines=SHORT)
-        radar.open()
-        assert len(take(radar, 2)) == 2
-        radar.close()
 
 
 def test_silent_module() -> None:

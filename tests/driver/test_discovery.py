@@ -1,54 +1,29 @@
 import json
 import re
-import threading
 
 import pytest
 
+from tests.device_helpers import plugged
 from x2radar.cli import main
 from x2radar.device.discovery import find_module, list_ports, port_state, probe
 from x2radar.device.transport import PtyTransport, SerialTransport
 from x2radar.errors import PortNotFound
 from x2radar.recording.hdf5_reader import RecordingReader
-from x2radar.sim.module.host import serve
-from x2radar.sim.module.module import SimulatedModule
-from x2radar.sim.scene.scene import load_scene
 
 pytestmark = pytest.mark.integration
 
 
-class Served:
-    """A simulated module on a pseudo-terminal, or a terminal with nobody behind it."""
-
-    def __init__(self, module=None):
-        self.pty = PtyTransport()
-        self.path = self.pty.path
-        self.stop = threading.Event()
-        self.thread = None
-        if module is not None:
-            self.thread = threading.Thread(
-                target=serve, args=(module, self.pty), kwargs={"stop": self.stop.is_set}
-            )
-            self.thread.start()
-
-    def close(self):
-        self.stop.set()
-        if self.thread:
-            self.thread.join()
-        self.pty.close()
-
-
 @pytest.fixture
 def module():
-    served = Served(SimulatedModule(load_scene("empty")))
-    yield served
-    served.close()
+    with plugged() as far:
+        yield far
 
 
 @pytest.fixture
 def nobody():
-    served = Served()
-    yield served
-    served.close()
+    far = PtyTransport()
+    yield far
+    far.close()
 
 
 def test_a_module_answers_and_nobody_does_not(module, nobody):
@@ -63,10 +38,8 @@ def test_none_several_and_busy_ports_are_named(module, nobody):
         find_module([])
     with pytest.raises(PortNotFound, match=f"asked: {nobody.path}"):
         find_module([nobody.path], 0.05)
-    other = Served(SimulatedModule(load_scene("empty")))
-    with pytest.raises(PortNotFound, match="several modules answer"):
+    with plugged() as other, pytest.raises(PortNotFound, match="several modules answer"):
         find_module([module.path, other.path])
-    other.close()
     held = SerialTransport(module.path)
     with pytest.raises(PortNotFound, match="in use"):
         find_module([module.path])

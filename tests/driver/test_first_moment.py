@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.processes import started
 from tests.waiting import wait_for
 
 pytestmark = pytest.mark.integration
@@ -32,12 +33,7 @@ def test_signals_are_obeyed_from_the_first_moment_on(prog, number, tmp_path, mon
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     for pause_s in (0.0, 0.1, 0.3, 0.6, 1.0):
-        process = subprocess.Popen(
-            [sys.executable, "-m", *ENDLESS[prog]],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            cwd=tmp_path,
-        )
+        process = started("-m", *ENDLESS[prog], stdout=subprocess.DEVNULL, cwd=tmp_path)
         try:
             wait_for(lambda pid=process.pid: hears_sigterm(pid))
             if not pause_s:
@@ -76,5 +72,4 @@ def test_names_of_any_bytes_are_printed(tmp_path):
     name = b"\xff.x2cap"
     argv = [sys.executable, "-m", "x2radar", "info", name]
     done = subprocess.run(argv, capture_output=True, cwd=tmp_path, timeout=60, check=False)
-    assert done.returncode == 66
-    assert done.stderr.count(b"\n") == 1
+    assert (done.returncode, done.stderr.count(b"\n")) == (66, 1)

@@ -1,11 +1,11 @@
 """What a user is told whose installation lacks an extra, and where the dashboard listens."""
 
 import socket
-import subprocess
 
 import pytest
 
-from tests.radar_helpers import python, run_radard
+from tests.processes import ran
+from tests.radar_helpers import run_radard
 from tests.waiting import free_port
 
 pytestmark = pytest.mark.integration
@@ -24,7 +24,7 @@ def test_a_missing_extra_is_one_line_that_names_it(module, prog, missing, extra)
         f"import sys; sys.modules[{missing!r}] = None; sys.argv = [{prog!r}, '--help']; "
         f"from {module}.__main__ import main; sys.exit(main())"
     )
-    done = subprocess.run([python(), "-c", code], capture_output=True, text=True, check=False)
+    done = ran("-c", code)
     assert done.returncode == 1
     assert done.stdout == ""
     assert done.stderr == (
@@ -38,7 +38,7 @@ def test_a_module_of_our_own_that_is_missing_is_a_fault():
         "import sys; sys.modules['radard.config.options'] = None; sys.argv = ['radard']; "
         "from radard.__main__ import main; main()"
     )
-    done = subprocess.run([python(), "-c", code], capture_output=True, text=True, check=False)
+    done = ran("-c", code)
     assert "internal error: ModuleNotFoundError" in done.stderr
 
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from x2radar.device.link import Deadlines
-from x2radar.errors import PortNotFound, ReadTimeout, SceneError, SettingsError
+from x2radar.errors import ReadTimeout, SceneError, SettingsError
 from x2radar.ports import Port, parse_port
 from x2radar.radars import make_radar
 from x2radar.sim.module.stream import EchoStream
@@ -134,11 +134,6 @@ def test_faults_come_before_anything_is_opened(port, error, wanted):
     with pytest.raises(error, match=wanted) as caught:
         make_radar(parse_port(port))
     assert "\n" not in str(caught.value)
-
-
-def test_a_port_that_is_not_there():
-    with pytest.raises(PortNotFound):
-        make_radar(parse_port("/dev/no-such-port")).open()
 
 
 # ---------------------------------------------------------------- streaming

@@ -1,16 +1,10 @@
 """RateWatch: a module that sends at another rate than it was set to is a fault."""
 
-import threading
-
 import pytest
 
 from radard.stream.frame_timing import RateWatch
+from tests.device_helpers import plugged
 from tests.radar_helpers import run_radard
-from tests.run.test_service import drain
-from x2radar.device.transport import PtyTransport
-from x2radar.sim.module.host import serve
-from x2radar.sim.module.module import SimulatedModule
-from x2radar.sim.scene.scene import load_scene
 
 pytestmark = pytest.mark.integration
 
@@ -44,20 +38,9 @@ def test_an_interruption_begins_it_again_and_recordings_have_no_clock():
 
 
 def test_a_module_at_thrice_its_rate_is_degraded_and_a_fault():
-    pty = PtyTransport()
-    stop = threading.Event()
-    module = SimulatedModule(load_scene("empty"))
-    thread = threading.Thread(
-        target=serve, args=(module, pty), kwargs={"speed": 3.0, "stop": stop.is_set}
-    )
-    thread.start()
-    try:
+    with plugged(speed=3.0) as pty:
         argv = ("--port", pty.path, "-o", "json", "--duration", "16", "--model", "none")
         code, records, _ = run_radard(*argv)
-    finally:
-        stop.set()
-        drain(pty, thread)
-        pty.close()
     assert code == 0
     faults = [r for r in records if r["type"] == "event" and r["kind"] == "fault"]
     assert faults

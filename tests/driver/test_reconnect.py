@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.sim_helpers import axis_with
 from x2radar.backoff import Backoff
 from x2radar.device.device import RadarStats, X2Radar
 from x2radar.device.link import Deadlines
@@ -21,7 +22,7 @@ from x2radar.errors import (
     ReadTimeout,
     TransportClosed,
 )
-from x2radar.frame import FastTimeAxis, Frame
+from x2radar.frame import Frame
 from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.module.faults import FaultPlan
 from x2radar.sim.module.host import serve
@@ -31,7 +32,7 @@ from x2radar.sim.scene.scene import load_scene
 pytestmark = pytest.mark.integration
 SETTINGS = RadarSettings(frame_stitch=1)
 SHORT = Deadlines(reply_s=60, ready_s=60, ping_every_s=0.03, usb_gone_s=0.1, stall_s=60)
-AXIS = FastTimeAxis(kind="rf", n_range=4, bin_length_m=0.004, range_offset_m=0.6, carrier_hz=6.8e9)
+AXIS = axis_with("rf", 4, 0.004, 0.6, bandwidth_hz=0, sample_rate_hz=0)
 
 
 def kinds(items):

@@ -3,7 +3,6 @@ import os
 import re
 import signal
 import subprocess
-import sys
 import threading
 from contextlib import contextmanager
 from itertools import islice
@@ -13,6 +12,7 @@ import numpy as np
 import pytest
 
 import x2radar
+from tests.processes import started
 from tests.waiting import unmeasured, wait_for
 from x2radar.cli import main
 from x2radar.command import installed_version, run_command
@@ -192,19 +192,10 @@ def test_somebody_elses_sigterm_handler_is_left_alone():
 integration = pytest.mark.integration
 
 
-def command(*argv):
-    return [sys.executable, "-m", "x2radar", *argv]
-
-
 @contextmanager
 def simulated(*argv):
     """A running `x2radar simulate --pty` and the device path that it printed."""
-    process = subprocess.Popen(
-        command("simulate", "--pty", *argv),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        env=unmeasured(),
-    )
+    process = started("-m", "x2radar", "simulate", "--pty", *argv, env=unmeasured())
     try:
         yield process, process.stdout.readline().decode().strip()
     finally:
@@ -250,12 +241,8 @@ def test_a_module_whose_host_has_stopped_reading_still_ends():
 @integration
 def test_a_recording_ends_with_sigint_and_is_whole(tmp_path):
     path = tmp_path / "cut.h5"
-    process = subprocess.Popen(
-        command("record", "--port", "sim:cat?seed=1", "--speed", "5", str(path)),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        env=unmeasured(),
-    )
+    argv = ("-m", "x2radar", "record", "--port", "sim:cat?seed=1", "--speed", "5", path)
+    process = started(*argv, env=unmeasured())
     try:
         # A second of frames is on the disk.
         wait_for(lambda: path.exists() and path.stat().st_size > 100_000)
@@ -276,9 +263,7 @@ def test_a_recording_ends_with_sigint_and_is_whole(tmp_path):
 def test_a_reader_that_goes_away_is_no_error(tmp_path):
     path = tmp_path / "trace.bin"
     path.write_bytes(PING * 20_000)
-    process = subprocess.Popen(
-        command("decode", str(path)), stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    )
+    process = started("-m", "x2radar", "decode", path)
     assert json.loads(process.stdout.readline())["message"] == "Ping"
     process.stdout.close()
     assert process.stderr.read() == b""

@@ -3,8 +3,6 @@
 import json
 import re
 import sqlite3
-import subprocess
-import sys
 import warnings
 from contextlib import closing
 from datetime import UTC, datetime, timedelta
@@ -21,6 +19,7 @@ from campaigns.kept import Kept
 from campaigns.outputs import Outputs
 from campaigns.processes import HARM, end_with
 from radard.stream.ring import Dwell
+from tests.processes import ran
 from tests.radar_helpers import BASEBAND
 from x2radar.frame import Frame
 
@@ -29,14 +28,7 @@ ROOT = Path(__file__).parents[2]
 
 def run(name, *argv):
     """The last line of a campaign that finds no harm."""
-    done = subprocess.run(
-        [sys.executable, f"campaigns/{name}.py", *argv],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=1200,
-    )
+    done = ran(f"campaigns/{name}.py", *argv, cwd=ROOT, timeout=1200)
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout.splitlines()[-1])
     assert {key: found.pop(key) for key in HARM} == dict.fromkeys(HARM, 0), done.stderr

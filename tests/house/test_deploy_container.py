@@ -10,7 +10,6 @@ import shlex
 import shutil
 import subprocess
 import sys
-import tomllib
 import urllib.error
 import urllib.request
 from pathlib import Path
@@ -26,7 +25,6 @@ ROOT = Path(__file__).parents[2]
 CONTAINER = ROOT / "deploy/container"
 ADDON = ROOT / "deploy/homeassistant/addon"
 TOKEN = "0123456789abcdef" * 2
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 
 
 def containerfile():

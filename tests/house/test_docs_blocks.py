@@ -10,7 +10,6 @@ import json
 import os
 import re
 import shlex
-import statistics
 import subprocess
 import sys
 import tomllib
@@ -21,7 +20,8 @@ import yaml
 
 from radard.cli import main as radard
 from radard.config.config import Config
-from tests.docs_helpers import PAGES, PROGRAMS, ROOT, blocks_of, inline_commands, prose_of
+from tests.docs_helpers import PAGES, PROGRAMS, ROOT, blocks_of, inline_commands
+from tests.processes import environ
 from x2radar.cli import main as x2radar
 from x2radar.command import Parser
 from x2radar.sim.scene.scene import parse_scene
@@ -33,11 +33,6 @@ ALL = [block for blocks in BLOCKS.values() for block in blocks]
 ELSEWHERE = {"docs/research/extending.md": "house/test_extending.py"}
 """Pages whose blocks need more than a place to run: which test runs them."""
 KINDS = {"sh", "python", "yaml", "json", "toml", "text", "nginx", "caddyfile"}
-USER = (
-    "index install mounting home-assistant troubleshooting how-it-decides what-stops-an-alarm "
-    "accuracy glossary privacy contribute"
-)
-USER_PAGES = ["README.md", *(f"docs/{name}.md" for name in USER.split())]
 SHELL = re.compile(r"[|&;<>$`]|^\w+=")
 
 
@@ -111,9 +106,8 @@ def run(command):
             return MAINS[words[0]](words[1:])
         return 0
     folder = str(Path(sys.executable).parent)
-    roots = os.pathsep.join(str(ROOT / name) for name in (".", "daemon", "training"))
-    environ = {**os.environ, "PATH": f"{folder}:{os.environ['PATH']}", "PYTHONPATH": roots}
-    return subprocess.run(["bash", "-c", command], env=environ, check=False).returncode  # noqa: S607
+    env = environ(PATH=f"{folder}:{os.environ['PATH']}")
+    return subprocess.run(["bash", "-c", command], env=env, check=False).returncode  # noqa: S607
 
 
 @pytest.mark.integration
@@ -157,12 +151,3 @@ def test_data_is_what_the_program_takes(block):
             Config.model_validate(tree)
         elif "steps" in tree and block.page not in ELSEWHERE:
             parse_scene(block.text, block.name, block.name)
-
-
-@pytest.mark.parametrize("page", USER_PAGES)
-def test_sentences_of_user_pages_are_short(page):
-    """`python tools/site/sentences.py` prints them."""
-    lengths = [len(sentence.split()) for sentence in prose_of(ROOT / page)]
-    median = statistics.median(lengths)
-    assert median <= 20
-    assert max(lengths) <= 40

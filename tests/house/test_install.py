@@ -5,12 +5,12 @@ import re
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
+from tests.processes import ROOT, ran
+
 pytestmark = pytest.mark.integration
-ROOT = Path(__file__).parents[2]
 
 
 def test_run_takes_only_files_with_these_hashes(tmp_path):
@@ -56,19 +56,18 @@ def test_a_stranger_s_file_is_refused(tmp_path):
     wheel.write_bytes(b"PK not what was pinned")
     want = tmp_path / "want.txt"
     want.write_text(f"h11=={version} --hash=sha256:{a_hash}\n")
-    pip = [sys.executable, "-m", "pip", "download", "--isolated", "--no-index", "--no-deps"]
+    pip = ["-m", "pip", "download", "--isolated", "--no-index", "--no-deps"]
     pip += ["--find-links", str(tmp_path), "--require-hashes", "-r", str(want)]
     pip += ["-d", str(tmp_path / "out")]
-    said = subprocess.run(pip, capture_output=True, text=True, check=False)
+    said = ran(*pip)
     assert said.returncode != 0
     assert "DO NOT MATCH THE HASHES" in said.stderr
 
 
 def audited(*packages):
     """What the audit makes of a report of pip-audit, with the script as .ci/run starts it."""
-    script = [sys.executable, str(ROOT / "tools/audit.py")]
     text = json.dumps({"dependencies": packages, "fixes": []}) if packages else "no network"
-    said = subprocess.run(script, input=text, capture_output=True, text=True, check=False)
+    said = ran(ROOT / "tools/audit.py", input=text)
     return said.returncode, said.stderr
 
 

@@ -34,3 +34,4 @@ def test_what_a_command_says_stands_on_the_page(command, tmp_path, monkeypatch, 
     assert text in said
     assert said.count("\n") == 1
     assert text in PAGE
+    assert not Path("c").exists()

@@ -1,15 +1,12 @@
 """Nothing leaves the machine, and nothing is written, but through outputs that were named."""
 
 import json
-import os
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
+from tests.processes import environ, ran
+
 pytestmark = pytest.mark.integration
-ROOT = Path(__file__).parents[2]
 
 WATCHED = """
 import json, os, sys
@@ -33,19 +30,12 @@ print(json.dumps({"events": events, "files": files}))
 
 
 def _run(code, home):
-    env = {key: value for key, value in os.environ.items() if key != "ORT_DISABLE_TELEMETRY"}
+    env = environ()
+    env.pop("ORT_DISABLE_TELEMETRY", None)
     env |= {"HOME": str(home / "home"), "XDG_CACHE_HOME": str(home / "home" / "cache")}
     env |= {"RUNTIME_DIRECTORY": str(home / "run"), "STATE_DIRECTORY": str(home / "state")}
     env |= {"PYTHONDONTWRITEBYTECODE": "1", "MPLCONFIGDIR": str(home / "matplotlib")}
-    env["PYTHONPATH"] = os.pathsep.join(str(ROOT / name) for name in (".", "daemon", "training"))
-    done = subprocess.run(
-        [sys.executable, "-c", WATCHED + code + REPORT],
-        env=env,
-        cwd=home,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    done = ran("-c", WATCHED + code + REPORT, env=env, cwd=home, check=True)
     return json.loads(done.stdout.splitlines()[-1])
 
 

@@ -38,13 +38,3 @@ def test_it_runs(path, tmp_path, monkeypatch):
     assert said
     # A warning in a notebook is the first thing that a reader sees.
     assert not [out.text for out in said if out.get("name") == "stderr" and "arning" in out.text]
-
-
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_it_is_kept_without_outputs(path):
-    notebook = read(path)
-    nbformat.validate(notebook)
-    for cell in notebook.cells:
-        assert not cell.get("outputs")
-        assert cell.get("execution_count") is None
-    assert notebook.cells[0].source.startswith("# ")

@@ -6,8 +6,6 @@ import json
 import os
 import shutil
 import struct
-import subprocess
-import sys
 import threading
 import zlib
 from collections import defaultdict
@@ -23,6 +21,7 @@ from radard.clips.room import date_last, limit_size, prepare_folder
 from radard.clips.spectrogram_png import PictureMaker, decode_png, encode_png
 from radard.config.sections import ClipsSection
 from radard.errors import OutputError
+from tests.processes import ran
 from tests.radar_helpers import BASEBAND, noise, run_radard
 from x2radar.frame import Frame, StreamInfo
 from x2radar.recording.registry import open_recording
@@ -453,14 +452,5 @@ def test_a_clip_that_is_late_does_not_hang_the_end_of_the_process(tmp_path, clos
 
     With several radars the threads that close their clips are daemons.
     """
-    root = Path(__file__).parents[2]
-    roots = [str(root / name) for name in (".", "daemon", "training")]
-    done = subprocess.run(
-        [sys.executable, "-c", _LATE, str(tmp_path), closer],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(roots)},
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=True,
-    )
-    assert done.stdout == "False\n"
+    done = ran("-c", _LATE, tmp_path, closer)
+    assert (done.returncode, done.stdout) == (0, "False\n"), done.stderr

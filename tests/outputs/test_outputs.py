@@ -53,13 +53,6 @@ def test_a_sink_gets_the_sensors_name_its_options_and_the_state_directory(tmp_pa
     assert (tmp_path / "log.db").exists()
 
 
-def test_a_stream_that_can_wait_leaves_nothing_for_the_next_run(tmp_path, server):
-    out = outputs()
-    out.open(configured(tmp_path, server, port="replay:x.h5"), can_wait=True)
-    out.close()
-    assert not (tmp_path / "log.db").exists()
-
-
 def test_changed_options_hold_after_a_reload_and_no_event_is_lost(tmp_path, server):
     server.code = 500
     out = outputs()

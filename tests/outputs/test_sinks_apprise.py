@@ -2,9 +2,6 @@
 
 import base64
 import json
-import os
-import subprocess
-import sys
 
 import pytest
 
@@ -12,7 +9,7 @@ from radard.cli import main
 from radard.config.sink_table import AppriseSection, SinkOptions
 from radard.errors import ConfigError, OutputError, UsageError
 from radard.outputs.apprise import message_of
-from tests.radar_helpers import python
+from tests.processes import ran
 from tests.sink_helpers import QUICK, event, open_sink
 from tests.waiting import wait_for
 
@@ -94,13 +91,7 @@ def test_no_secret_is_told_however_much_is_logged(server):
     server.code = 404
     url = f"json://user:{TOKEN}@127.0.0.1:{server.port}/{TOKEN}"
     run = ["--port", "sim:human", "--speed", "max", "--duration", "6", "-vv"]
-    done = subprocess.run(
-        [python(), "-m", "radard", *run, "-o", "null", "-o", f"apprise:{url}"],
-        capture_output=True,
-        text=True,
-        check=True,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
-    )
+    done = ran("-m", "radard", *run, "-o", "null", "-o", f"apprise:{url}", check=True)
     assert server.posts
     assert "apprise:json: the service answers 404" in done.stderr
     assert TOKEN not in done.stdout + done.stderr

@@ -2,7 +2,6 @@
 
 import json
 import math
-import subprocess
 import sys
 import uuid
 
@@ -13,7 +12,7 @@ from radard.errors import OutputError
 from radard.outputs.base import SinkContext
 from radard.outputs.lsl import CHANNELS, sample_of
 from radard.outputs.registry import make_output
-from tests.radar_helpers import python
+from tests.processes import ran
 
 pytestmark = pytest.mark.integration
 
@@ -79,13 +78,7 @@ def test_pylsl_receives_decisions_and_events(tmp_path, monkeypatch, is_named):
     monkeypatch.setenv("LSLAPICFG", str(config))
     records = [STATUS, OPEN, decision(), INVALID, EVENT]
     output = "lsl:lab" if is_named else "lsl:"
-    done = subprocess.run(
-        [python(), "-c", _PROGRAM, output, json.dumps(records)],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=300,
-    )
+    done = ran("-c", _PROGRAM, output, json.dumps(records))
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
     assert told["labels"] == list(CHANNELS)
@@ -117,8 +110,6 @@ def test_a_run_says_nothing_of_the_library(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("HOME", str(tmp_path))
     argv = ["--port", "sim:empty", "--speed", "max", "--duration", "3", "-o", "lsl:", "-o", "json"]
-    done = subprocess.run(
-        [python(), "-m", "radard", *argv], capture_output=True, text=True, check=False
-    )
+    done = ran("-m", "radard", *argv)
     assert (done.returncode, done.stderr) == (0, "")
     assert '"type":"decision"' in done.stdout

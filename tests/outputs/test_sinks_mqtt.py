@@ -1,4 +1,4 @@
-"""MQTT against a real broker over TCP: topics, last will, commands, discovery, outages."""
+"""MQTT against a real broker over TCP: topics, last will, commands, discovery, limits."""
 
 import contextlib
 import json
@@ -11,7 +11,8 @@ from radard.config.sink_table import MqttSection, SinkOptions
 from radard.health.health import Status
 from radard.outputs import make_output
 from radard.outputs.base import SinkContext
-from radard.outputs.mqtt.link import MqttLink
+from radard.outputs.mqtt import link as link_module
+from radard.outputs.mqtt.link import MqttLink, PacketLimits, Publication
 from tests.sink_helpers import (
     PASSWORD,
     QUICK,
@@ -232,37 +233,6 @@ def test_a_change_of_form_leaves_nothing_behind(publish, listen):
     assert [topic for topic, _, _ in late.messages] == ["end"]
 
 
-def test_events_survive_an_outage_and_a_restart(publish, listen, broker):
-    listener = listen(f"{BASE}/event")
-    sink = publish(discovery="off")
-    sink.write(event(1))
-    wait_for(lambda: ids(listener) == [ulid(1)])
-    listener.close()
-    broker.stop()
-    wait_for(lambda: not sink.state.is_ok)
-    for k in (2, 3, 4):
-        sink.write(event(k))
-    wait_for(lambda: sink.state.n_waiting == 3)
-    sink.close(0.3)
-    again = publish(discovery="off")
-    assert again.state.n_waiting == 3
-    again.write(event(5))
-    broker.start()
-    # Subscribed before the first attempt can succeed, or after: a session of QoS 1 begins here.
-    late = Listener(broker.port, f"{BASE}/event")
-    try:
-        wait_for(lambda: again.state.n_waiting == 0)
-        again.write(event(6))
-        wait_for(lambda: ulid(6) in ids(late))
-        # At least once: one that was answered late comes twice.
-        got = list(dict.fromkeys(ids(late)))
-        assert got == [ulid(k) for k in range(7 - len(got), 7)]
-        wait_for(lambda: again.state.n_sent >= 5)
-    finally:
-        late.close()
-    wait_for(lambda: again.state.is_ok)
-
-
 @pytest.mark.parametrize("max_bytes", [10_000, 4096])
 def test_a_broker_that_limits_packets_gets_every_event_and_the_rest_is_said(
     listen, broker, tmp_path, max_bytes
@@ -354,3 +324,59 @@ def test_over_tls_and_with_a_password_commands_are_taken(tmp_path):
     finally:
         listener.close()
         broker.stop()
+
+
+PICTURE = Publication("radard/hall/picture", b"x" * 20_000)
+STATE = Publication("radard/hall/state", "{}")
+
+
+def never():
+    return False
+
+
+def test_what_a_broker_states_is_the_limit_and_said_once():
+    said = []
+    limits = PacketLimits(said.append)
+    limits.max_bytes = 10_000
+    assert [limits.takes(message) for message in (STATE, PICTURE, PICTURE)] == [True, False, False]
+    assert len(said) == 1
+    assert "radard/hall/picture is left out" in said[0]
+
+
+def test_the_largest_in_flight_is_left_out_when_the_line_broke_twice():
+    said = []
+    limits = PacketLimits(said.append)
+    for n in range(2):
+        assert limits.takes(PICTURE)
+        for message in (STATE, PICTURE):
+            limits.sent(message, never)
+        assert not limits.is_idle
+        assert len(said) == 0, n
+        assert limits.broke()
+    assert limits.takes(STATE)
+    assert not limits.takes(PICTURE)
+    # A smaller one may pass.
+    assert limits.takes(Publication(PICTURE.topic, b"x" * 5_000))
+    assert len(said) == 1
+
+
+def test_small_and_confirmed_messages_are_never_to_blame(monkeypatch):
+    limits = PacketLimits(lambda _text: None)
+    for _ in range(5):
+        limits.sent(STATE, never)
+        limits.sent(PICTURE, lambda: True)
+        assert not limits.broke()
+    assert limits.takes(STATE)
+    assert limits.takes(PICTURE)
+
+
+def test_after_a_day_it_is_tried_again(monkeypatch):
+    now_s = [0.0]
+    monkeypatch.setattr(link_module.time, "monotonic", lambda: now_s[0])
+    limits = PacketLimits(lambda _text: None)
+    limits.sent(PICTURE, never)
+    assert limits.broke()
+    now_s[0] = 100_000.0
+    limits.sent(PICTURE, never)
+    assert limits.broke()
+    assert limits.takes(PICTURE)

@@ -5,20 +5,14 @@ import pytest
 
 from radard.dsp.velocity import VelocityTransform
 from tests.recording_helpers import make
+from tests.sim_helpers import axis_with
 from x2radar import maps
 from x2radar.cli import main
 from x2radar.commands.plot import _look
 from x2radar.errors import SettingsError
-from x2radar.frame import FastTimeAxis, StreamInfo
+from x2radar.frame import StreamInfo
 
-AXIS = FastTimeAxis(
-    kind="baseband",
-    n_range=80,
-    bin_length_m=0.04,
-    range_offset_m=0.5,
-    carrier_hz=6.8e9,
-    bandwidth_hz=1.75e9,
-)
+AXIS = axis_with("baseband", 80, 0.04, 0.5, bandwidth_hz=1.75e9, sample_rate_hz=0.0)
 
 
 def walker(speed_mps, n=180, axis=AXIS, rate_hz=60.0):
@@ -35,14 +29,7 @@ def walker(speed_mps, n=180, axis=AXIS, rate_hz=60.0):
     return (rows + 0.01 * rng.standard_normal(rows.shape)).astype(np.complex64)
 
 
-RF_AXIS = FastTimeAxis(
-    kind="rf",
-    n_range=800,
-    bin_length_m=0.004,
-    range_offset_m=0.5,
-    carrier_hz=6.8e9,
-    bandwidth_hz=1.75e9,
-)
+RF_AXIS = axis_with("rf", 800, 0.004, 0.5, bandwidth_hz=1.75e9, sample_rate_hz=0.0)
 
 
 @pytest.mark.parametrize("axis", [AXIS, RF_AXIS], ids=["baseband", "rf"])

@@ -5,21 +5,14 @@ import numpy as np
 import pytest
 
 from tests.radar_helpers import BASEBAND, frames_of, noise
+from tests.sim_helpers import axis_with
 from x2radar.errors import RecordingError
-from x2radar.frame import FastTimeAxis, Frame, StreamInfo
+from x2radar.frame import Frame, StreamInfo
 from x2radar.recording.about import Overrides
 from x2radar.recording.hdf5_reader import RecordingReader
 from x2radar.recording.hdf5_writer import RecordingWriter
 
-RF = FastTimeAxis(
-    kind="rf",
-    n_range=16,
-    bin_length_m=0.00366,
-    range_offset_m=0.6,
-    carrier_hz=6.8e9,
-    bandwidth_hz=2.3e9,
-    sample_rate_hz=41e9,
-)
+RF = axis_with("rf", 16, 0.00366, 0.6)
 META = {"started_utc": "2026-01-01T00:00:00Z", "device": {"name": "x"}, "settings": {}}
 
 

@@ -4,8 +4,6 @@ import json
 import os
 import resource
 import signal
-import subprocess
-import sys
 import threading
 import time
 from pathlib import Path
@@ -14,6 +12,7 @@ import h5py
 import numpy as np
 import pytest
 
+from tests.processes import ran, started
 from tests.radar_helpers import BASEBAND, frames_of, noise
 from tests.recording_helpers import content, run
 from tests.waiting import wait_for
@@ -301,15 +300,7 @@ def test_a_full_disk_leaves_a_readable_file(tmp_path):
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (2_000_000, 2_000_000))
 
-    done = subprocess.run(
-        [sys.executable, "-c", code, *argv],
-        preexec_fn=limit,
-        capture_output=True,
-        text=True,
-        timeout=60,
-        cwd=ROOT,
-        check=False,
-    )
+    done = ran("-c", code, *argv, preexec_fn=limit, timeout=60)
     assert done.returncode == 1, done.stderr
     assert "cannot write" in done.stderr
     assert done.stderr.count("\n") == 1
@@ -321,8 +312,8 @@ def test_a_full_disk_leaves_a_readable_file(tmp_path):
 @pytest.mark.parametrize("kill", range(2))
 def test_a_killed_recorder_leaves_readable_parts(tmp_path, kill):
     options = ["--port", "sim:dog?seed=1", "--speed", "max", "--rotate-time", "2"]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "x2radar", "record", str(tmp_path / "w.h5"), *options], cwd=ROOT
+    process = started(
+        "-m", "x2radar", "record", tmp_path / "w.h5", *options, stdout=None, stderr=None
     )
     try:
         wait_for(lambda: existing_parts(tmp_path / "w.h5"))

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import subprocess
 from datetime import datetime
 
 import h5py
@@ -14,7 +13,7 @@ from pyarrow import parquet
 from scipy.io import loadmat, savemat
 
 from radard.stream.source import ReplaySource
-from tests.radar_helpers import python
+from tests.processes import ran
 from tests.recording_helpers import COUNTERS, LABELS, RATE_HZ, content, make
 from x2radar.commands.info import describe_recording
 from x2radar.errors import RecordingError, SettingsError
@@ -171,7 +170,10 @@ def test_what_is_no_whole_number_is_refused_in_words(tmp_path, place, name, valu
         (put("last capture", "core:header_bytes", 8), "core:header_bytes between frames"),
         (put("capture", "core:header_bytes", 1 << 40), "no frames"),
         (put("global", "core:trailing_bytes", 1 << 40), "no frames"),
-        (put("annotation", "x2radar:t_s", "ab"), "not two times"),
+        *(
+            (put("annotation", "x2radar:t_s", t_s), "not two times")
+            for t_s in ("ab", [1], ["a", "b"])
+        ),
     ],
 )
 def test_a_pair_that_does_not_add_up_is_refused(tmp_path, change, words):
@@ -254,7 +256,7 @@ def test_a_missing_extra_is_one_line_and_leaves_nothing(tmp_path, module):
         f"import sys; sys.modules[{module!r}] = None; "
         f"from x2radar.cli import main; sys.exit(main({argv!r}))"
     )
-    done = subprocess.run([python(), "-c", code], capture_output=True, text=True, check=False)
+    done = ran("-c", code)
     assert done.returncode == 1
     assert done.stderr.count("\n") == 1
     assert f"needs {module}, which is not installed" in done.stderr

@@ -168,16 +168,6 @@ def test_command_keeps_map_and_provenance(made):
     assert (made.floor > 0).all()
 
 
-def test_command_refuses_an_occupied_room_in_one_line(tmp_path, capsys):
-    out = tmp_path / "room.json"
-    assert command("--port", "sim:human", "--duration", 25, "--out", out) == 1
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert said.err.startswith("radard: the room is not empty: something moves at ")
-    assert said.err.count("\n") == 1
-    assert not out.exists()
-
-
 @pytest.mark.parametrize(
     ("arguments", "word"),
     [

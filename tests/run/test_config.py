@@ -23,7 +23,9 @@ def write(text, name="config.yaml"):
     return path
 
 
-def test_built_in_values_without_any_file():
+def test_built_in_values_without_any_file_and_with_an_empty_one():
+    assert load_config(environ={}) == Config()
+    write("")
     assert load_config(environ={}) == Config()
 
 
@@ -161,8 +163,3 @@ def test_a_user_without_a_home_keeps_state_among_temporary_files(
 def test_a_named_file_must_be_readable(name):
     with pytest.raises(ConfigError, match="cannot read"):
         load_config(Path(name), environ={})
-
-
-def test_empty_file_is_fine():
-    write("")
-    assert load_config(environ={}) == Config()

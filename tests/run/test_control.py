@@ -7,11 +7,7 @@ import pty
 import shutil
 import socket
 import stat
-import subprocess
-import sys
-from importlib import resources
 
-import jsonschema
 import numpy as np
 import pytest
 
@@ -23,13 +19,12 @@ from radard.run import control
 from radard.run.control import ask, control_path
 from radard.run.look import range_time
 from tests.daemon_helpers import told
-from tests.radar_helpers import copy_ring, frames_of, noise, walker
+from tests.processes import environ, started
+from tests.radar_helpers import copy_ring, faults, frames_of, noise, walker
 from tests.sink_helpers import WebServer
 from tests.waiting import free_port, wait_for
 
 pytestmark = pytest.mark.integration
-
-SCHEMA = json.loads((resources.files("radard") / "output.schema.json").read_text())
 
 
 @pytest.fixture
@@ -139,8 +134,7 @@ def test_a_test_alarm_goes_through_every_output_and_says_what_each_answered(
     new, end = [r for r in records if r["type"] == "event" and r["kind"] == "alarm"]
     assert (new["phase"], end["phase"], new["id"]) == ("new", "end", end["id"])
     assert new["test"] is end["test"] is new["simulated"] is True
-    validator = jsonschema.Draft202012Validator(SCHEMA)
-    assert not any(list(validator.iter_errors(record)) for record in records)
+    assert faults(records) == []
 
 
 def test_a_test_is_refused_while_an_alarm_is_on(tmp_path, launch, said, monkeypatch):
@@ -242,11 +236,9 @@ def test_top_has_a_line_for_each_of_several(tmp_path, launch, said, monkeypatch)
 def test_top_is_live_on_a_terminal_until_q(tmp_path, launch):
     daemon = running(launch, tmp_path)
     near, far = pty.openpty()
-    environ = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "TERM": "xterm"}
-    environ |= {"RUNTIME_DIRECTORY": str(tmp_path), "RADARD_SERVICE__RUNTIME_DIR": str(tmp_path)}
-    top = subprocess.Popen(
-        [sys.executable, "-m", "radard", "top"], stdin=far, stdout=far, stderr=far, env=environ
-    )
+    own = {"RUNTIME_DIRECTORY": str(tmp_path), "RADARD_SERVICE__RUNTIME_DIR": str(tmp_path)}
+    ends = {"stdin": far, "stdout": far, "stderr": far, "env": environ(TERM="xterm", **own)}
+    top = started("-m", "radard", "top", **ends)
     os.close(far)
     shown = b""
     while shown.count(b"person") < 3:

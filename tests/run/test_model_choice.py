@@ -14,23 +14,12 @@ from radard.judge.bundle import load_bundle
 from radard.judge.model_choice import OF_ONE_MODULE, model_for
 from radard.run.components import classifier_for, make_classifier
 from tests.radar_helpers import run_radard
-from x2radar.frame import FastTimeAxis, StreamInfo
+from tests.sim_helpers import axis_with
+from x2radar.frame import StreamInfo
 
-X2 = FastTimeAxis(
-    kind="rf",
-    n_range=768,
-    bin_length_m=0.00366,
-    range_offset_m=0.6,
-    carrier_hz=6.8e9,
-    bandwidth_hz=2.3e9,
-)
-X4 = FastTimeAxis(
-    kind="baseband",
-    n_range=90,
-    bin_length_m=0.0514,
-    range_offset_m=0.18,
-    carrier_hz=7.29e9,
-    bandwidth_hz=1.4e9,
+X2 = axis_with("rf", 768, 0.00366, 0.6, sample_rate_hz=0.0)
+X4 = axis_with(
+    "baseband", 90, 0.0514, 0.18, carrier_hz=7.29e9, bandwidth_hz=1.4e9, sample_rate_hz=0.0
 )
 UPPER_X4 = replace(X4, carrier_hz=8.748e9)
 

@@ -1,7 +1,5 @@
 """The same input gives the same output: what was done yesterday changes nothing unasked."""
 
-import subprocess
-
 import pytest
 
 from radard.alarm.state_store import KeptState, StateStore
@@ -10,7 +8,8 @@ from radard.config.directories import saved_file
 from radard.config.saved import change
 from radard.log import EventLog
 from tests.alarm_helpers import write_recording
-from tests.radar_helpers import noise, python, run_radard
+from tests.processes import ran
+from tests.radar_helpers import noise, run_radard
 
 PORT = "sim:thesis_human?run=test"
 COMMON = ("--speed", "max", "--duration", "9", "-o", "json")
@@ -40,7 +39,7 @@ def yesterday(folder):
     events.close()
 
 
-def ran(*argv):
+def told(*argv):
     """What a run says: hello apart, then its lines without the clock on the wall."""
     code, records, err = run_radard(*argv)
     assert code == 0
@@ -56,13 +55,13 @@ def ran(*argv):
 def test_a_state_directory_changes_nothing_of_what_is(what, state, tmp_path):
     port = PORT
     if what == "replayed":
-        ran("--port", PORT, *COMMON, "--record", str(tmp_path / "r.h5"))
+        told("--port", PORT, *COMMON, "--record", str(tmp_path / "r.h5"))
         port = f"replay:{tmp_path / 'r.h5'}"
-    hello, before, err = ran("--port", port, *COMMON)
+    hello, before, err = told("--port", port, *COMMON)
     assert (hello["taken"], err) == ([], "")
     assert any(r["type"] == "event" and r["kind"] == "alarm" for r in before)
     yesterday(state)
-    hello, after, err = ran("--port", port, *COMMON)
+    hello, after, err = told("--port", port, *COMMON)
     assert (hello["taken"], err) == ([], "")
     assert after == before
     assert sorted(p.name for p in state.parent.iterdir()) == ["radard"]
@@ -70,7 +69,7 @@ def test_a_state_directory_changes_nothing_of_what_is(what, state, tmp_path):
 
 def test_what_is_asked_for_is_taken_and_said(state, tmp_path):
     yesterday(tmp_path / "mine")
-    hello, lines, err = ran("--port", PORT, *COMMON, "--state", str(tmp_path / "mine"))
+    hello, lines, err = told("--port", PORT, *COMMON, "--state", str(tmp_path / "mine"))
     assert hello["sensitivity"] == "low"
     assert not any(r["type"] == "event" and r["kind"] == "alarm" for r in lines)
     names = {line.partition(":")[0].rpartition("/")[2] for line in hello["taken"]}
@@ -97,11 +96,11 @@ def test_a_recording_is_judged_alike_by_both_commands(state, tmp_path, capsys):
 
 def test_a_file_that_nobody_named_is_said_with_what_it_changes(state, tmp_path):
     (tmp_path / "config.yaml").write_text("gate: {adapt_db: 40.0, learn_s: 30.0}\n")
-    hello, _, err = ran("--port", "sim:empty", "--speed", "max", "--duration", "3", "-o", "json")
+    hello, _, err = told("--port", "sim:empty", "--speed", "max", "--duration", "3", "-o", "json")
     assert hello["taken"] == ["config.yaml: gate.learn_s"]
     assert "config.yaml: gate.learn_s" in err
     named = ("--config", "config.yaml")
-    hello, _, err = ran("--port", "sim:empty", *COMMON, *named)
+    hello, _, err = told("--port", "sim:empty", *COMMON, *named)
     assert (hello["taken"], err) == ([], "")
 
 
@@ -116,6 +115,6 @@ def test_a_demos_page_changes_its_own_run_and_no_later_one(state):
         "from radard.config.config import load_config; "
         f"print(load_config(options={options}).alarm.sensitivity)"
     )
-    later = subprocess.run([python(), "-c", code], capture_output=True, text=True, check=True)
+    later = ran("-c", code, check=True)
     assert later.stdout.strip() == "normal"
     assert not state.exists()

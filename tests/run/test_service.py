@@ -1,29 +1,23 @@
 """The daemon as a user runs it: live, replayed, over a terminal, and with wrong input."""
 
 import json
-import os
 import signal
-import subprocess
-import threading
-from importlib import resources
 from pathlib import Path
 
 import h5py
-import jsonschema
 import numpy as np
 import pytest
 
 from radard.config.config import Config
 from radard.stream.source import open_source
 from tests.alarm_helpers import write_recording
-from tests.radar_helpers import python, run_radard, stable
-from x2radar.device.transport import PtyTransport
+from tests.device_helpers import plugged
+from tests.processes import ran, started
+from tests.radar_helpers import faults, run_radard, stable
 from x2radar.errors import TransportClosed
-from x2radar.sim.module.host import serve
 from x2radar.sim.module.module import SimulatedModule
 from x2radar.sim.scene.scene import load_scene
 
-SCHEMA = json.loads((resources.files("radard") / "output.schema.json").read_text())
 REAL = Path(__file__).parents[3] / "shared" / "data" / "x4m03_recording"
 FAST = ("--speed", "max", "-o", "json")
 
@@ -35,9 +29,7 @@ def decisions(records):
 def test_every_record_keeps_the_contract():
     code, records, err = run_radard("--port", "sim:demo", *FAST, "--duration", "12")
     assert (code, err) == (0, "")
-    validator = jsonschema.Draft202012Validator(SCHEMA)
-    for record in records:
-        assert list(validator.iter_errors(record)) == []
+    assert faults(records) == []
     assert records[0]["type"] == "hello"
     end = {"type": "status", "state": "offline", "reason": "end of stream", "simulated": True}
     assert records[-1] == end
@@ -61,19 +53,8 @@ def test_same_seed_same_decisions_another_seed_others(kind):
 def test_memory_pair_terminal_and_recording_decide_alike(tmp_path):
     file = tmp_path / "own.h5"
     _, live, _ = run_radard("--port", "sim:demo", *FAST, "--duration", "22", "--record", str(file))
-    pty = PtyTransport()
-    stop = threading.Event()
-    module = SimulatedModule(load_scene("demo"))
-    thread = threading.Thread(
-        target=serve, args=(module, pty), kwargs={"speed": None, "stop": stop.is_set}
-    )
-    thread.start()
-    try:
+    with plugged(SimulatedModule(load_scene("demo"))) as pty:
         _, over_pty, _ = run_radard("--port", pty.path, *FAST, "--duration", "22")
-    finally:
-        stop.set()
-        drain(pty, thread)
-        pty.close()
     _, replayed, _ = run_radard("--port", f"replay:{file}", *FAST)
     assert len(decisions(live)) == 20
     assert unmarked(live) == unmarked(over_pty) == unmarked(replayed)
@@ -83,17 +64,6 @@ def unmarked(records):
     """Records without what says where their frames come from."""
     own = {"simulated", "replayed", "id"}
     return [{k: v for k, v in r.items() if k not in own} for r in stable(records)]
-
-
-def drain(pty, thread):
-    """Read what the module still wants to write, so that its thread can see the stop."""
-    client = os.open(pty.path, os.O_RDWR | os.O_NONBLOCK)
-    while thread.is_alive():
-        try:
-            os.read(client, 1 << 16)
-        except BlockingIOError:
-            thread.join(0.01)
-    os.close(client)
 
 
 @pytest.mark.parametrize("unit", [1e-9, 1e6])
@@ -260,14 +230,7 @@ def test_json_file_and_table(tmp_path, capsys):
 
 
 def start(*argv):
-    return subprocess.Popen(
-        [python(), "-m", "radard", *argv],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([".", "daemon", "training"])},
-        cwd=Path(__file__).parents[2],
-    )
+    return started("-m", "radard", *argv, text=True)
 
 
 @pytest.mark.integration
@@ -303,28 +266,17 @@ def test_neither_torch_nor_h5py_nor_signal_processing_is_loaded_at_start():
         "main(['--port', 'sim:human', '--speed', 'max', '--duration', '3', '-o', 'null']); "
         "print([m for m in ('torch', 'h5py', 'scipy', 'matplotlib', 'rich') if m in sys.modules])"
     )
-    done = subprocess.run(
-        [python(), "-c", code],
-        capture_output=True,
-        text=True,
-        check=True,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([".", "daemon", "training"])},
-        cwd=Path(__file__).parents[2],
-    )
+    done = ran("-c", code, check=True)
     assert done.stdout.strip() == "[]"
 
 
 @pytest.mark.integration
 def test_a_device_that_goes_ends_the_run_when_asked():
-    pty = PtyTransport()
-    thread = threading.Thread(target=serve, args=(SimulatedModule(load_scene("empty")), pty))
-    thread.start()
-    source = open_source(pty.path, quit_on_loss=True)
-    frames = source.frames()
-    next(frames)
-    pty.close()
+    with plugged() as pty:
+        source = open_source(pty.path, quit_on_loss=True)
+        frames = source.frames()
+        next(frames)
     with pytest.raises(TransportClosed) as caught:
         list(frames)
     assert caught.value.exit_code == 3
     source.close()
-    thread.join()

@@ -146,7 +146,9 @@ def test_zones_and_sensitivity_change_events_and_no_decision(monkeypatch):
     def run(**environ):
         for key, value in environ.items():
             monkeypatch.setenv(key, value)
-        _, records, _ = run_radard("--port", "sim:human", *FAST, "--duration", "30")
+        _, records, _ = run_radard(
+            "--port", "sim:thesis_human?run=test", *FAST, "--duration", "11"
+        )
         for key in environ:
             monkeypatch.delenv(key)
         return stable([r for r in records if r["type"] == "decision"]), events(records, "alarm")

@@ -2,28 +2,20 @@
 
 import fcntl
 import json
-import os
 import signal
-import subprocess
 import sys
 import termios
-import threading
 from pathlib import Path
 
 import pytest
 
 from radard.errors import ConfigError
 from tests.alarm_helpers import NotifySocket
-from tests.radar_helpers import python
+from tests.device_helpers import plugged
+from tests.processes import environ, started
 from tests.waiting import wait_for
-from x2radar.device.transport import PtyTransport
-from x2radar.sim.module.host import serve
-from x2radar.sim.module.module import SimulatedModule
-from x2radar.sim.scene.scene import load_scene
 
 pytestmark = pytest.mark.integration
-
-ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture
@@ -34,15 +26,8 @@ def far(tmp_path):
     end.close()
 
 
-def start(*argv, **environ):
-    return subprocess.Popen(
-        [python(), "-m", "tests.busy_machine", *argv],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([".", "daemon", "training"]), **environ},
-        cwd=ROOT,
-    )
+def start(*argv, **more):
+    return started("-m", "tests.busy_machine", *argv, text=True, env=environ(**more))
 
 
 def records_until(process, what, most=400):
@@ -129,34 +114,16 @@ def test_absent_at_boot_then_plugged_in(tmp_path, far):
     far.wait_for("WATCHDOG")
     status = json.loads((tmp_path / "radar.status.json").read_text())
     assert status["state"] == "offline"
-    pty, stop = PtyTransport(), threading.Event()
-    module = SimulatedModule(load_scene("empty"))
-    thread = threading.Thread(
-        target=serve, args=(module, pty), kwargs={"speed": 5.0, "stop": stop.is_set}
-    )
-    thread.start()
-    name.symlink_to(pty.path)
-    records = records_until(process, '"decision"')
-    assert records[0]["type"] == "hello"
-    process.send_signal(signal.SIGTERM)
-    far.wait_for("STOPPING")
-    out, _ = finish(process)
-    assert process.returncode == 0
-    last = json.loads(out.splitlines()[-1])
-    assert last == {"type": "status", "state": "offline", "reason": "stopped"}
-    stop.set()
-    pty.close()
-    thread.join()
-
-
-def test_the_end_while_waiting_for_a_device(tmp_path, far):
-    process = start("--port", str(tmp_path / "none"), "--wait", NOTIFY_SOCKET=far.name)
-    far.wait_for("READY")
-    process.send_signal(signal.SIGTERM)
-    far.wait_for("STOPPING")
-    out, err = finish(process)
-    assert (process.returncode, out) == (0, "")
-    assert "lost" in err
+    with plugged(speed=5.0) as pty:
+        name.symlink_to(pty.path)
+        records = records_until(process, '"decision"')
+        assert records[0]["type"] == "hello"
+        process.send_signal(signal.SIGTERM)
+        far.wait_for("STOPPING")
+        out, _ = finish(process)
+        assert process.returncode == 0
+        last = json.loads(out.splitlines()[-1])
+        assert last == {"type": "status", "state": "offline", "reason": "stopped"}
 
 
 def n_unread(pipe):

@@ -168,19 +168,14 @@ def test_the_first_configuration_is_valid_and_shows_all_that_can_be_set(tmp_path
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="no systemd-analyze here")
 def test_systemd_finds_no_fault_in_the_units(root, capsys, tmp_path):
     installed(capsys, root, "--install", "--exec", PROGRAM)
-    for unit, name in (
-        (files.UNIT_FILE, "radard.service"),
-        (files.INSTANCE_FILE, "radard@attic.service"),
-    ):
-        copy = tmp_path / name
+    units = sorted((root / files.UNIT_FILE).parent.glob("radard*.service"))
+    assert len(units) == 3
+    for unit in units:
+        copy = tmp_path / unit.name.replace("@.", "@attic.")
         # The program must be there for systemd, too: here it is not below /opt.
-        copy.write_text((root / unit).read_text().replace(PROGRAM, "/bin/true"))
-        said = subprocess.run(
-            [shutil.which("systemd-analyze"), "verify", "--man=no", str(copy)],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        copy.write_text(unit.read_text().replace(PROGRAM, "/bin/true"))
+        argv = [shutil.which("systemd-analyze"), "verify", "--man=no", str(copy)]
+        said = subprocess.run(argv, capture_output=True, text=True, check=False)
         assert "radard" not in said.stderr
         assert said.returncode == 0
 

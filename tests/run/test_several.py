@@ -13,13 +13,10 @@ from radard.run.keeper import StartupLimiter
 from radard.run.sensor import Sensor
 from radard.stream.source import LiveSource
 from tests.daemon_helpers import told
+from tests.device_helpers import plugged
 from tests.radar_helpers import run_radard, stable
 from tests.waiting import free_port, wait_for
 from tests.web_helpers import ask, wait
-from x2radar.device.transport import PtyTransport
-from x2radar.sim.module.host import serve
-from x2radar.sim.module.module import SimulatedModule
-from x2radar.sim.scene.scene import load_scene
 
 pytestmark = pytest.mark.integration
 
@@ -242,20 +239,11 @@ def test_a_command_to_a_sensor_that_is_away_holds_when_it_comes(tmp_path, launch
     attic.command("disarm")
     attic.command("ack")
     assert told(attic) == {}
-    pty, stop = PtyTransport(), threading.Event()
-    module = SimulatedModule(load_scene("empty"))
-    options = {"speed": 5.0, "stop": stop.is_set}
-    thread = threading.Thread(target=serve, args=(module, pty), kwargs=options)
-    thread.start()
-    name.symlink_to(pty.path)
-    try:
+    with plugged(speed=5.0) as pty:
+        name.symlink_to(pty.path)
         wait_for(lambda: told(attic).get("armed") is False)
         assert told(hall)["armed"] is True
-    finally:
         assert daemon.stop() == 0
-        stop.set()
-        pty.close()
-        thread.join()
 
 
 def test_only_so_many_are_brought_up_at_once_and_those_that_are_away_count_not(

@@ -1,8 +1,5 @@
 import json
-import os
 import signal
-import subprocess
-import sys
 from importlib import resources
 
 import pytest
@@ -11,6 +8,7 @@ from radard.cli import main
 from radard.commands import walk_report
 from radard.commands.walk_report import RangeCell, WalkDecision, by_range, report, verdict
 from radard.commands.walktest import line_of
+from tests.processes import environ, started
 from tests.waiting import unmeasured
 
 
@@ -110,20 +108,9 @@ def test_command_logs_and_reports(capsys):
 
 @pytest.mark.integration
 def test_interrupt_ends_the_walk_with_its_report():
-    command = [
-        sys.executable,
-        "-m",
-        "tests.busy_machine",
-        "walktest",
-        "--port",
-        "sim:human?seed=1",
-    ]
-    with subprocess.Popen(
-        [*command, "--speed", "8", "--model", "none"],
-        stdout=subprocess.PIPE,
-        text=True,
-        env={**unmeasured(), "PYTHONPATH": os.pathsep.join(sys.path)},
-    ) as running:
+    argv = ("walktest", "--port", "sim:human?seed=1", "--speed", "8", "--model", "none")
+    env = {**unmeasured(), "PYTHONPATH": environ()["PYTHONPATH"]}
+    with started("-m", "tests.busy_machine", *argv, text=True, stderr=None, env=env) as running:
         try:
             first = [running.stdout.readline() for _ in range(4)]
             running.send_signal(signal.SIGINT)

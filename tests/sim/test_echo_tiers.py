@@ -11,32 +11,18 @@ from hypothesis import strategies as st
 
 from radard.dsp.downconvert import DownConverter
 from tests.echo_references import passband
-from tests.sim_helpers import axis_of
+from tests.sim_helpers import axis_of, axis_with
 from x2radar.errors import SceneError
-from x2radar.frame import FastTimeAxis
 from x2radar.sim.echo import Task, choose, echo_sigma_m, frames
 from x2radar.sim.echo.gridded import design_for, suits
 
-C = 299_792_458.0
 X2, X2_RF = axis_of("baseband"), axis_of("rf")
 DECIMATED = replace(X2, n_range=96, bin_length_m=8 * X2.bin_length_m)
-X4 = FastTimeAxis(
-    kind="baseband",
-    n_range=150,
-    bin_length_m=0.0514,
-    range_offset_m=0.4,
-    carrier_hz=8.748e9,
-    bandwidth_hz=1.5e9,
-    sample_rate_hz=23.328e9,
+X4 = axis_with(
+    "baseband", 150, 0.0514, 0.4, carrier_hz=8.748e9, bandwidth_hz=1.5e9, sample_rate_hz=23.328e9
 )
-P4XX = FastTimeAxis(
-    kind="baseband",
-    n_range=300,
-    bin_length_m=0.00915,
-    range_offset_m=0.0,
-    carrier_hz=4.0e9,
-    bandwidth_hz=1.7e9,
-    sample_rate_hz=16.39e9,
+P4XX = axis_with(
+    "baseband", 300, 0.00915, 0.0, carrier_hz=4.0e9, bandwidth_hz=1.7e9, sample_rate_hz=16.39e9
 )
 AXES = {
     "x2": X2,

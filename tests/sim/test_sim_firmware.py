@@ -1,13 +1,12 @@
 """Other modules than the X2 in MANUAL mode, through the same driver: X4M03 and X2M200."""
 
-import threading
 from itertools import islice
 
 import numpy as np
 import pytest
 
+from tests.device_helpers import plugged
 from x2radar.device.device import X2Radar
-from x2radar.device.transport import PtyTransport
 from x2radar.errors import DeviceError, SettingsError
 from x2radar.modules.modules import MODULES, ModuleRow, module_for
 from x2radar.modules.profile import ProfileSettings
@@ -18,7 +17,7 @@ from x2radar.radars import make_radar
 from x2radar.recording.capture import CaptureWriter, capturing
 from x2radar.recording.formats.wire import WireReader
 from x2radar.sim.module.firmware import FIRMWARES, X2Firmware, X4Firmware
-from x2radar.sim.module.host import connect, serve
+from x2radar.sim.module.host import connect
 from x2radar.sim.module.module import SimulatedModule
 from x2radar.sim.scene.scene import load_scene
 from x2radar.wire.messages import (
@@ -124,19 +123,12 @@ def test_port_keys_of_a_profile():
     [(X2Firmware, RadarSettings.for_frame_rate(60)), (X4Firmware, X4Settings.for_frame_rate(60))],
 )
 def test_auto_asks_the_module_what_it_is(firmware, settings):
-    far = PtyTransport()
-    module = SimulatedModule(load_scene("empty"), firmware=firmware())
-    thread = threading.Thread(target=serve, args=(module, far))
-    thread.start()
-    try:
+    with plugged(SimulatedModule(load_scene("empty"), firmware=firmware())) as far:
         radar = make_radar(parse_port(far.path))
         radar.identify()
         assert radar.settings == settings
         with radar:
             assert next(radar.frames()).axis.carrier_hz == settings.carrier_hz
-    finally:
-        far.close()
-        thread.join(60)
 
 
 def test_order_codes():

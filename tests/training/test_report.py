@@ -2,17 +2,15 @@
 
 import json
 import re
-import subprocess
-import sys
 from html.parser import HTMLParser
 from importlib import resources
-from pathlib import Path
 
 import jsonschema
 import numpy as np
 import pytest
 
 from radard.errors import UsageError
+from tests.processes import ROOT, ran
 from tests.report_helpers import drawn, passage, table_of
 from x2train.judge.figures import figures
 from x2train.judge.page import rate_text, share_text
@@ -185,7 +183,6 @@ def test_estimates_in_words(say, estimate, text):
     assert say(dict(zip(("value", "low", "high"), estimate, strict=True))) == text
 
 
-ROOT = Path(__file__).resolve().parents[2]
 ABOUT = {"seed": 51, "radar": "suites"}
 UNDECIDED = [0.5, 0.5, 0.5]
 
@@ -214,13 +211,7 @@ def report(folder, table, title="Bundle mine, policy fused", n_passages=None):
 
 
 def run(tool, *folders):
-    return subprocess.run(
-        [sys.executable, ROOT / "tools" / tool, *folders],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-    )
+    return ran(ROOT / "tools" / tool, *folders)
 
 
 def printed(tool, *folders):

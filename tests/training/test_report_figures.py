@@ -17,7 +17,6 @@ from x2train.judge.windows import (
     balanced_accuracy,
     baselines,
     confusion,
-    human_score,
     is_in_view,
     is_judged,
 )
@@ -128,13 +127,6 @@ def test_one_alarm_in_exactly_the_hours_of_the_budget_is_allowed():
 
 def windows_of(table):
     return Windows.of(table, is_judged(table) & is_in_view(table))
-
-
-def figures_of(table):
-    rng = np.random.default_rng(0)
-    windows = windows_of(table)
-    auc = windows.auc(human_score(table)[windows.row], rng)
-    return auc, balanced_accuracy(table, windows, rng)
 
 
 def test_balanced_accuracy_is_the_mean_of_both_classes():

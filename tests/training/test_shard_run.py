@@ -3,12 +3,11 @@
 import json
 import os
 import signal
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 
+from tests.processes import started
 from tests.shard_helpers import Draws
 from tests.waiting import wait_for
 from x2train.sets.shard_run import ElementError, make_shards
@@ -103,15 +102,7 @@ def test_ctrl_c_ends_cleanly_and_the_run_goes_on(tmp_path, alone):
     )
     script = tmp_path / "script.py"
     script.write_text(code)
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
-    process = subprocess.Popen(
-        [sys.executable, str(script), str(tmp_path)],
-        env=environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
+    process = started(script, tmp_path, text=True, start_new_session=True)
     draws = Draws(log=tmp_path / "log")
     manifest = tmp_path / "set" / "manifest.json"
     wait_for(lambda: manifest.exists() and "shard-00000" in manifest.read_text())

@@ -2,9 +2,6 @@
 
 import json
 import math
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
@@ -12,10 +9,10 @@ import levers
 import scene
 from leave_one_out import main as leave_one_out
 from levers import USUAL, cases
+from tests.processes import ROOT, ran
 from x2train.cli import main
 
 pytestmark = pytest.mark.nightly
-ROOT = Path(__file__).parents[2]
 FEW = ("fast",)
 
 
@@ -23,9 +20,7 @@ FEW = ("fast",)
 def test_a_script_tells_how_to_run_it(path, tmp_path):
     if "if __name__" not in path.read_text():
         pytest.skip("a module beside a script")
-    argv = [sys.executable, str(path), "--help"]
-    made = subprocess.run(argv, cwd=tmp_path, capture_output=True, text=True, check=True)
-    assert f"python research/{path.name} " in made.stdout
+    assert f"python research/{path.name} " in ran(path, "--help", cwd=tmp_path).stdout
 
 
 @pytest.fixture

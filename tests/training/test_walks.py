@@ -7,21 +7,15 @@ import numpy as np
 import pytest
 
 from radard.errors import FeatureError
+from tests.sim_helpers import axis_with
 from walk_numbers import follow, measure
 from walks import RADARS_X_M, compare, recorded_walk, simulated_walk, walk_scene
-from x2radar.frame import FastTimeAxis
 from x2radar.sim.echo import frames as echo_frames
 
 pytestmark = pytest.mark.nightly
 RATE_HZ = 30.5
-AXIS = FastTimeAxis(
-    kind="baseband",
-    n_range=440,
-    bin_length_m=0.01,
-    range_offset_m=0.8,
-    carrier_hz=4.0e9,
-    bandwidth_hz=1.7e9,
-    sample_rate_hz=1.6e10,
+AXIS = axis_with(
+    "baseband", 440, 0.01, 0.8, carrier_hz=4.0e9, bandwidth_hz=1.7e9, sample_rate_hz=1.6e10
 )
 T_S = np.arange(round(16 * RATE_HZ)) / RATE_HZ
 COMING_M = 5.0 - 0.25 * T_S

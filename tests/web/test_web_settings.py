@@ -97,18 +97,6 @@ def test_a_file_of_settings_that_was_tampered_with_is_named(make, tmp_path):
     assert not path.exists()
 
 
-def test_a_test_alarm_waits_for_a_real_one(make):
-    client = make()
-
-    def on():
-        msg = "an alarm is on: acknowledge it first"
-        raise ValueError(msg)
-
-    client.run.host.test_alarm = on
-    answer = post(client, "/api/v1/test-alarm", {})
-    assert (answer.status_code, answer.json()["error"][:14]) == (400, "an alarm is on")
-
-
 def test_sensitivities_say_what_they_cost(make):
     client = make()
     client.tell(HELLO | {"model": "accurate", "policy": "fused"})

@@ -6,6 +6,7 @@ Each check yields one line for what does not hold. Links and anchors of the site
 
 import ast
 import importlib
+import json
 import re
 import subprocess
 import sys
@@ -17,6 +18,8 @@ ROOT = Path(__file__).parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "daemon"), str(ROOT / "training")]
 
 import yaml  # noqa: E402 - the path comes first
+
+from tools.site.sentences import too_long  # noqa: E402
 
 PAGES = sorted(
     page
@@ -232,7 +235,20 @@ def rooms() -> Iterator[str]:
                 yield f"CONTRIBUTING.md: no line for {package}/{init.parent.name}/"
 
 
-CHECKS = (links, names, settings, rule, messages, exit_codes, claims, accuracy, frame, rooms)
+def notebooks() -> Iterator[str]:
+    """Notebooks begin with a heading, and are kept without outputs."""
+    for path in (ROOT / "docs/notebooks").glob("*.ipynb"):
+        first, *_ = cells = json.loads(path.read_text("utf-8"))["cells"]
+        if not "".join(first["source"]).startswith("# "):
+            yield f"{path.name}: no heading"
+        if any(cell.get("outputs") or cell.get("execution_count") for cell in cells):
+            yield f"{path.name}: outputs are kept"
+
+
+CHECKS = (
+    *(links, names, settings, rule, messages, exit_codes, claims, accuracy, frame, rooms),
+    *(notebooks, too_long),
+)
 
 
 def main() -> int:

@@ -1,0 +1,28 @@
+"""Our programs in processes of their own, as a user starts them."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+
+
+def environ(**more):
+    """Variables of a process that finds the packages of this checkout first."""
+    roots = (str(ROOT / name) for name in (".", "daemon", "training"))
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(roots), **more}
+
+
+def ran(*argv, **options):
+    """What came of a Python with these arguments: its exit code, what it has said."""
+    given = {"capture_output": True, "text": True, "timeout": 300, "env": environ(), **options}
+    check = given.pop("check", False)
+    return subprocess.run([sys.executable, *map(str, argv)], check=check, **given)
+
+
+def started(*argv, **options):
+    """A Python with these arguments that runs, with pipes for what it says."""
+    pipes = dict.fromkeys(("stdout", "stderr"), subprocess.PIPE)
+    given = {**pipes, "env": environ(), **options}
+    return subprocess.Popen([sys.executable, *map(str, argv)], **given)
