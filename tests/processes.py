@@ -16,7 +16,7 @@ def environ(**more):
 
 def ran(*argv, **options):
     """What came of a Python with these arguments: its exit code, what it has said."""
-    given = {"capture_output": True, "text": True, "timeout": 300, "env": environ(), **options}
+    given = {"capture_output": True, "text": True, "timeout": 600, "env": environ(), **options}
     check = given.pop("check", False)
     return subprocess.run([sys.executable, *map(str, argv)], check=check, **given)
 
