@@ -250,17 +250,18 @@ class Pipeline:
     ) -> tuple[TrackVerdict, ...]:
         """Judge every body by itself, by what its own range gate lets through.
 
-        Of one that is alone the window says as much, at no cost.
+        Of one that is alone the window says as much, at no cost. Without `decision.each_body`
+        nothing is said of each of several.
         """
         if not tracks or not self._judges_tracks:
             return ()
         gates = None
-        if self.classifier is not None and len(tracks) > 1:
+        if self.classifier is not None and len(tracks) > 1 and self._config.decision.each_body:
             paths_m = np.stack([track.path_m for track in tracks])
             gates = range_gates(paths_m, moving.axis.range_m)
         verdicts = []
         for k, track in enumerate(tracks):
-            window = answer.window if answer else None
+            window = answer.window if answer and len(tracks) == 1 else None
             if self.classifier is not None and gates is not None:
                 alone = replace(moving, frames=moving.frames * gates[k])
                 features = extract(alone, self._features, self._feature_names)

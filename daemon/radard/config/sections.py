@@ -118,6 +118,7 @@ class DecisionSection(Section):
         3.0, ge=0, le=8, description="policy fused: wait for evidence at most so long"
     )
     hop_s: float = Field(1.0, ge=0.25, le=2, description="from one decision to the next")
+    each_body: bool = Field(True, description="of several bodies each is judged by itself, too")
 
 
 class AlarmChoices(Section):

@@ -34,7 +34,7 @@ class TrackVerdict:
     id: int  # number of the track
     range_m: float  # at the end of the dwell
     radial_velocity_mps: float  # likewise; approaching is positive
-    window: Probabilities | None  # of this window; None without a model
+    window: Probabilities | None  # of this window; None where nothing judged it by itself
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
