@@ -220,5 +220,5 @@ def _command(args: argparse.Namespace) -> str:
         f"{f' --teacher {args.teacher}' if args.teacher else ''}"
         f"{f' --start {args.start}' if args.start else ''}"
         f"{f' --stream {args.stream}' if args.stream else ''}"
-        f"{f' --out {args.out}' if args.out != _OUT else ''}"
+        f"{f' --out {args.out}' if args.out != _OUT and not args.out.is_absolute() else ''}"
     )
