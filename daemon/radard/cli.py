@@ -13,7 +13,6 @@ from typing import Any
 
 from radard.config.config import Config, load_config
 from radard.config.directories import demo_state
-from radard.config.folders import own_folder
 from radard.config.options import add_options, config_options
 from radard.config.sink_table import FORMS
 from radard.errors import UsageError
@@ -98,9 +97,6 @@ def _body(argv: Sequence[str]) -> int:
         return demo_state(load_config(args.config, options=options))
 
     config = load()
-    if config.service.state_dir == own_folder():
-        text = "a simulation's clips, labels and settings end with it; --state DIR keeps them"
-        logging.getLogger("radard.dashboard").info(text)
     # Late, so that --help and wrong options answer at once.
     from radard.run.process import RunOptions, run  # noqa: PLC0415
 

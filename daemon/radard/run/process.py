@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 from radard.config.config import Config
 from radard.config.directories import runtime_dir
+from radard.config.folders import own_folder
 from radard.config.state_lock import state_lock
 from radard.errors import RadardError, UsageError
 from radard.health.heartbeat import Heartbeat, Watched
@@ -30,6 +31,7 @@ from radard.run.sink_watch import SinkWatch
 __all__ = ["Process", "RunOptions", "run"]
 
 log = logging.getLogger("radard")
+_ENDS_WITH_IT = "a simulation's clips, labels and settings end with it; --state DIR keeps them"
 _BEAT_S = 1.0  # so late outputs in trouble, and silence, are noticed
 _DEADLINE_S = 4.5  # from the first signal to a forced end: service managers allow no less than 5 s
 _JOIN_S = 4.0  # for all radars together: below the deadline
@@ -130,6 +132,8 @@ class Process:
             can_wait = all(sensor.can_wait for sensor in self.sensors)
             if not self._outputs.is_open:
                 self._outputs.open(self._config, can_wait=can_wait)
+                if self._config.service.state_dir == own_folder():
+                    logging.getLogger("radard.dashboard").info(_ENDS_WITH_IT)
                 self._heart.main_is_alive()
                 self._heart.start()
                 if not can_wait:
