@@ -21,7 +21,7 @@ from x2train.nets.bundle_answers import outputs_of
 from x2train.nets.epoch import Epoch
 from x2train.nets.evidence_fit import fit_evidence, fused, log_loss, sequences
 from x2train.nets.map_fit import INPUTS as NAMES
-from x2train.nets.map_fit import MAPS, fit_maps, logits_of, network
+from x2train.nets.map_fit import MAPS, device_of, fit_maps, logits_of, network
 from x2train.nets.nets import MapNet, n_parameters
 from x2train.nets.optimizer import MuonAdamW
 from x2train.nets.start import start_from
@@ -75,6 +75,15 @@ def test_training_goes_on_from_what_a_bundle_says(made, tmp_path):
     assert first.validation_loss < 0.2
     with pytest.raises(UsageError, match=r"junction.0.weight is \(8, .*this size has \(10, "):
         list(fit_maps(toy(96), unseen, replace(once, hidden=10), start=bundle))
+
+
+def test_a_gpu_is_taken_where_there_is_one_and_asked_for_by_name():
+    has_gpu = torch.cuda.is_available()
+    assert device_of("auto") == ("cuda" if has_gpu else "cpu")
+    assert device_of("cpu") == "cpu"
+    if not has_gpu:
+        with pytest.raises(UsageError, match="torch finds no GPU here"):
+            device_of("cuda")
 
 
 def test_the_three_sizes_ascend():

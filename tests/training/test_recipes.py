@@ -26,6 +26,7 @@ def test_a_shipped_bundle_is_what_its_recipe_makes(name):
     card = sidecar_path(name).with_suffix(".md").read_text()
     motion = " --motion DIR" if RECIPES[name].needs_motion else ""
     assert f"    train-export make {name}{motion}\n" in card
+    assert ("on a GPU" in card) == (training.get("device") == "cuda")
     # The card names whose motion it has learned from.
     assert ("clips" in training) == bool(motion) == ("recorded and animated" in card)
 

@@ -3,12 +3,15 @@
 import json
 import math
 
+import numpy as np
 import pytest
 
 import levers
 import scene
 from leave_one_out import main as leave_one_out
+from leave_one_out import sources_of
 from levers import USUAL, cases
+from radard.errors import UsageError
 from tests.processes import ROOT, ran
 from x2train.cli import main
 
@@ -93,6 +96,21 @@ def test_every_law_is_left_out_once_and_nothing_is_done_twice(laws, tmp_path, ca
     out.write_text(json.dumps(figures))
     assert leave_one_out(argv) == 0
     assert "skin points 0.250\nwithout motion gait" in capsys.readouterr().out
+
+
+def test_sources_are_groups_of_individuals_and_all_of_their_windows():
+    names = ["cmu_subject_16 goes", "cmu_subject_3 stays", "quat_fox goes", "tencent_dog goes"]
+    abouts = [{"use": "all"}, {"clips": [{"individual": n} for n in (*names, names[0])]}]
+    windows = {
+        "individual": np.array([0, 2, -1, 1, 2, 0]),
+        "label": np.array([0, 1, 1, 0, 1, 0]),
+    }
+    laws = {str(law): law for law in sources_of(windows, abouts)}
+    # A source without a window is none; subjects go by their number.
+    assert list(laws) == ["source people 0", "source people 3", "source quat"]
+    assert laws["source quat"].of(windows).tolist() == [False, True, False, False, True, False]
+    with pytest.raises(UsageError, match="no recorded motion"):
+        sources_of(windows, abouts[:1])
 
 
 def test_a_scene_is_drawn(tmp_path, capsys):

@@ -27,7 +27,7 @@ that a module takes to restart."""
 
 @dataclass(frozen=True, slots=True)
 class FrameReceiver:
-    """Callbacks of whoever consumes the messages of the stream."""
+    """Callbacks of those who consume the messages of the stream."""
 
     begin: Callable[[], None]
     """Called right before the module is told to start: what came before is void."""

@@ -155,7 +155,7 @@ class VelocityTransform(ColumnStream):
         self._n_seen = 0
 
     def restart(self) -> None:
-        """Forget means, spectra and columns: the stream begins anew."""
+        """Forget means, spectra and columns: the stream begins again."""
         super().restart()
         self._means.restart()
         self._spectra.restart()

@@ -26,6 +26,8 @@ from x2train.sets.windows import GATE
 _NOTES = """Measured on windows that training never saw, drawn from the same simulated bodies. They
 say nothing about real people and pets."""
 _HEAD = "## As an alarm"
+_EXACT = "same seed, same file on one machine"
+_NEARLY = "on a GPU, which adds in an order of its own: another run differs a little"
 
 
 def write_bundle(
@@ -90,6 +92,8 @@ def _card(sidecar: dict[str, Any], n_bytes: int, notes: str) -> str:
     training = sidecar["training"]
     inputs = ", ".join(f"`{i['feature']}`" for i in sidecar["inputs"])
     recipe, clips = recipe_of(training["command"]), training.get("clips", {})
+    is_exact = training.get("device", "cpu") == "cpu"
+    repeats = _EXACT if is_exact else _NEARLY
     gate = ", ".join(f"{key} {value:g}" for key, value in sidecar.get("gate", {}).items())
     told = f"{recipe} --motion DIR" if clips else recipe
     whole = f"\n\nand with its sets by\n\n    train-export make {told}" if recipe else ""
@@ -97,7 +101,7 @@ def _card(sidecar: dict[str, Any], n_bytes: int, notes: str) -> str:
 
 {training["recipe"]}
 {_learned_from(clips)}
-Made by one command (same seed, same file on one machine):
+Made by one command ({repeats}):
 
     {training["command"]}{whole}
 
