@@ -128,6 +128,7 @@ def _run(args: argparse.Namespace) -> int:
     from x2train.nets.teacher import taught_by  # noqa: PLC0415
     from x2train.sets.window_set import load_windows, worth_learning  # noqa: PLC0415
 
+    args.device = device_of(args.device)
     train, abouts = load_windows(*args.train, choose=worth_learning)
     validation, judged = load_windows(*args.validate)
     if judged[0]["settings"] != abouts[0]["settings"]:
@@ -139,7 +140,6 @@ def _run(args: argparse.Namespace) -> int:
     taught = taught_by(teacher, train) if teacher else None
     start = load_bundle(args.start) if args.start else None
     widths, long_widths, hidden = WIDTHS[args.size]
-    args.device = device_of(args.device)
     settings = MapFitSettings(
         epochs=args.epochs,
         batch=args.batch,
