@@ -119,7 +119,7 @@ def own_log_level():
 @pytest.fixture(autouse=True)
 def own_folders(nobodys_folders, fresh_folders, monkeypatch):
     """Keep the daemon's state and status from one test to another apart."""
-    from radard.config.folders import own_folder
+    from radard.config.directories import own_folder
 
     own_folder.cache_clear()
     set_folders(monkeypatch, next(fresh_folders))

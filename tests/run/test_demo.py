@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from radard.config.config import load_config
-from radard.config.directories import clip_dir, demo_state, log_path
-from radard.config.folders import own_folder
+from radard.config.directories import clip_dir, demo_state, log_path, own_folder
 from tests.radar_helpers import python
 from tests.waiting import free_port
 

@@ -82,7 +82,7 @@ def test_a_folder_that_cannot_be_locked_ends_no_start(tmp_path, caplog, monkeypa
 
 @pytest.fixture
 def temp(tmp_path, monkeypatch):
-    monkeypatch.setattr("radard.config.folders.tempfile.gettempdir", lambda: str(tmp_path))
+    monkeypatch.setattr("radard.config.directories.tempfile.gettempdir", lambda: str(tmp_path))
     return tmp_path / f"radard-{os.getuid()}"
 
 
@@ -116,7 +116,7 @@ def test_a_runtime_directory_that_another_could_have_made_is_not_used(
     if how == "another's":
         uid = os.getuid()
         temp.rename(temp.with_name(f"radard-{uid + 1}"))
-        monkeypatch.setattr("radard.config.folders.os.getuid", lambda: uid + 1)
+        monkeypatch.setattr("radard.config.directories.os.getuid", lambda: uid + 1)
     assert run_dir(tmp_path) == tmp_path / "state" / "run"
 
 

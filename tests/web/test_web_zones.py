@@ -5,8 +5,9 @@ import json
 import pytest
 
 from radard.commands.config import shown
-from radard.config.config import load_config, load_with_origins
-from radard.config.saved import change, forget, saved_path
+from radard.config.config import Config, load_config, load_with_origins
+from radard.config.directories import saved_file
+from radard.config.saved import change, forget
 from radard.errors import ConfigError, OutputError
 from tests.sink_helpers import Listener, MqttBroker
 from tests.web_helpers import Running
@@ -131,7 +132,8 @@ def test_order_of_file_saved_environment_and_options(saved, tmp_path):
     ],
 )
 def test_a_simulated_sensor_has_zones_of_its_own(port, name, tmp_path):
-    assert saved_path(tmp_path, {}, "hall", port, "zones") == tmp_path / name
+    config = Config(sensor={"name": "hall"}, service={"state_dir": tmp_path})
+    assert saved_file(config, "zones", {}, port=port) == tmp_path / name
 
 
 @pytest.mark.parametrize(

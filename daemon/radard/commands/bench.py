@@ -14,8 +14,8 @@ from statistics import median
 
 import numpy as np
 
-from radard.commands.listening_options import add_listening, check_seconds, listening_config
 from radard.config.config import Config
+from radard.config.options import LISTENING, add_options, check_seconds, listening_config
 from radard.detect.gate import DAY_S
 from radard.errors import RadardError, UsageError
 from radard.pipeline import Pipeline
@@ -84,7 +84,7 @@ def make_parser() -> Parser:
     parser = new_parser(
         "radard bench", "Measure what one radar costs, and so how many fit.", _EXAMPLES
     )
-    add_listening(parser)
+    add_options(parser, *LISTENING)
     add = parser.add_argument
     add("--duration", type=float, default=15.0, metavar="S", help="seconds of stream (15)")
     add("--rounds", type=int, default=5, metavar="N", help="measurements of each (5)")

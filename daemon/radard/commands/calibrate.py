@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from radard.commands.listening_options import add_listening, check_seconds, listening_config
 from radard.config.config import Config
 from radard.config.directories import calibration_file, named_state_dir
+from radard.config.options import LISTENING, add_options, check_seconds, listening_config
 from radard.detect.calibration import Calibration
 from radard.detect.gate import DAY_S
 from radard.detect.survey import RoomSurvey
@@ -129,7 +129,7 @@ def make_parser() -> Parser:
         "Listen to the empty room: its noise over range, and thresholds that suit it.",
         _EXAMPLES,
     )
-    add_listening(parser)
+    add_options(parser, *LISTENING)
     add = parser.add_argument
     add("--duration", type=float, default=60.0, metavar="S", help="seconds to listen (60)")
     add("--delay", type=float, default=0.0, metavar="S", help="seconds to leave the room (0)")

@@ -7,8 +7,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from radard.commands.detect_tables import COLUMNS, FORMATS, Add, open_table
-from radard.config.config import load_config
-from radard.config.options import add_judging, config_options
+from radard.config.options import JUDGING, add_options, judging_config
 from radard.errors import OutputError, RadardError, UsageError
 from radard.run.components import make_classifier
 from radard.run.replays import Judged, judge_all
@@ -32,10 +31,7 @@ def run(argv: Sequence[str]) -> int:
     if args.jobs is not None and not 1 <= args.jobs <= _MAX_JOBS:
         parser.error(f"--jobs {args.jobs}: must be 1 to {_MAX_JOBS}")
     kind = _format(args.to, args.out)
-    options = config_options(args)
-    config = load_config(args.config, options=options, port="replay:recordings").of_sensor(
-        args.sensor
-    )
+    config = judging_config(args, "recordings")
     # Else every recording would say that it cannot be had.
     make_classifier(config)
     line = StatusLine(sys.stderr)
@@ -82,7 +78,7 @@ def make_parser() -> Parser:
     add("--out", type=Path, metavar="FILE", help="file to write (stdout)")
     add("--rows", choices=list(COLUMNS), default="decisions", help="of the table (decisions)")
     add("--jobs", type=int, metavar="N", help="processes (all cores)")
-    add_judging(parser)
+    add_options(parser, *JUDGING)
     return parser
 
 

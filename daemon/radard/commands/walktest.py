@@ -7,13 +7,14 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from statistics import median
 
-from radard.commands.listening_options import (
+from radard.commands.walk_report import WalkDecision, by_range, report, step_of
+from radard.config.options import (
+    LISTENING,
     LONGEST_S,
-    add_listening,
+    add_options,
     check_seconds,
     listening_config,
 )
-from radard.commands.walk_report import WalkDecision, by_range, report, step_of
 from radard.judge.installation import echo_at_1m_db
 from radard.run.components import use_calibration
 from radard.run.listening import Listening, listen
@@ -112,7 +113,7 @@ def make_parser() -> Parser:
         "Log what the radar sees while somebody walks; report it by range at the end.",
         _EXAMPLES,
     )
-    add_listening(parser)
+    add_options(parser, *LISTENING)
     add = parser.add_argument
     add("--duration", type=float, default=LONGEST_S, metavar="S", help="seconds (till Ctrl-C)")
     add("--json", action="store_true", help="log and report as one JSON object at the end")

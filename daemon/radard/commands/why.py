@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from radard.config.config import load_config
-from radard.config.options import add_judging, config_options
+from radard.config.options import JUDGING, add_options, judging_config
 from radard.errors import OutputError, UsageError
 from radard.judge.occlusion import MapView, Part, effects, map_views, occluded
 from radard.run.moment import Moment, moment_of
@@ -41,11 +40,7 @@ def run(argv: Sequence[str]) -> int:
     if not 0 <= args.at < 1e9:
         msg = f"--at {args.at:g}: must be 0 or more, in seconds"
         raise UsageError(msg)
-    options = config_options(args)
-    config = load_config(args.config, options=options, port=f"replay:{args.file}").of_sensor(
-        args.sensor
-    )
-    moment = moment_of(args.file, args.at, config)
+    moment = moment_of(args.file, args.at, judging_config(args, args.file))
     parts = []
     if moment.classifier is not None and moment.seen is not None:
         parts = occluded(moment.classifier, moment.settings, moment.seen, moment.pet_limit)
@@ -71,7 +66,7 @@ def make_parser() -> Parser:
     add("file", type=Path, metavar="FILE", help="recording, or folder of its parts")
     add("--at", type=float, required=True, metavar="S", help="seconds of the recording")
     add("--out", type=Path, metavar="FILE", help="PNG, PDF or SVG to draw")
-    add_judging(parser)
+    add_options(parser, *JUDGING)
     return parser
 
 

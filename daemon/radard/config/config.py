@@ -18,7 +18,8 @@ from typing import Annotated, Any
 
 from pydantic import Field, PrivateAttr, StringConstraints, ValidationError, model_validator
 
-from radard.config.saved import SAVED, lay_over, saved_path
+from radard.config.directories import saved_file
+from radard.config.saved import SAVED, lay_over
 from radard.config.sections import NAME, OWN_SECTIONS, RadarSections, SensorEntry, SensorSection
 from radard.config.sink_table import SinkOptions
 from radard.config.sources import Places, Where, explain, put, read_environment, read_yaml
@@ -143,7 +144,7 @@ def load_with_origins(
     places: Places = {}
     path = file or next((p for p in DEFAULT_FILES if p.is_file()), None)
     if path is not None:
-        tree, places = read_yaml(path, Config)
+        tree, places = read_yaml(path)
     for (section, key), value, place in read_environment(environ, Config):
         put(tree, section, key, value)
         _came_from(place, (section, key) if key else (section,), value, places)
@@ -159,14 +160,13 @@ def load_with_origins(
         # One radar was asked for by hand: that is the whole run.
         tree.pop("sensors", None)
     config = _checked(tree, places)
-    at = partial(saved_path, config.service.state_dir, environ)
-    sensor = config.sensor
-    is_changed = lay_over(partial(at, sensor.name, port or sensor.port), tree, places)
-    for name, entry in config.sensors.items():
+    at = partial(saved_file, environ=environ, port=port)
+    is_changed = lay_over(partial(at, config), tree, places)
+    for name in config.sensors:
         own: Places = {}
         radar: dict[str, Any] = dict(tree["sensors"][name])
         tree["sensors"][name] = radar
-        is_changed |= lay_over(partial(at, name, port or entry.port), radar, own)
+        is_changed |= lay_over(partial(at, config.of_sensor(name)), radar, own)
         places.update({("sensors", name, *where): place for where, place in own.items()})
     if is_changed:
         config = _checked(tree, places)

@@ -5,51 +5,98 @@ user's own, and the former holds only what the last command was (armed or not). 
 private, are made only where a folder was named.
 """
 
+import atexit
+import contextlib
 import os
+import secrets
+import shutil
+import stat
+import tempfile
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from radard.config.config import Config
-from radard.config.folders import (
-    made_up_folder,
-    named_state_folder,
-    own_folder,
-    state_folder,
-    temporary_folder,
-)
-from radard.config.saved import Kind, saved_path
+from radard.config.saved import Kind
+from radard.errors import ConfigError
+from x2radar.ports import parse_port
+
+if TYPE_CHECKING:
+    from radard.config.config import Config
 
 SYSTEM_RUNTIME_DIR = Path("/run/radard")
 """RuntimeDirectory= of the unit in deploy/systemd."""
 
 
-def state_dir(config: Config, environ: Mapping[str, str] = os.environ) -> Path:
-    """Return the folder of what is kept over a restart."""
-    return state_folder(config.service.state_dir, environ)
+def named_state_dir(config: "Config", environ: Mapping[str, str] = os.environ) -> Path | None:
+    """Return the folder that configuration or systemd names for state, if any."""
+    given = environ.get("STATE_DIRECTORY", "").partition(":")[0]
+    return config.service.state_dir or (Path(given) if given else None)
 
 
-def saved_file(config: Config, kind: Kind, environ: Mapping[str, str] = os.environ) -> Path:
-    """Return where the dashboard keeps the sensor's 'zones' or 'settings'."""
+def state_dir(config: "Config", environ: Mapping[str, str] = os.environ) -> Path:
+    """Return the folder of what is kept over a restart: the named one, else the user's.
+
+    A user without a home, as a number that a container was given, has one among the temporary
+    files. Raises ConfigError if somebody else could write there.
+    """
+    if (folder := named_state_dir(config, environ)) is not None:
+        return folder
+    if home := environ.get("XDG_STATE_HOME"):
+        return Path(home) / "radard"
+    try:
+        return Path.home() / ".local" / "state" / "radard"
+    except RuntimeError as err:
+        if (folder := _temporary_dir()) is not None:
+            return folder / "state"
+        msg = "there is no home folder to keep state in: name one in service.state_dir"
+        raise ConfigError(msg) from err
+
+
+@cache
+def own_folder() -> Path:
+    """Return the folder of what simulated and replayed sensors are told in this process."""
+    # Made by the first who writes there, and by nobody else: its name cannot be guessed.
+    folder = Path(tempfile.gettempdir()) / f"radard-{secrets.token_hex(12)}"
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder
+
+
+def saved_file(
+    config: "Config",
+    kind: Kind,
+    environ: Mapping[str, str] = os.environ,
+    *,
+    port: str | None = None,
+) -> Path:
+    """Return where the dashboard keeps the sensor's 'zones' or 'settings'.
+
+    A simulated or replayed one (`port`, or the configured one) has its own, which lives as long as
+    the process unless a folder was named.
+    """
     sensor = config.sensor
-    return saved_path(config.service.state_dir, environ, sensor.name, sensor.port, kind)
+    if (parse_port(port).kind if port else sensor.kind) in {"sim", "replay"}:
+        folder = named_state_dir(config, environ) or own_folder()
+        return folder / f"{sensor.name}.sim.{kind}.yaml"
+    return state_dir(config, environ) / f"{sensor.name}.{kind}.yaml"
 
 
-def calibration_file(config: Config, environ: Mapping[str, str] = os.environ) -> Path:
+def calibration_file(config: "Config", environ: Mapping[str, str] = os.environ) -> Path:
     """Return where the calibration of the sensor's room is kept."""
     return state_dir(config, environ) / f"{config.sensor.name}.calibration.json"
 
 
-def kept_calibration(config: Config) -> Path:
+def kept_calibration(config: "Config") -> Path:
     """Return where a running sensor keeps the calibration that it makes."""
     if config.gate.calibration not in {"auto", "none"}:
         return Path(config.gate.calibration)
     if config.sensor.kind != "sim":
         return calibration_file(config)
-    folder = made_up_folder(named=config.service.state_dir, environ=os.environ)
+    folder = named_state_dir(config) or own_folder()
     return folder / f"{config.sensor.name}.sim.calibration.json"
 
 
-def clip_dir(config: Config, environ: Mapping[str, str] = os.environ) -> Path | None:
+def clip_dir(config: "Config", environ: Mapping[str, str] = os.environ) -> Path | None:
     """Return the folder of a sensor's clips; None when there shall be none."""
     if not config.clips.enabled:
         return None
@@ -60,7 +107,7 @@ def clip_dir(config: Config, environ: Mapping[str, str] = os.environ) -> Path | 
     return folder
 
 
-def log_path(config: Config, environ: Mapping[str, str] = os.environ) -> Path | None:
+def log_path(config: "Config", environ: Mapping[str, str] = os.environ) -> Path | None:
     """Return the file of the event log; None with replays, or a sensor simulated by hand.
 
     What such a run leaves undelivered must not be taken for the real sensor's.
@@ -73,14 +120,14 @@ def log_path(config: Config, environ: Mapping[str, str] = os.environ) -> Path | 
     return folder / "log.db" if folder is not None else None
 
 
-def status_dirs(config: Config, environ: Mapping[str, str] = os.environ) -> tuple[Path, ...]:
+def status_dirs(config: "Config", environ: Mapping[str, str] = os.environ) -> tuple[Path, ...]:
     """Return where a status file may lie, as seen by another user than the daemon's."""
     own = runtime_dir(config, environ)
     is_named = config.service.runtime_dir is not None or "RUNTIME_DIRECTORY" in environ
     return (own,) if is_named else (SYSTEM_RUNTIME_DIR, own)
 
 
-def runtime_dir(config: Config, environ: Mapping[str, str] = os.environ) -> Path:
+def runtime_dir(config: "Config", environ: Mapping[str, str] = os.environ) -> Path:
     """Return the folder of the status file.
 
     The one in /tmp that stands in for systemd's or the session's is used only if nobody else
@@ -92,10 +139,10 @@ def runtime_dir(config: Config, environ: Mapping[str, str] = os.environ) -> Path
         return Path(given.partition(":")[0])
     if given := environ.get("XDG_RUNTIME_DIR"):
         return Path(given) / "radard"
-    return temporary_folder() or state_folder(config.service.state_dir, environ) / "run"
+    return _temporary_dir() or state_dir(config, environ) / "run"
 
 
-def demo_state(config: Config, environ: Mapping[str, str] = os.environ) -> Config:
+def demo_state(config: "Config", environ: Mapping[str, str] = os.environ) -> "Config":
     """Return the configuration, with a folder for state where only simulations are on a page.
 
     So a demo has clips to replay and to label. The folder ends with the process, unless one was
@@ -109,6 +156,17 @@ def demo_state(config: Config, environ: Mapping[str, str] = os.environ) -> Confi
     return config.model_copy(update={"service": service})
 
 
-def named_state_dir(config: Config, environ: Mapping[str, str] = os.environ) -> Path | None:
-    """Return the folder that configuration or systemd names for state, if any."""
-    return named_state_folder(config.service.state_dir, environ)
+def _temporary_dir() -> Path | None:
+    """Return radard-UID among the temporary files, made if need be; None unless it is private.
+
+    Everybody may write there, so somebody else could have made it.
+    """
+    folder = Path(tempfile.gettempdir()) / f"radard-{os.getuid()}"
+    try:
+        with contextlib.suppress(FileExistsError):
+            folder.mkdir(mode=0o700)
+        found = folder.lstat()
+    except OSError:
+        return None
+    is_own = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid()
+    return folder if is_own and not found.st_mode & 0o077 else None

@@ -1,30 +1,44 @@
-"""Options of the daemon's command line that are configuration, and how they become it."""
+"""Options of the commands that are configuration, and how they become it."""
 
 import argparse
 from pathlib import Path
 from typing import Any
 
+from radard.config.config import Config, load_config
 from radard.config.sink_table import FORMS
 from radard.errors import UsageError
 from x2radar.ports import KEYS, PORT_FORMS
 
 PORTS = f"{PORT_FORMS}, replay:FILE or replay:FOLDER [?{'=, '.join(sorted(KEYS['replay']))}=]"
-"""What --port may be, for help."""
+_ROWS: dict[str, dict[str, Any]] = {
+    "--port": {"help": PORTS},
+    "--output": {"action": "append", "metavar": "OUTPUT", "help": f"{FORMS}; repeatable"},
+    "--model": {"help": "installed bundle, .onnx file, none for the gate alone, or auto"},
+    "--profile": {"help": "fast, balanced or accurate: the bundle of that name"},
+    "--sensitivity": {
+        "choices": ["low", "normal", "high"],
+        "help": "see radard explain (normal)",
+    },
+    "--speed": {"help": "realtime, max or a factor (sim and replay)"},
+    "--config": {"type": Path, "metavar": "FILE", "help": "configuration file"},
+    "--state": {"type": Path, "metavar": "DIR", "help": "folder of what is kept over a restart"},
+    "--wait": {"action": "store_true", "help": "wait for a port that is absent at start"},
+    "--on-device-loss": {"choices": ["wait", "quit"], "help": "when the device goes (wait)"},
+    "--sensor": {"metavar": "NAME", "help": "one of the configuration's sensors"},
+}
+LISTENING = ("--port", "--sensor", "--model", "--speed", "--config")
+"""What says which port a command listens to."""
+JUDGING = ("--model", "--profile", "--sensitivity", "--config", "--sensor")
+"""What says how a command judges recordings."""
+LONGEST_S = 86_400.0
+"""A day: nobody listens for longer by hand."""
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that configuration can hold as well, and --config."""
-    add = parser.add_argument
-    add("--port", help=PORTS)
-    add("-o", "--output", action="append", metavar="OUTPUT", help=f"{FORMS}; repeatable")
-    add("--model", help="installed bundle, .onnx file, none for the gate alone, or auto")
-    add("--profile", help="fast, balanced or accurate: the bundle of that name")
-    add("--sensitivity", choices=["low", "normal", "high"], help="see radard explain (normal)")
-    add("--speed", help="realtime, max or a factor (sim and replay)")
-    add("--config", type=Path, metavar="FILE", help="configuration file")
-    add("--state", type=Path, metavar="DIR", help="folder of what is kept over a restart")
-    add("--wait", action="store_true", help="wait for a port that is absent at start")
-    add("--on-device-loss", choices=["wait", "quit"], help="when the device goes (wait)")
+def add_options(parser: argparse.ArgumentParser, *names: str) -> None:
+    """Add options by name; without names all those of the daemon."""
+    for name in names or [each for each in _ROWS if each != "--sensor"]:
+        short = ("-o",) if name == "--output" else ()
+        parser.add_argument(*short, name, **_ROWS[name])
 
 
 def config_options(args: argparse.Namespace) -> dict[str, Any]:
@@ -32,37 +46,45 @@ def config_options(args: argparse.Namespace) -> dict[str, Any]:
 
     Raises UsageError if --model and --profile are both given.
     """
-    if args.model and args.profile:
+    got = {name: value for name, value in vars(args).items() if value not in (None, False)}
+    if "model" in got and "profile" in got:
         msg = "--model and --profile both name a model; give one"
         raise UsageError(msg)
-    given = {
-        "sensor": {
-            "port": args.port,
-            "speed": args.speed,
-            "on_device_loss": args.on_device_loss,
-            "wait": args.wait or None,
-        },
-        "model": {"name": args.model or args.profile},
-        "alarm": {"sensitivity": args.sensitivity},
-        "service": {"state_dir": args.state},
+    keys = ("port", "speed", "on_device_loss", "wait")
+    sensor: dict[str, Any] = {key: got[key] for key in keys if key in got}
+    if "port" in got and "sensor" in got:
+        sensor["name"] = got["sensor"]
+    model, alarm = got.get("model", got.get("profile")), got.get("sensitivity")
+    return {
+        "sensor": sensor,
+        "model": {"name": model} if model else {},
+        "alarm": {"sensitivity": alarm} if alarm else {},
+        "service": {"state_dir": got["state"]} if "state" in got else {},
+        **({"output": got["output"]} if "output" in got else {}),
     }
-    options: dict[str, Any] = {
-        section: {key: value for key, value in values.items() if value is not None}
-        for section, values in given.items()
-    }
-    if args.output:
-        options["output"] = args.output
-    return options
 
 
-def add_judging(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `config_options` that judging recordings takes."""
-    add = parser.add_argument
-    add("--model", help="installed bundle, .onnx file, none for the gate alone, or auto")
-    add("--profile", help="fast, balanced or accurate: the bundle of that name")
-    add("--sensitivity", choices=["low", "normal", "high"], help="see radard explain (normal)")
-    add("--config", type=Path, metavar="FILE", help="configuration file")
-    add("--sensor", metavar="NAME", help="one of the configuration's sensors")
-    defaults = {"port": None, "output": None, "speed": None, "wait": None, "on_device_loss": None}
-    defaults["state"] = None
-    parser.set_defaults(**defaults)
+def check_seconds(name: str, value: float, least: float) -> None:
+    """Raise UsageError unless an option in seconds is between `least` and a day."""
+    if not least <= value <= LONGEST_S:
+        msg = f"{name} {value:g}: must be {least:g} to {LONGEST_S:g}, in seconds"
+        raise UsageError(msg)
+
+
+def listening_config(args: argparse.Namespace, default_port: str | None = None) -> Config:
+    """Return the configuration that holds for what is listened to.
+
+    Raises ConfigError or UsageError if it is wrong, or does not say which of several sensors is
+    meant.
+    """
+    config = load_config(args.config, options=config_options(args))
+    if args.port is None and default_port is not None and not args.sensor:
+        own = config.sensor.model_copy(update={"port": config.sensor.port or default_port})
+        return config.model_copy(update={"sensor": own, "sensors": {}})
+    return config.of_sensor(args.sensor)
+
+
+def judging_config(args: argparse.Namespace, recording: object) -> Config:
+    """Return the configuration by which a sensor would judge recordings; raises likewise."""
+    config = load_config(args.config, options=config_options(args), port=f"replay:{recording}")
+    return config.of_sensor(args.sensor)

@@ -23,12 +23,10 @@ from typing import Any, Literal
 from pydantic import ValidationError, model_validator
 
 from radard.config.atomic import write_atomically
-from radard.config.folders import made_up_folder, state_folder
 from radard.config.sections import AlarmChoices, MountChoices, Section, Span, ZonesSection
 from radard.config.sources import ENV_PREFIX, Places, Where, explain, put, read_yaml
 from radard.errors import ConfigError, OutputError
 from x2radar import wall_clock
-from x2radar.ports import parse_port
 
 Kind = Literal["zones", "settings"]
 Sections = Mapping[str, Mapping[str, Any]]
@@ -75,23 +73,10 @@ KINDS: dict[Kind, type[Section]] = {"zones": SavedZones, "settings": SavedSettin
 """What may be saved, by kind of file."""
 
 
-def saved_path(
-    named: Path | None, environ: Mapping[str, str], sensor: str, port: str | None, kind: str
-) -> Path:
-    """Return where a sensor's file of a kind is kept; `named` is `service.state_dir`.
-
-    A simulated or replayed one has its own, which lives as long as the process unless a folder was
-    named.
-    """
-    if port is not None and parse_port(port).kind in {"sim", "replay"}:
-        return made_up_folder(named=named, environ=environ) / f"{sensor}.sim.{kind}.yaml"
-    return state_folder(named, environ) / f"{sensor}.{kind}.yaml"
-
-
 def lay_over(path_of: Callable[[Kind], Path], tree: dict[str, Any], places: Places) -> bool:
     """Put what was saved into sections and places; return whether that changed them.
 
-    Raises ConfigError if a file of `saved_path` is not one of the dashboard's.
+    Raises ConfigError if a file is not one of the dashboard's.
     """
     is_changed = False
     for kind in KINDS:
@@ -162,7 +147,7 @@ def _read(path: Path, kind: Kind) -> list[tuple[Where, Any, str]]:
     """Return the keys of a file, their values and lines; none if it is not there."""
     with contextlib.suppress(OSError):
         if path.is_file():
-            raw, lines = read_yaml(path, KINDS[kind])
+            raw, lines = read_yaml(path)
             try:
                 found = check_saved(kind, raw)
             except ValueError as err:

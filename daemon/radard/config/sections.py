@@ -1,7 +1,8 @@
 """Sections of the configuration that concern a radar and what is made of it."""
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
@@ -14,10 +15,22 @@ AUTO_MODEL, DEFAULT_MODEL = "auto", "accurate"
 """`model.name` that leaves the choice to `radard.judge.model_choice`, and the usual choice."""
 
 
+_NULLS = ("", "~", "null", "Null", "NULL")
+
+
 class Section(BaseModel):
-    """A section: unknown keys are errors, values stay as they were read."""
+    """A section: unknown keys are errors."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read_null(cls, tree: Any) -> Any:
+        """Take the texts of a file: `null` is nothing where there may be nothing."""
+        if not isinstance(tree, Mapping):
+            return tree
+        may_lack = {n for n, f in cls.model_fields.items() if type(None) in get_args(f.annotation)}
+        return {k: None if k in may_lack and v in _NULLS else v for k, v in tree.items()}
 
 
 def _check_quiet(text: str) -> str:

@@ -1,12 +1,13 @@
 """Where configuration comes from: files and environment, every value with its place."""
 
+import contextlib
 import difflib
 import logging
 import reprlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin
+from typing import Annotated, Any, Union, get_args, get_origin
 
 import yaml
 from pydantic import BaseModel
@@ -19,7 +20,7 @@ log = logging.getLogger("radard")
 ENV_PREFIX = "RADARD_"
 _SHORT = reprlib.Repr()
 _SHORT.maxlevel = 2  # aliases of YAML nest a few words into thousands
-_TEXT, _NULL = "tag:yaml.org,2002:str", "tag:yaml.org,2002:null"
+_TEXT, _MERGE = "tag:yaml.org,2002:str", "tag:yaml.org,2002:merge"
 Where = tuple[str, ...]
 _GONE: dict[Where, str] = {("outbox",): "is the section 'log' now"}
 Places = dict[Where, str]
@@ -34,10 +35,11 @@ def put(tree: dict[str, Any], section: str, key: str | None, value: Any) -> None
     tree[section] = {**(old if isinstance(old, dict) else {}), key: value}
 
 
-def read_yaml(path: Path, root: type[BaseModel]) -> tuple[dict[str, Any], Places]:
-    """Return a file's sections and the place of every key; raises ConfigError if it cannot.
+def read_yaml(path: Path) -> tuple[dict[str, Any], Places]:
+    """Return a file's sections, in texts, and the place of every key; ConfigError if it cannot.
 
-    Where `root` takes text, what is written is the value: a sensor may be called `on` or `007`.
+    What a text means is the business of the field that takes it (`radard.config.sections`): a
+    sensor may be called `on` or `007`.
     """
     try:
         text = path.read_text(encoding="utf-8-sig")
@@ -46,13 +48,12 @@ def read_yaml(path: Path, root: type[BaseModel]) -> tuple[dict[str, Any], Places
         raise ConfigError(msg) from err
     try:
         node = compose_yaml(text)
-        _keep_text(node, root)
-        raw = construct(node)
+        raw = _texts_of(node)
     except YamlError as err:
         where = f"{path}:{err.line}" if err.line else str(path)
         msg = f"{where}: not YAML: {err.problem}"
         raise ConfigError(msg) from err
-    if raw is None:
+    if node is None or not raw:
         return {}, {}
     if not isinstance(raw, dict):
         msg = f"{path}: must be a mapping of sections"
@@ -76,11 +77,12 @@ def read_environment(
         if field is None and not double:
             log.warning("%s: left out: the configuration has no section '%s'", name, section)
             continue
-        annotation = field.annotation if field else None
-        if double:
-            fields = getattr(annotation, "model_fields", {})
-            annotation = fields[key].annotation if key in fields else None
-        yield (section, key if double else None), _value(environ[name], annotation), name
+        text = environ[name]
+        value = text
+        if text[:1] in {"[", "{"} or not double:
+            with contextlib.suppress(YamlError):
+                value = _texts_of(compose_yaml(text))
+        yield (section, key if double else None), value, name
 
 
 def explain(fault: Any, places: Mapping[Where, str], root: type[BaseModel]) -> str:
@@ -119,38 +121,18 @@ def _section_of(where: Where, root: type[BaseModel]) -> type[BaseModel]:
     return model
 
 
-def _value(text: str, annotation: Any) -> Any:
-    """Return what a variable says: YAML, or as it stands where text is taken."""
-    kinds = _kinds(annotation)
-    try:
-        node = compose_yaml(text)
-        if any(map(_is_text, kinds)):
-            return None if type(None) in kinds and _is_null(node) else text
-        _keep_text(node, annotation)
-        return construct(node)
-    except YamlError:
-        return text
-
-
-def _keep_text(node: yaml.Node | None, annotation: Any) -> None:
-    """Let the scalars of a YAML tree be text where its type, a section's or a value's, says so."""
-    kinds = _kinds(annotation)
-    for kind in kinds:
-        of = get_args(kind)
-        if isinstance(node, yaml.ScalarNode):
-            if _is_text(kind) and not (type(None) in kinds and _is_null(node)):
-                node.tag = _TEXT
-        elif isinstance(node, yaml.SequenceNode) and of:
-            for item in node.value:
-                _keep_text(item, of[0])
-        elif isinstance(node, yaml.MappingNode):
-            fields = getattr(kind, "model_fields", {})
-            for key, value in node.value:
-                if get_origin(kind) is dict:
-                    _keep_text(key, of[0])
-                    _keep_text(value, of[1])
-                elif key.value in fields:
-                    _keep_text(value, fields[key.value].annotation)
+def _texts_of(node: yaml.Node | None) -> Any:
+    """Return what a YAML tree holds, every value as the text that is written."""
+    waiting = [] if node is None else [node]
+    while waiting:
+        each = waiting.pop()
+        if isinstance(each, yaml.ScalarNode) and each.tag != _MERGE:
+            each.tag = _TEXT
+        elif isinstance(each, yaml.MappingNode):
+            waiting += [part for pair in each.value for part in pair]
+        elif isinstance(each, yaml.SequenceNode):
+            waiting += each.value
+    return construct(node)
 
 
 def _kinds(annotation: Any) -> tuple[Any, ...]:
@@ -160,14 +142,6 @@ def _kinds(annotation: Any) -> tuple[Any, ...]:
     if origin in {Union, UnionType}:
         return tuple(kind for each in of for kind in _kinds(each))
     return (annotation,)
-
-
-def _is_text(kind: Any) -> bool:
-    return kind in {str, Path} or get_origin(kind) is Literal
-
-
-def _is_null(node: yaml.Node | None) -> bool:
-    return node is None or node.tag == _NULL
 
 
 def _places(node: Any, path: Path, above: Where = ()) -> Iterator[tuple[Where, str]]:

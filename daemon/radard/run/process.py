@@ -12,8 +12,7 @@ import time
 from dataclasses import dataclass
 
 from radard.config.config import Config
-from radard.config.directories import runtime_dir
-from radard.config.folders import own_folder
+from radard.config.directories import own_folder, runtime_dir
 from radard.config.state_lock import state_lock
 from radard.errors import RadardError, UsageError
 from radard.health.heartbeat import Heartbeat, Watched
