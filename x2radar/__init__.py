@@ -17,7 +17,6 @@ if TYPE_CHECKING:
         open,  # noqa: A004 - x2radar.open reads as the file of a radar
         open_async,
         open_reconnecting,
-        open_recording,
     )
     from x2radar.arrays import read_frames, simulate
     from x2radar.device.device import RadarStats, X2Radar
@@ -30,9 +29,10 @@ if TYPE_CHECKING:
     from x2radar.modules.x4 import X4Settings
     from x2radar.recording.about import Overrides
     from x2radar.recording.blocks import BlockReader
+    from x2radar.recording.registry import open_recording
 
 _PLACES = {
-    "api": ("open", "open_async", "open_reconnecting", "open_recording"),
+    "api": ("open", "open_async", "open_reconnecting"),
     "arrays": ("read_frames", "simulate"),
     "device.device": ("RadarStats", "X2Radar"),
     "device.link": ("Deadlines",),
@@ -44,6 +44,7 @@ _PLACES = {
     "modules.x4": ("X4Settings",),
     "recording.about": ("Overrides",),
     "recording.blocks": ("BlockReader",),
+    "recording.registry": ("open_recording",),
 }
 """Where the names of `__all__` are."""
 __all__ = [

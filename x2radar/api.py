@@ -1,10 +1,5 @@
-"""What the package offers beside its classes: a port or a recording, opened.
+"""What the package offers beside its classes: a port, opened."""
 
-`import x2radar` has these functions; nothing is imported before one of them is asked for.
-"""
-
-from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from x2radar.device.device import X2Radar
@@ -12,8 +7,6 @@ from x2radar.device.reconnect import ReconnectingRadar
 from x2radar.modules.base import ModuleSettings
 from x2radar.ports import parse_port
 from x2radar.radars import make_radar
-from x2radar.recording.about import NO_OVERRIDES, Overrides
-from x2radar.recording.blocks import BlockReader
 
 if TYPE_CHECKING:
     from x2radar.device.aio import AsyncRadar
@@ -58,47 +51,6 @@ def open_reconnecting(
     return ReconnectingRadar(
         make_radar(parse_port(port), speed=speed, settings=settings), wait=wait
     )
-
-
-def open_recording(
-    path: str | Path | Sequence[str | Path],
-    *,
-    kind: str | None = None,
-    overrides: Overrides = NO_OVERRIDES,
-) -> BlockReader:
-    """Open a recording of any known format; return a reader of its frames, to be closed.
-
-    Parameters
-    ----------
-    path : str, Path or a sequence of them
-        A file, a XeThru folder, or the folder, the name or the list of an HDF5 recording's parts.
-    kind : str, optional
-        Name of the format (``hdf5``, ``npz`` ...), instead of looking.
-    overrides : Overrides
-        Rate and axis, where the recording is silent or wrong.
-
-    Raises
-    ------
-    X2RadarError
-        RecordingError if nothing readable is there; one line that says what.
-
-    Examples
-    --------
-    Nothing in a file is trusted or executed; a NumPy archive of noise will do:
-
-    >>> import numpy as np
-    >>> rows = np.random.default_rng(1).standard_normal((180, 64)).astype(np.float32)
-    >>> np.savez("noise.npz", samples=rows)
-    >>> about = Overrides(frame_rate_hz=60, bin_length_m=0.05, carrier_hz=6.8e9)
-    >>> with open_recording("noise.npz", overrides=about) as recording:
-    ...     frames = list(recording.frames(start_s=1.0))
-    >>> recording.n_frames, len(frames), frames[0].index
-    (180, 120, 60)
-    """
-    # Late: the readers behind it are slow to import.
-    from x2radar.recording import registry  # noqa: PLC0415
-
-    return registry.open_recording(path, kind=kind, overrides=overrides)
 
 
 def open_async(

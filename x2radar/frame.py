@@ -4,7 +4,7 @@ Owns the unwrapping of the module's frame counter. A lost, repeated or restarted
 stated, never hidden: `CounterTracker` says for every frame how many are missing before it.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from functools import lru_cache
 from typing import Literal
@@ -126,6 +126,34 @@ class CounterTracker:
             return Step.RESTART, 0
         self.index += ahead
         return (Step.NEXT, 0) if ahead == 1 else (Step.GAP, ahead - 1)
+
+
+@dataclass(slots=True)
+class FrameCounts:
+    """Frames by their counters: how many, and what is missing between them."""
+
+    n_frames: int = 0
+    lost: int = 0
+    gaps: int = 0
+    longest_gap: int = 0
+    restarts: int = 0
+    repeats: int = 0
+    tracker: CounterTracker = field(default_factory=CounterTracker)
+
+    def add(self, counter: int) -> None:
+        """Count the frame just received."""
+        step, lost = self.tracker.update(counter)
+        self.n_frames += 1
+        self.lost, self.longest_gap = self.lost + lost, max(self.longest_gap, lost)
+        self.gaps += step is Step.GAP
+        self.restarts += step is Step.RESTART
+        self.repeats += step is Step.REPEAT
+
+    def __str__(self) -> str:
+        return (
+            f"{self.lost} lost in {self.gaps} gaps, longest {self.longest_gap}; "
+            f"{self.restarts} restarts, {self.repeats} repeats"
+        )
 
 
 def read_only(samples: Samples) -> None:

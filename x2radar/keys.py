@@ -1,9 +1,8 @@
 """What a setting may be: one table of keys judges settings made in code and scene files.
 
-A settings class writes its fields with `limited` and `one_of`; `check_fields` then judges an
-object made in code (`SettingsError`), `settings_from` a mapping from a scene file (`SceneError`,
-with the key's path). Settings of modules are such classes, too. Everything else in a scene goes
-through `checked` with a table of `Key`.
+A settings class writes its fields with `limited` and `one_of`; `check_fields` judges an object
+made in code (`SettingsError`), `settings_from` a mapping from a scene file (`SceneError`, with the
+key's path). All else in a scene goes through `checked` with a table of `Key`.
 """
 
 import difflib

@@ -1,7 +1,7 @@
 """Man page and shell completion of a command, made from its parser, so that neither can be old.
 
-A command has both as options, `--print-man` and `--print-completion SHELL`, which `add_manual`
-adds. `whole` is the parser with all subcommands, where the command itself parses them one by one.
+`add_manual` adds --print-man and --print-completion. `whole` is the parser with all subcommands,
+where the command itself parses them one by one.
 """
 
 import argparse

@@ -1,8 +1,8 @@
 """Plug-ins: what other distributions offer under entry points, found when a name is unknown.
 
-Nobody looks for them before: the search reads the metadata of every installed distribution,
-and a run that needs no plug-in must not pay for it. A plug-in that cannot be loaded, or that
-does not do what it should, is one line with its name and its distribution.
+The search reads the metadata of every installed distribution, so a run that needs no plug-in does
+not search. What cannot be loaded, or does not do what it should, is one line with name and
+distribution.
 """
 
 from collections.abc import Callable, Iterable

@@ -1,12 +1,11 @@
 """A port string, taken apart: what it names, where, and with which keys.
 
 ``/dev/ttyACM0``, ``socket://host:port`` or another URL of pyserial's, ``auto`` (the only port that
-answers), ``sim:SCENE?key=value&key=value`` or ``replay:FILE``. Values are percent-encoded. Keys of
-``sim:`` are seed (0), rate (60, frames per second), kind (rf or baseband), device, fault
-(kind:value, see `x2radar.sim.module.faults`) and run (the run's id, instead of one that no other
-run has); of live ports rate, kind and device; of ``replay:`` start (seconds),
-loop and from (a format of recordings). A device is a row of
-`x2radar.modules.modules.MODULES`, or auto: what the module calls itself decides.
+answers), ``sim:SCENE?key=value&key=value`` or ``replay:FILE``; values are percent-encoded. `KEYS`
+lists the keys: a rate in frames per second, a kind (rf or baseband), a fault (kind:value,
+`x2radar.sim.module.faults`), run (the run's id, instead of one that no other run has), a device (a
+row of `x2radar.modules.modules.MODULES`, or auto: what the module calls itself decides), of
+replays start (seconds), loop and from (a format of recordings).
 """
 
 import math

@@ -34,8 +34,8 @@ def make_radar(
     """Return the radar that a port names, not opened yet.
 
     `speed` is for ``sim:``, in scene seconds per real second; None is as fast as it is read.
-    `settings` go before those that device, rate and kind ask for. Raises SettingsError or
-    SceneError if the port names something unknown or impossible.
+    `settings` go before what device, rate and kind ask for. Raises SettingsError or SceneError if
+    the port names something unknown or impossible.
     """
     if port.kind == "replay":
         msg = f"port 'replay:{port.target}': a recording is no radar that can be opened"

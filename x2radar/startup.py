@@ -22,10 +22,9 @@ class Interrupted(KeyboardInterrupt):
 def begin() -> None:
     """Make standard streams and signals what every command relies on; to be called first.
 
-    A standard stream that is closed becomes the null device, so that no file which is opened
-    later takes its number; stdout takes names of files whatever their bytes. SIGINT and SIGTERM
-    end the process with 0 until `interrupts`: nothing is there yet that must be put away. As
-    process 1 of a container it would not even notice them without a handler.
+    A standard stream that is closed becomes the null device, so that no file which is opened later
+    takes its number; stdout takes names of files whatever their bytes. SIGINT and SIGTERM end the
+    process with 0 until `interrupts`; as process 1 of a container it would not even notice them.
     """
     for descriptor, name in enumerate(("stdin", "stdout", "stderr")):
         if getattr(sys, name) is None:

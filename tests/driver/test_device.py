@@ -32,7 +32,7 @@ def test_first_frames(kind: str, output: str, dtype: str) -> None:
     axis = frames[0].axis
     assert axis.kind == ("rf" if output == "rf" else "baseband")
     assert axis.carrier_hz == pytest.approx(7.3e9)
-    assert axis.bin_length_m == pytest.approx(settings.bin_length_m)
+    assert axis.bin_length_m == pytest.approx(settings.axis.bin_length_m)
     assert radar.stream.axis == axis
     assert (radar.stream.frame_rate_hz, radar.stream.device) == (60.0, "sim")
 

@@ -30,16 +30,15 @@ from x2radar.wire.wire_ids import BasebandOutput, ContentId, Mode, OutputRef, Sy
 
 def test_defaults_are_the_radar_of_the_thesis():
     s = RadarSettings()
-    assert (s.frame_rate_hz, s.n_range, s.sample_rate_hz, s.sample_delay_s) == (
+    assert (s.frame_rate_hz, s.axis.n_range, s.sample_rate_hz, s.sample_delay_s) == (
         60,
         768,
         41e9,
         4e-9,
     )
-    assert (s.carrier_hz, s.bandwidth_hz, s.output) == (6.8e9, 2.3e9, "rf")
-    assert s.bin_length_m == pytest.approx(3.656e-3, abs=1e-6)
-    assert s.range_offset_m == pytest.approx(0.5996, abs=1e-4)
-    assert s.range_offset_m + (s.n_range - 1) * s.bin_length_m == pytest.approx(3.404, abs=1e-3)
+    assert (s.axis.carrier_hz, s.axis.bandwidth_hz, s.output) == (6.8e9, 2.3e9, "rf")
+    assert s.axis.bin_length_m == pytest.approx(3.656e-3, abs=1e-6)
+    assert s.axis.range_m[[0, -1]] == pytest.approx([0.5996, 3.404], abs=1e-3)
     # Three offsets, two thousand thresholds, 256 pulses each at 100 MHz.
     assert s.n_steps == 2048
     assert s.sweep_s == pytest.approx(3 * 2048 * 256 / 100e6)
@@ -47,7 +46,7 @@ def test_defaults_are_the_radar_of_the_thesis():
 
 def test_pulse_table():
     assert len(PULSE_GENERATORS) == 12
-    assert RadarSettings(pulse_generator=0).carrier_hz == pytest.approx(5.3e9)
+    assert RadarSettings(pulse_generator=0).axis.carrier_hz == pytest.approx(5.3e9)
     for lower, upper in pairwise(PULSE_GENERATORS):
         assert lower.carrier_hz < upper.carrier_hz
         assert lower.bandwidth_hz <= upper.bandwidth_hz
@@ -179,9 +178,9 @@ def test_sweep_time_by_counting(stitch, thresholds, pulses, rate):
 
 def test_axis_and_highest_frame_rate_of_an_x4():
     s = X4Settings(frame_rate_hz=17)
-    assert s.bin_length_m == pytest.approx(0.0514, abs=1e-4)
+    assert s.axis.bin_length_m == pytest.approx(0.0514, abs=1e-4)
     rf = X4Settings(frame_rate_hz=17, is_baseband=False)
-    assert rf.bin_length_m == pytest.approx(0.00643, abs=1e-5)
+    assert rf.axis.bin_length_m == pytest.approx(0.00643, abs=1e-5)
     # XTAN-13: 152 thresholds, 64 iterations, 16 pulses, PRF 15.1875 MHz, duty 0.95.
     assert s.highest_frame_rate_hz == pytest.approx(15.1875e6 * 0.95 / (64 * 16 * 152))
 

@@ -58,7 +58,7 @@ def test_an_x4_streams_through_the_same_device_class():
     frames, stream = opened("sim:human?device=x4m03&rate=30")
     s = X4Settings.for_frame_rate(30)
     assert (stream.axis.kind, stream.frame_rate_hz) == ("baseband", 30)
-    assert (stream.axis.n_range, stream.axis.carrier_hz) == (s.n_range, 7.29e9)
+    assert (stream.axis.n_range, stream.axis.carrier_hz) == (s.axis.n_range, 7.29e9)
     assert stream.axis.bin_length_m == pytest.approx(0.0514, abs=1e-4)
     assert frames[0].samples.dtype == np.complex64
     assert [f.index for f in frames] == list(range(40))
@@ -128,7 +128,7 @@ def test_auto_asks_the_module_what_it_is(firmware, settings):
         radar.identify()
         assert radar.settings == settings
         with radar:
-            assert next(radar.frames()).axis.carrier_hz == settings.carrier_hz
+            assert next(radar.frames()).axis.carrier_hz == settings.axis.carrier_hz
 
 
 def test_order_codes():

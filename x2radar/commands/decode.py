@@ -9,7 +9,7 @@ from typing import Any
 
 from x2radar.commands import Commands, add_command
 from x2radar.errors import RecordingError
-from x2radar.frame import CounterTracker, Step
+from x2radar.frame import FrameCounts
 from x2radar.recording.capture import MAGIC, Capture
 from x2radar.recording.trace import describe, describe_capture, read_trace
 from x2radar.wire.wire_ids import ContentId
@@ -50,7 +50,7 @@ def _summary(items: Iterable[dict[str, Any]]) -> Iterator[str]:
     """Yield lines for people about what `describe` or `describe_capture` gives."""
     packets: Counter[tuple[str, str]] = Counter()
     faults: Counter[str] = Counter()
-    frames, times_s = _Frames(), [0.0]
+    frames, times_s = FrameCounts(), [0.0]
     for item in items:
         if "fault" in item:
             faults[item["fault"]] += 1
@@ -63,10 +63,10 @@ def _summary(items: Iterable[dict[str, Any]]) -> Iterator[str]:
     yield f"packets  {packets.total()}"
     for (direction, name), n in packets.most_common():
         yield f"{n:>9}  {name}{f', {direction}' if direction else ''}"
-    yield f"frames   {frames}"
-    span_s = times_s[-1] - times_s[1] if frames.n > 1 else 0.0
+    yield f"frames   {frames.n_frames}; {frames}"
+    span_s = times_s[-1] - times_s[1] if frames.n_frames > 1 else 0.0
     if span_s > 0:
-        yield f"rate     {(frames.n - 1) / span_s:.2f} frames a second over {span_s:.2f} s"
+        yield f"rate     {(frames.n_frames - 1) / span_s:.2f} frames a second over {span_s:.2f} s"
     yield f"faults   {faults.total()}"
     for fault, n in faults.most_common():
         yield f"{n:>9}  {fault}"
@@ -75,26 +75,3 @@ def _summary(items: Iterable[dict[str, Any]]) -> Iterator[str]:
 def _is_frame(item: dict[str, Any]) -> bool:
     is_raw = item["message"] == "Data" and item["content_id"] == ContentId.RAW_FRAME
     return is_raw or str(item["message"]).startswith("Baseband")
-
-
-class _Frames:
-    """Frames by their counters: how many, and what is missing between them."""
-
-    def __init__(self) -> None:
-        self.n = self._longest = 0
-        self._tracker = CounterTracker()
-        self._steps: Counter[Step] = Counter()
-        self._lost = 0
-
-    def add(self, counter: int) -> None:
-        step, lost = self._tracker.update(counter)
-        self.n += 1
-        self._steps[step] += 1
-        self._lost, self._longest = self._lost + lost, max(self._longest, lost)
-
-    def __str__(self) -> str:
-        return (
-            f"{self.n}; {self._lost} lost in {self._steps[Step.GAP]} gaps, longest "
-            f"{self._longest}; {self._steps[Step.RESTART]} restarts, "
-            f"{self._steps[Step.REPEAT]} repeats"
-        )

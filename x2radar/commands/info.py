@@ -2,16 +2,14 @@
 
 import argparse
 import json
-from collections import Counter
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from x2radar.commands import Commands, add_command
 from x2radar.device.device import X2Radar
 from x2radar.errors import DeviceError
+from x2radar.frame import FrameCounts
 from x2radar.ports import is_port, parse_port, recording_path
 from x2radar.radars import make_radar
 from x2radar.wire.messages import GetSystemInfo, Message, Ping, Pong, Reply
@@ -19,6 +17,8 @@ from x2radar.wire.wire_ids import InfoItem, PongCode
 
 if TYPE_CHECKING:
     from x2radar.recording.blocks import BlockReader
+
+_LOSSES = ("lost", "gaps", "longest_gap", "restarts", "repeats")
 
 
 def register(commands: Commands) -> None:
@@ -111,34 +111,19 @@ def describe_recording(path: Path) -> dict[str, Any]:
 
 
 def _counted(reader: "BlockReader") -> dict[str, Any]:
-    from x2radar.recording.blocks import unwrap  # noqa: PLC0415 - as above
-
-    last, index, longest = None, -1, 0
+    counts = FrameCounts()
     times_s: list[float] = []
-    counts: Counter[str] = Counter()
     for block in reader.blocks(samples=False):
-        steps = unwrap(block.counter, last, index)
-        last, index = int(block.counter[-1]), int(steps.index[-1])
         times_s = [*times_s[:1], float(block.t_s[0]), float(block.t_s[-1])]
-        longest = max(longest, int(steps.lost.max()))
-        counts.update(
-            n_frames=len(block.counter),
-            lost=int(steps.lost.sum()),
-            gaps=int(np.count_nonzero(steps.lost)),
-            restarts=int(np.count_nonzero(steps.restarted)),
-            repeats=int(np.count_nonzero(steps.repeated)),
-        )
-    span_s = times_s[-1] - times_s[0]
+        for counter in block.counter.tolist():
+            counts.add(counter)
+    span_s, index = times_s[-1] - times_s[0], counts.tracker.index
     return {
-        "n_frames": counts.pop("n_frames"),
+        "n_frames": counts.n_frames,
         "duration_s": span_s + 1 / reader.stream.frame_rate_hz,
         "frame_rate_hz": reader.stream.frame_rate_hz,
         "measured_rate_hz": index / span_s if span_s > 0 and index > 0 else None,
-        "lost": counts["lost"],
-        "gaps": counts["gaps"],
-        "longest_gap": longest,
-        "restarts": counts["restarts"],
-        "repeats": counts["repeats"],
+        **{name: getattr(counts, name) for name in _LOSSES},
     }
 
 

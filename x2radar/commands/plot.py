@@ -64,7 +64,9 @@ def _run(args: argparse.Namespace) -> int:
     if is_port(args.what):
         look = _look_at_port(args.what, args.duration)
     else:
-        look = _look_at_file(recording_path(args.what), args.start, args.duration)
+        path = recording_path(args.what)
+        samples, stream = read_frames(path, start_s=args.start, duration_s=args.duration)
+        look = _look(path.name, stream, samples, args.start)
     plt: Any = needed("matplotlib.pyplot", what="pictures")
     if args.out is None and plt.get_backend().lower() == "agg":
         msg = "no window can be opened here; give --out FILE.png"
@@ -98,11 +100,6 @@ def _look_at_port(port: str, duration_s: float) -> Look:
         samples = stacked(watched(), radar.stream, n)
         status.clear()
         return _look(port, radar.stream, samples, 0.0)
-
-
-def _look_at_file(path: Path, start_s: float, duration_s: float) -> Look:
-    samples, stream = read_frames(path, start_s=start_s, duration_s=duration_s)
-    return _look(path.name, stream, samples, start_s)
 
 
 def _look(title: str, stream: StreamInfo, samples: Samples, start_s: float) -> Look:

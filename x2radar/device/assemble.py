@@ -34,9 +34,8 @@ class FrameAssembler:
         """Return the frame in `message`, or None when it holds none or repeats the last.
 
         Another echo under the same number is no repeat: a counter that restarts at 1 right behind
-        the first frame looks so.
-        Samples are float32 for RF frames and complex64 for baseband, read-only. `t_mono_s` is
-        when the message was complete, on the host's monotonic clock.
+        the first frame looks so. Samples are float32 for RF frames and complex64 for baseband,
+        read-only. `t_mono_s` is when the message was complete, on the host's monotonic clock.
         """
         samples: Samples
         match message:
@@ -67,10 +66,7 @@ class FrameAssembler:
         return Frame(samples, counter, self._counter.index, lost, restarted, axis, t_mono_s)
 
     def _raw(self, values: NDArray[Any]) -> Samples:
-        """Return a raw frame's samples: RF as it is, or half of them I and half Q (X4).
-
-        An odd number of values has no such halves and makes an empty frame.
-        """
+        """Return a raw frame's samples: RF as it is, or half I and half Q (X4), if even."""
         if self._settings.raw_kind == "rf":
             # Behind its header the packet's memory is not aligned; users' libraries mind.
             return np.require(values, np.float32, "A")

@@ -1,9 +1,9 @@
 """BringUp: one opening of a module, from the port to the start of its stream.
 
-As real clients do (protocol notes, section 4): reset, wait for READY, ping until ready when
-READY was missed, configure while nothing runs, then start. A port on USB vanishes while its
-module restarts; it is closed in time and opened again. A module that restarts by itself
-says BOOTING and READY and has forgotten its settings: it is told again.
+As real clients do (protocol notes, section 4): reset, wait for READY, ping until ready when READY
+was missed, configure while nothing runs, then start. A port on USB vanishes while its module
+restarts; it is closed in time and opened again. A module that restarts by itself says BOOTING and
+READY and has forgotten its settings: it is told again.
 """
 
 import contextlib
@@ -41,8 +41,7 @@ class BringUp:
     """A module whose port is open, or on its way to be.
 
     `connect` opens the port as a link with a listener. Once the link's `halt` is set, every wait
-    ends and `close` must follow. `has_restarted` says that the module has restarted by itself and
-    waits to be told again.
+    ends and `close` must follow. `has_restarted`: it did so by itself and waits to be told again.
     """
 
     def __init__(
@@ -152,8 +151,8 @@ class BringUp:
     def _wait_ready(self, first_ping_s: float | None = None) -> None:
         """Wait for READY; ping when it does not come within `first_ping_s` seconds.
 
-        Right after a reset was acknowledged, a module still answers pings for half a
-        second, so that a pong then says nothing.
+        For half a second after a reset was acknowledged a module still answers pings: such a pong
+        says nothing.
         """
         every_s = self.link.deadlines.ping_every_s
         pause_s = every_s if first_ping_s is None else first_ping_s

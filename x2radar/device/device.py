@@ -1,8 +1,8 @@
 """X2Radar: open a module, iterate over its frames, close it.
 
-`x2radar.device.bring_up` brings the module from reset to streaming, `x2radar.device.link` moves
-the bytes and repeats commands; `x2radar.device.reconnect` opens a lost device again. This file
-owns the frames: their numbers, their marks after a restart, and the counts of what happened.
+`bring_up` brings the module from reset to streaming, `link` moves the bytes and repeats commands,
+`reconnect` opens a lost device again. This file owns the frames: their numbers, their marks after
+a restart, and the counts of what happened.
 """
 
 import threading
@@ -183,10 +183,10 @@ class X2Radar(Closing):
     def command(self, command: Message, *, wait_s: float | None = None) -> Message:
         """Send one command, any host message, and return its reply.
 
-        It is sent again while the module is busy; and, where that does no harm, up to three
-        times when no answer came within `wait_s` seconds (`Deadlines.reply_s` by default).
-        Raises DeviceError if the module refuses or does not answer, TransportClosed if the port
-        went away.
+        It is sent again while the module is busy; and, where that does no harm, up to three times
+        when no answer came within `wait_s` seconds (`Deadlines.reply_s` by default). Raises
+        DeviceError if the module refuses or does not answer, TransportClosed if the port went
+        away.
         """
         resends = 0 if isinstance(command, _ONCE) else RETRIES
         answer = self._opened().link.command(command, resends=resends, wait_s=wait_s)
@@ -285,11 +285,8 @@ class X2Radar(Closing):
         if frame is None:
             return
         if self._first_index:
-            index, is_restart = (
-                self._first_index + frame.index,
-                frame.restarted or frame.index == 0,
-            )
-            frame = replace(frame, index=index, restarted=is_restart)
+            is_restart = frame.restarted or frame.index == 0
+            frame = replace(frame, index=self._first_index + frame.index, restarted=is_restart)
         self._next_index = frame.index + 1
         self._waiting.append(frame)
         self._counts.update(frames=1, lost=frame.lost, restarts=frame.restarted)

@@ -113,8 +113,8 @@ def probe(path: str, timeout_s: float = _ANSWER_S) -> str:
 def find_module(candidates: Iterable[str] | None = None, timeout_s: float = _ANSWER_S) -> str:
     """Return the only port on which a module answers, as it was given.
 
-    `candidates` are all ports of this machine by default, but for radio links; they are asked
-    at the same time. Raises PortNotFound if none or several answer, with what was found.
+    `candidates` are all ports of this machine by default, but for radio links; all are asked at
+    once. Raises PortNotFound if none or several answer, with what was found.
     """
     if candidates is None:
         # Opening an rfcomm device sets up a radio connection.

@@ -115,12 +115,8 @@ class ReconnectingRadar(Closing):
         """Open the device; yield its frames, and in between what happened, until `close`.
 
         In order; frame numbers go on over a loss. Every frame with `restarted` stands behind a
-        'found' or a 'restart', every frame with `lost` behind a 'gap'. To be called once.
-
-        Raises
-        ------
-        X2RadarError
-            What went wrong: at first unless `wait`, later with `quit_on_loss`.
+        'found' or a 'restart', every frame with `lost` behind a 'gap'. To be called once. Raises
+        what went wrong: at first unless `wait`, later with `quit_on_loss`.
         """
         try:
             yield from self._opened_first()

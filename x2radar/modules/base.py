@@ -58,36 +58,6 @@ class ModuleSettings(ABC):
         None is the module's default. Raises SettingsError if it cannot do that.
         """
 
-    @property
-    def n_range(self) -> int:
-        """Number of range bins in one frame."""
-        return self.axis.n_range
-
-    @property
-    def bin_length_m(self) -> float:
-        """Range of one bin, in metres."""
-        return self.axis.bin_length_m
-
-    @property
-    def range_offset_m(self) -> float:
-        """Range of bin 0, in metres."""
-        return self.axis.range_offset_m
-
-    @property
-    def carrier_hz(self) -> float:
-        """Centre frequency of the pulse, in hertz."""
-        return self.axis.carrier_hz
-
-    @property
-    def bandwidth_hz(self) -> float:
-        """Bandwidth of the pulse at -10 dB, in hertz."""
-        return self.axis.bandwidth_hz
-
-    @property
-    def sample_rate_hz(self) -> float:
-        """Rate of the RF sampler, in hertz."""
-        return self.axis.sample_rate_hz
-
 
 SettingsChooser = Callable[[str], ModuleSettings]
 """Gives the settings for a module by its order code, which is empty when it tells none."""

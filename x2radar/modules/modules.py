@@ -1,7 +1,7 @@
 """The modules that the driver knows: one row each.
 
-A new module is a row here, a file like `x2` with its settings and start-up commands, and the
-firmware that simulates it, in `x2radar.sim.module.firmware`.
+A new module is a row, a file like `x2` with its settings and start-up commands, and the firmware
+that simulates it, in `x2radar.sim.module.firmware`.
 """
 
 from collections.abc import Mapping
@@ -98,8 +98,8 @@ def module_of(settings: ModuleSettings) -> ModuleRow:
 def settings_from_mapping(known: Mapping[str, Any]) -> ModuleSettings:
     """Return the settings that a recording or capture names, as `dataclasses.asdict` gave them.
 
-    The class is the one that most of the names belong to, RadarSettings for none; names of later
-    versions are left out. Raises SettingsError if a value is out of range.
+    The class is the one that most of the names belong to, RadarSettings for none; other names are
+    left out. Raises SettingsError if a value is out of range.
     """
     classes = [row.settings for row in MODULES.values()]
     cls = max(classes, key=lambda c: len(c.__dataclass_fields__.keys() & known.keys()))

@@ -1,10 +1,9 @@
 """What an X2M200 or X2M300 is told before one of its profiles streams baseband.
 
-A profile runs at a fixed 20 Hz, where Doppler holds 0.2 m/s at most: enough for a person who
-sits and breathes, not for gait; use `RadarSettings` (MANUAL mode) for that. Facts come from
-XTAN-11 rev C and clients of real modules; which pulse generator the profiles use is inferred
-(docs/research/hardware.md). Frames carry their own axis in the message; what stands here for it
-holds until the first one.
+A profile runs at a fixed 20 Hz, where Doppler holds 0.2 m/s at most: enough for a person who sits
+and breathes, not for gait; use `RadarSettings` (MANUAL mode) for that. Facts come from XTAN-11 rev
+C and clients of real modules; which pulse generator the profiles use is inferred
+(docs/research/hardware.md). Frames carry their own axis; what stands here holds until the first.
 """
 
 from collections.abc import Iterator
@@ -59,14 +58,6 @@ class ProfileSettings(ModuleSettings):
         if self.zone_end_m <= self.zone_start_m:
             start = f"zone_start_m = {self.zone_start_m:g}"
             yield f"zone_end_m = {self.zone_end_m:g}: must be above {start}"
-
-    @classmethod
-    def for_profile(cls, profile: str, *, output: str = "iq") -> "ProfileSettings":
-        """Return settings with the zone that clients give this profile."""
-        if profile not in PROFILES:
-            return cls(profile=profile, output=output)
-        _, (start_m, end_m) = PROFILES[profile]
-        return cls(profile=profile, zone_start_m=start_m, zone_end_m=end_m, output=output)
 
     @classmethod
     def for_port(cls, rate_hz: float | None, kind: str | None) -> "ProfileSettings":

@@ -103,9 +103,9 @@ def read_about(
 ) -> About:
     """Return what `attributes`, then `overrides`, say about frames of (kind, n_range).
 
-    Attributes may be numbers, text, bytes, arrays of one of them, mappings or JSON; None counts
-    as missing. `device` is the module's name where none is given. Raises RecordingError if frame
-    rate, bin length or carrier is in neither; it names the options.
+    Attributes may be numbers, text, bytes, arrays of one of them, mappings or JSON; `device` is
+    the module's name where none is given. Raises RecordingError, which names the options, if frame
+    rate, bin length or carrier is in neither.
     """
     said = {name: plain(value) for name, value in attributes.items()}
     numbers = {name: _number(path, name, said.get(name)) for name in NUMBERS}

@@ -1,9 +1,8 @@
 """Blocks of frames: how every file format hands its frames to the rest.
 
-A reader knows how to fetch counters, times and samples of frames `first` to `last`;
-`BlockReader` makes blocks and `Frame` objects of that, so that losses, repeats, restarts
-and the start in the middle mean the same whatever file they come from. At no time more
-than one block of samples is held.
+A reader fetches counters, times and samples of frames `first` to `last`; `BlockReader` makes
+blocks and frames of them, so that losses, repeats, restarts and the start in the middle mean the
+same whatever file they come from. No more than one block of samples is held.
 """
 
 import hashlib
@@ -30,17 +29,7 @@ _WRAP = 1 << 32
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Block:
-    """Consecutive frames as arrays.
-
-    Attributes
-    ----------
-    samples : ndarray, shape (n, n_range), float32 (rf) or complex64 (baseband)
-        The frames.
-    counter : ndarray, shape (n,), uint32
-        As the module counted them.
-    t_s : ndarray, shape (n,), float64
-        Time since the recording's first frame, in seconds.
-    """
+    """Consecutive frames as arrays: samples, shape (n, n_range), counters and times, (n,)."""
 
     samples: Samples
     counter: NDArray[np.uint32]
@@ -58,10 +47,9 @@ class Steps:
 
 
 def unwrap(counter: NDArray[Any], last: int | None = None, index: int = -1) -> Steps:
-    """Unwrap many 32-bit counters at once, as `x2radar.frame.CounterTracker` does one by one.
+    """Unwrap 32-bit counters, shape (n,), at once, as `CounterTracker` does one by one.
 
-    `counter`, shape (n,), are whole numbers from 0 to 2**32 - 1; `last` is the one before, None
-    at the beginning of a stream, and `index` its unwrapped number.
+    `last` is the one before, None at the beginning of a stream, and `index` its unwrapped number.
     """
     now = np.asarray(counter).astype(np.int64)
     before = np.empty_like(now)
@@ -79,8 +67,8 @@ def unwrap(counter: NDArray[Any], last: int | None = None, index: int = -1) -> S
 class BlockReader(Closing):
     """Base of all readers of recordings: made of a path and `Overrides`.
 
-    A file that is missing, damaged or none of its format raises RecordingError, one line that
-    says what. A reader that has its frames as arrays sets them; others fetch them in `read_…`.
+    A file that is missing, damaged or none of its format raises RecordingError. A reader that has
+    its frames as arrays sets them; others fetch them in `read_…`.
     """
 
     path: Path
@@ -146,10 +134,9 @@ class BlockReader(Closing):
         """Let go of the file."""
 
     def blocks(self, *, samples: bool = True) -> Iterator[Block]:
-        """Yield the recording block by block, repeated frames included.
+        """Yield the recording block by block, repeated frames included; raises RecordingError.
 
-        `samples` False leaves the samples out, shape (n, 0), for a look at the counters. Raises
-        RecordingError if a part of the file cannot be read.
+        `samples` False leaves the samples out, shape (n, 0), for a look at the counters.
         """
         for first, last, counter, _, t_s in self._walk():
             with unreadable(self.path):

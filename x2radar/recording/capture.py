@@ -16,7 +16,6 @@ is good, `Capture.warning` says what was left out.
 """
 
 import json
-import math
 import os
 import struct
 import threading
@@ -27,7 +26,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from x2radar.device.transport import Transport
-from x2radar.errors import TransportClosed
 from x2radar.recording.faults import refuse
 
 MAGIC = b"X2RADARC"
@@ -56,8 +54,8 @@ class Chunk(NamedTuple):
 class CaptureWriter:
     """Append what a wire carries to a new file; may be called from several threads.
 
-    `about` is what the head says: port, settings … Raises RecordingError if the file exists or
-    cannot be made; from `add` if the disk does not take it.
+    `about` is for the head. Raises RecordingError if the file exists, or the disk does not take
+    it.
     """
 
     def __init__(self, path: Path, about: Mapping[str, Any]) -> None:
@@ -198,97 +196,3 @@ def _read_chunk(read: Callable[[int], bytes], head: bytes) -> Chunk | None:
             if crc == _CRC.pack(zlib.crc32(data, zlib.crc32(head))):
                 return Chunk(kind, t_ns / 1e9, data)
     return None
-
-
-class CaptureReplay:
-    """Plays the module of a capture; `connect` is for `X2Radar` and opens port after port."""
-
-    def __init__(
-        self, capture: Capture, *, speed: float | None = None, check_writes: bool = True
-    ) -> None:
-        self._chunks = capture.chunks()
-        self.capture = capture
-        self.speed = speed
-        self.check_writes = check_writes
-
-    def connect(self) -> "CaptureTransport":
-        """Return the next opening of the port; raises TransportClosed if there are no more."""
-        for chunk in self._chunks:
-            if chunk.kind == OPENED:
-                return CaptureTransport(self, is_usb=chunk.data == b"\x01")
-        msg = f"{self.capture.path}: the capture ends here"
-        raise TransportClosed(msg)
-
-    def next_chunk(self) -> Chunk | None:
-        """Return the next record of the open port, or None at its end."""
-        chunk = next(self._chunks, None)
-        return None if chunk is None or chunk.kind not in {FROM_MODULE, TO_MODULE} else chunk
-
-
-class CaptureTransport:
-    """One opening of a captured port, made by `CaptureReplay.connect`."""
-
-    def __init__(self, replay: CaptureReplay, *, is_usb: bool) -> None:
-        self.is_usb = is_usb
-        self._replay = replay
-        self._changed = threading.Condition()
-        self._written = bytearray()
-        self._next: Chunk | None = None
-        self._ended = False
-        self._fault = f"{replay.capture.path}: the capture ends here"
-        self._clock_s: tuple[float, float] | None = None
-
-    def read(self, timeout_s: float) -> bytes:
-        """Return what the module sent by now; wait up to `timeout_s` for more."""
-        give_up_s = time.monotonic() + timeout_s
-        with self._changed:
-            while True:
-                due_s = self._due_s()
-                now_s = time.monotonic()
-                if due_s <= now_s and self._next is not None:
-                    data, self._next = self._next.data, None
-                    return data
-                if self._ended:
-                    raise TransportClosed(self._fault)
-                wait_s = min(due_s, give_up_s) - now_s
-                if wait_s <= 0:
-                    return b""
-                self._changed.wait(wait_s)
-
-    def write(self, data: bytes) -> None:
-        """Compare what the host sends with the capture; see `CaptureReplay`."""
-        with self._changed:
-            if self._ended and self._next is None:
-                raise TransportClosed(self._fault)
-            if self._replay.check_writes:
-                self._written += data
-                self._changed.notify_all()
-
-    def close(self) -> None:
-        """End the replay; a read that waits returns."""
-        with self._changed:
-            self._ended, self._next = True, None
-            self._changed.notify_all()
-
-    def _due_s(self) -> float:
-        """Return when the next of the module's bytes are due; inf: not before the host."""
-        while not self._ended and (self._next is None or self._next.kind == TO_MODULE):
-            if self._next is not None and self._replay.check_writes:
-                n = min(len(self._next.data), len(self._written))
-                if self._written[:n] != self._next.data[:n]:
-                    why = "the host writes other bytes than when it was captured"
-                    self._fault = f"{self._replay.capture.path}: {why}"
-                    self._ended, self._next = True, None
-                    break
-                if n < len(self._next.data):
-                    return math.inf
-                del self._written[:n]
-            self._next = self._replay.next_chunk()
-            self._ended = self._next is None
-        if self._next is None:
-            return math.inf
-        if self._replay.speed is None:
-            return 0.0
-        self._clock_s = self._clock_s or (time.monotonic(), self._next.t_s)
-        begun_s, first_s = self._clock_s
-        return begun_s + (self._next.t_s - first_s) / self._replay.speed

@@ -41,14 +41,8 @@ def convert(
 
     Nothing is ever overwritten, and a failed conversion leaves nothing behind. The formats are
     named, or found by content and by the suffix of `out`; `overrides` go before what the source
-    says about its axis and rate.
-
-    Raises
-    ------
-    RecordingError
-        If the source is unreadable, or `out` exists or cannot be made.
-    SettingsError
-        If the format of `out` is unknown or cannot hold these frames.
+    says. Raises RecordingError if the source is unreadable, or `out` exists or cannot be made;
+    SettingsError if its format is unknown or cannot hold these frames.
     """
     found = _format_to_write(out, out_kind)
     for path in found.files(out):

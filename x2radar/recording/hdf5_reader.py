@@ -1,12 +1,11 @@
 """HDF5 files from anywhere, opened and looked into without trust.
 
-HDF5's own SWMR mode is not used for reading: it repeats every read whose checksum is wrong,
-100 times a level, and holds the GIL meanwhile, so that one flipped bit would freeze the process.
-A file that its writer has not closed (it writes on, or was killed) has a flag in its superblock,
-and HDF5 opens it in no other mode. Such a file is read through a `_Unflagged` view, which shows
-the superblock that the writer would have left at a close. A writer in SWMR mode puts nothing in
-the file that points at what is not there yet, so what is found is whole; a block that is just
-being written has a wrong checksum for a moment, and a few further attempts are made.
+HDF5's own SWMR mode is not used for reading: it repeats every read whose checksum is wrong, 100
+times a level, and holds the GIL meanwhile, so that one flipped bit would freeze the process. A
+file that its writer has not closed (it writes on, or was killed) opens in no other mode; it is
+read through a view with the superblock that a close would have left. A writer in SWMR mode points
+at nothing that is not there yet, so what is found is whole; a block that is just being written has
+a wrong checksum for a moment, and some further attempts are made.
 
 Links that lead out of the file or around it, external storage, virtual data sets, and sizes that
 the file cannot hold are refused before anything is read.
@@ -67,34 +66,19 @@ _MAX_ATTRIBUTE_BYTES = 1 << 20
 """Of an attribute; device and settings are some kB of JSON."""
 
 
-class _Unflagged(io.RawIOBase):
+class _Unflagged(io.FileIO):
     """A file with another superblock, for HDF5 to read."""
 
-    def __init__(self, file: io.FileIO, head: bytes) -> None:
-        self._file = file
+    def __init__(self, path: Path, head: bytes) -> None:
+        super().__init__(path)
         self._head = head
 
     def readinto(self, buffer: Any, /) -> int:
         """Read; the superblock comes from memory."""
-        at = self._file.tell()
-        n = self._file.readinto(buffer) or 0
-        if at < len(self._head):
-            k = min(len(self._head) - at, n)
-            memoryview(buffer)[:k] = self._head[at : at + k]
+        at, n = self.tell(), super().readinto(buffer) or 0
+        head = self._head[at : at + n]
+        memoryview(buffer)[: len(head)] = head
         return n
-
-    def seek(self, offset: int, whence: int = 0, /) -> int:
-        """Go to a place in the file."""
-        return self._file.seek(offset, whence)
-
-    def tell(self) -> int:
-        """Return the place in the file."""
-        return self._file.tell()
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
-        super().close()
 
 
 class Hdf5File:
@@ -118,7 +102,7 @@ class Hdf5File:
     def _open(self, head: bytes | None) -> h5py.File:
         if head is None:
             return h5py.File(self.path, "r")
-        view = _Unflagged(io.FileIO(self.path), head)
+        view = _Unflagged(self.path, head)
         try:
             file = h5py.File(view, "r")
         except BaseException:

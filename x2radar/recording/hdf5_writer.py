@@ -1,9 +1,8 @@
 """Write HDF5 recordings so that a kill at any moment leaves a readable file.
 
-The layout stands in `x2radar.recording.hdf5_reader`. The file is made under a temporary name,
-switched to SWMR mode and given its first frame before it gets its own name; from then on every
-whole chunk, a second of frames, goes to the disk at once. So a file of that name is readable from
-the first moment, and a kill costs less than one second.
+The file is made under a temporary name, switched to SWMR mode and given its first frame before it
+gets its own name; from then on every whole chunk, a second of frames, goes to the disk at once. So
+a file of that name is readable from the first moment, and a kill costs less than one second.
 """
 
 import contextlib
@@ -30,30 +29,13 @@ _NOTHING: Mapping[str, Any] = MappingProxyType({})
 
 
 class RecordingWriter(Closing):
-    """Write frames into a new recording.
+    """Write frames into a new recording; an existing file is never overwritten.
 
-    Parameters
-    ----------
-    path : Path or str
-        File to make; an existing one is never overwritten. It appears with the first frame.
-    stream : StreamInfo
-        Axes and rate.
-    started_utc : str, optional
-        Wall clock of the first frame, ISO 8601; now by default.
-    device, settings : mapping
-        Kept as JSON.
-    first_index : int
-        `Frame.index` that gets t_s = 0.
-    attributes : mapping, optional
-        More root attributes.
-    fsync : bool
-        Wait for the disk after every chunk, so that a power failure costs no more than a
-        kill; twice a second, some milliseconds on an SSD, up to a second on an SD card.
-
-    Raises
-    ------
-    RecordingError
-        If the file exists or cannot be made.
+    The file appears with the first frame; `started_utc` is that frame's wall clock, ISO 8601, now
+    by default. `device` and `settings` are kept as JSON, `attributes` beside them; `first_index`
+    is the `Frame.index` that gets t_s = 0. `fsync` waits for the disk after every chunk, so that a
+    power failure costs no more than a kill: some milliseconds on an SSD, up to a second on an SD
+    card. Raises RecordingError if the file exists or cannot be made.
     """
 
     def __init__(
@@ -119,8 +101,7 @@ class RecordingWriter(Closing):
     def write(self, frame: Frame) -> None:
         """Keep one frame; a second's worth goes to the disk at once.
 
-        Raises RecordingError if the disk does not take it, or the frame has another length than
-        the stream.
+        Raises RecordingError if the disk does not take it, or its length is not the stream's.
         """
         if frame.samples.shape != self._samples.shape[1:]:
             raise refuse(

@@ -44,10 +44,9 @@ def existing_parts(path: Path) -> list[Path]:
 class RotatingWriter(Closing):
     """Write frames into one recording, or into parts of a size or length.
 
-    Arguments as of `RecordingWriter`; `path` is also what the parts' names are made of, and the
-    parts' `started_utc` count on in stream time. A part ends before it outgrows `rotate_bytes`,
-    but holds a second of frames at least, and after `rotate_s` seconds of stream time. Raises
-    RecordingError if the file, or any part of that name, exists or cannot be made.
+    Arguments as of `RecordingWriter`. A part ends before it outgrows `rotate_bytes`, but holds a
+    second of frames at least, and after `rotate_s` seconds of stream time. Raises RecordingError
+    if the file, or any part of that name, exists or cannot be made.
     """
 
     def __init__(

@@ -1,7 +1,6 @@
-"""Open a recording of any known format by what it is.
+"""Recordings of any known format, opened by what they are; `FORMATS` has a row each.
 
-`FORMATS` is the table of formats, a row each. Their modules are imported when one is opened,
-because h5py and scipy take a while.
+Their modules are imported when one is opened, because h5py and scipy take a while.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -194,24 +193,34 @@ def open_recording(
     kind: str | None = None,
     overrides: Overrides = NO_OVERRIDES,
 ) -> BlockReader:
-    """Return a reader for a recording of any format in `FORMATS`.
+    """Open a recording of any format in `FORMATS`; return a reader of its frames, to be closed.
 
     Parameters
     ----------
     path : str, Path or a sequence of them
-        A file, a XeThru folder, a folder with the parts of one HDF5 recording, a list of
-        such parts, or the name that was given to a recording in parts.
+        A file, a XeThru folder, or the folder, the name or the list of an HDF5 recording's parts.
     kind : str, optional
-        Name of the format, instead of looking.
+        Name of the format (``hdf5``, ``npz`` ...), instead of looking.
     overrides : Overrides
-        Instead of what the recording says about its axis and rate.
+        Rate and axis, where the recording is silent or wrong.
 
     Raises
     ------
-    RecordingError
-        If nothing readable is there; one line that says what.
-    SettingsError
-        If `kind` is no format that is read.
+    X2RadarError
+        RecordingError if nothing readable is there; one line that says what.
+
+    Examples
+    --------
+    Nothing in a file is trusted or executed; a NumPy archive of noise will do:
+
+    >>> import numpy as np
+    >>> rows = np.random.default_rng(1).standard_normal((180, 64)).astype(np.float32)
+    >>> np.savez("noise.npz", samples=rows)
+    >>> about = Overrides(frame_rate_hz=60, bin_length_m=0.05, carrier_hz=6.8e9)
+    >>> with open_recording("noise.npz", overrides=about) as recording:
+    ...     frames = list(recording.frames(start_s=1.0))
+    >>> recording.n_frames, len(frames), frames[0].index
+    (180, 120, 60)
     """
     if kind is not None and kind not in READABLE:
         msg = f"'{kind}' is no format that is read; known are {', '.join(READABLE)}"

@@ -20,12 +20,11 @@ def count_by_stamps(
     """Return counters, from 1, with the losses that the stamps show, and the frame period.
 
     `stamp_s`, shape (n,) with n >= 2, is when each frame came, in seconds; it may be rounded and
-    late, not reordered: a frame that is late, with those behind it on time, is no loss. The
-    period is the slope of the stamps over the counters, in seconds, nan when they do not grow;
-    it is looked for from `nominal_s` on, or from the median distance.
+    late, not reordered. The period is the slope of the stamps over the counters, nan when they do
+    not grow; it is looked for from `nominal_s` on, or from the median distance.
 
-    The losses before frame k can be no more than any later stamp leaves room for, so they are
-    the running minimum, from the end, of (stamp / period - k).
+    The losses before frame k can be no more than any later stamp leaves room for, so they are the
+    running minimum, from the end, of (stamp / period - k).
     """
     stamp = stamp_s - stamp_s[0]
     gaps = np.diff(stamp)

@@ -25,8 +25,8 @@ _BARE = re.compile(r"[0-9a-fA-F]{2}")
 def read_trace(data: bytes) -> bytes:
     """Return the wire's bytes from a trace file: raw, or text with lines of hex bytes.
 
-    Those are ``0x7d 0x10``, also behind a label that ends in a colon, or nothing but ``7d 10``.
-    What follows ``//`` or ``#`` is a comment; lines with anything else are prose and left out.
+    Those are ``0x7d 0x10``, also behind a label with a colon, or nothing but ``7d 10``. What
+    follows ``//`` or ``#`` is a comment; lines with anything else are prose and left out.
     """
     try:
         text = data.decode("utf-8-sig")
@@ -48,8 +48,7 @@ def read_trace(data: bytes) -> bytes:
 def describe(data: bytes) -> Iterator[dict[str, Any]]:
     """Yield one JSON-safe object for every packet and every stretch of dropped bytes.
 
-    ``{"message": name, ...fields}`` or ``{"fault": why, "n_bytes": n}``; both directions may be
-    mixed. Arrays become lists, numbers that JSON has no word for become null.
+    ``{"message": name, ...fields}`` or ``{"fault": why, "n_bytes": n}``; directions may be mixed.
     """
     decoder = PacketDecoder()
     for item in decoder.feed(data):
@@ -61,9 +60,8 @@ def describe(data: bytes) -> Iterator[dict[str, Any]]:
 def describe_capture(capture: Capture) -> Iterator[dict[str, Any]]:
     """Yield what `describe` does for a wire capture, with t_s and direction in front.
 
-    The time is that of the packet's last byte. Where the port was opened or closed:
-    ``{"t_s": seconds, "port": "opened" or "closed"}``. What a capture lacks at its end comes
-    last, as a fault.
+    The time is that of the packet's last byte. Openings are ``{"t_s": seconds, "port": "opened" or
+    "closed"}``; what a capture lacks at its end comes last, as a fault.
     """
     ways: dict[int, tuple[str, PacketDecoder, Callable[[PacketData], Message]]] = {
         FROM_MODULE: ("from_module", PacketDecoder(), decode_response),

@@ -1,13 +1,12 @@
 """Packets to typed messages and back; layouts are tables, not code.
 
-The rows of `x2radar.wire.layouts` name a message class, the bytes it begins with, the struct
-format of its fixed fields, and its arrays. `encode` and `decode_*` read the same rows, so the
-simulated module and the host cannot disagree. Shapes that are not in the rows: `SetOutput`,
-`X4Set`, an error of one byte, and REPLY and DATA, whose type says what follows.
+`encode` and `decode_*` read the same rows of `x2radar.wire.layouts`, so the simulated module and
+the host cannot disagree. Shapes that are not in the rows: `SetOutput`, `X4Set`, an error of one
+byte, and REPLY and DATA, whose type says what follows.
 
-Host and module use the same first bytes for different things (10 is APPCOMMAND and ACK),
-so there are two decoders: `decode_command` for what a host sends and `decode_response` for
-what a module sends. Arrays come out read-only and share the packet's memory.
+Host and module use the same first bytes for different things (10 is APPCOMMAND and ACK), so
+`decode_command` reads what a host sends and `decode_response` what a module sends. Arrays come out
+read-only and share the packet's memory.
 """
 
 import struct

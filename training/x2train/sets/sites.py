@@ -87,15 +87,16 @@ P4XX = Radar(
 
 
 def _thesis() -> Radar:
-    x2 = RadarSettings(frame_rate_hz=60.0)
+    settings = RadarSettings(frame_rate_hz=60.0)
+    axis = settings.axis
     return Radar(
         name="X2 of the thesis",
-        carrier_hz=x2.carrier_hz,
-        bandwidth_hz=x2.bandwidth_hz,
-        bin_length_m=x2.bin_length_m,
-        near_m=x2.range_offset_m,
-        far_m=x2.range_offset_m + (x2.n_range - 1) * x2.bin_length_m,
-        frame_rate_hz=x2.frame_rate_hz,
+        carrier_hz=axis.carrier_hz,
+        bandwidth_hz=axis.bandwidth_hz,
+        bin_length_m=axis.bin_length_m,
+        near_m=axis.range_offset_m,
+        far_m=axis.range_offset_m + (axis.n_range - 1) * axis.bin_length_m,
+        frame_rate_hz=settings.frame_rate_hz,
     )
 
 

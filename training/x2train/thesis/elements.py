@@ -105,16 +105,7 @@ class Element:
 
 @lru_cache(maxsize=1)
 def _axis() -> FastTimeAxis:
-    radar = RadarSettings()
-    return FastTimeAxis(
-        kind="rf",
-        n_range=radar.n_range,
-        bin_length_m=radar.bin_length_m,
-        range_offset_m=radar.range_offset_m,
-        carrier_hz=radar.carrier_hz,
-        bandwidth_hz=radar.bandwidth_hz,
-        sample_rate_hz=radar.sample_rate_hz,
-    )
+    return RadarSettings().axis
 
 
 @lru_cache(maxsize=1)

@@ -2,20 +2,18 @@
 
 Ours, for ``load FILE`` and ``scipy.io.loadmat``: samples (n, n_range) single, real or complex;
 counter (n, 1) uint32; t_s (n, 1) double; the attributes of an HDF5 recording; device, settings and
-labels as JSON text (MATLAB's ``jsondecode``). Written is version 5, which every MATLAB reads; a
-variable of it holds 2 GiB at most, ours 1 GiB with all the rest.
+labels as JSON text (``jsondecode``). Written is version 5, whose variables hold 2 GiB at most.
 
 P4xx, read only: ``scn(i).scn`` is a scan of real bins, ``scn(i).T`` its time in milliseconds,
 whose slope is the frame period and whose gaps are lost frames. Scans become RF frames in the
 radar's own unit, bins of 61.035 ps from 17.499 ns on (the file's Tstrt when it is there), carrier
 4.0 GHz, -10 dB from 3.1 to 4.8 GHz; integers are exact up to 2**24.
 
-scipy reads the variables once every size in them is checked.
-MATLAB, "MAT-File Format", Level 5. A file is 128 bytes of head and then elements; an element is
-a tag (u32 type, u32 bytes; both in one u32 when there are 4 bytes at most) and its data, padded
-to 8 bytes. A variable is a miMATRIX element, often inside one that is deflated. scipy believes
-what a file says of its sizes, so every array's is held against the bytes that are there before
-scipy sees it: a file costs no more memory than it unpacks to, 1 GiB at most.
+scipy reads the variables, and believes what a file says of its sizes: every array's is held
+against the bytes that are there first, so a file costs no more memory than it unpacks to, 1 GiB at
+most. MATLAB, "MAT-File Format", Level 5: 128 bytes of head and then elements, a tag (u32 type, u32
+bytes; both in one u32 for 4 bytes at most) and its data, padded to 8 bytes. A variable is a
+miMATRIX element, often inside one that is deflated.
 """
 
 import io

@@ -1,7 +1,7 @@
 """Novelda's recordings: `xethru_recording_meta.dat` with datafloat and baseband files.
 
-Layouts (XTAN-05; the meta file decoded from real ones, see docs/research/hardware.md),
-little-endian, records back to back::
+Layouts (XTAN-05; the meta file decoded from real ones, docs/research/hardware.md), little-endian,
+records back to back::
 
     datafloat     u32 content id, u32 frame counter, u32 n, f32[n]      n/2 I then n/2 Q
     baseband_iq   u32 counter, u32 n, f32 bin length, sampling rate, carrier, range offset,
@@ -11,10 +11,9 @@ little-endian, records back to back::
 A datafloat record carries no axis: an X4 module's values are assumed and said so. Amplitude of
 baseband_ap is taken as amplitude; X4 documents call it power, X2 clients do not.
 
-Written is a folder with one baseband_iq file and its meta file; samples and counters are kept bit
-by bit. The records hold the axis as float32 and the meta file times in whole milliseconds; so that
-nothing is lost, the exact axis, rate, device and labels stand as JSON in the meta file's user
-header, which readers of Novelda's pass over.
+Written is a folder with one baseband_iq file and its meta file, bit by bit. What float32 and whole
+milliseconds would lose (axis, rate, device, labels) stands as JSON in the meta file's user header,
+which readers of Novelda's pass over.
 """
 
 import json

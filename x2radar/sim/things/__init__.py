@@ -15,10 +15,8 @@ from x2radar.errors import SceneError
 from x2radar.keys import place_of, unknown
 from x2radar.sim.points import Mover
 from x2radar.sim.things.draws import MountVibration, ThingKind, draw_mount, values_of
-from x2radar.sim.things.hanging import PLANT, RAIN
-from x2radar.sim.things.machines import FAN, WASHING_MACHINE
-from x2radar.sim.things.panels import CURTAIN, DOOR
-from x2radar.sim.things.vacuum import ROBOT_VACUUM
+from x2radar.sim.things.hanging import CURTAIN, DOOR, PLANT, RAIN
+from x2radar.sim.things.machines import FAN, ROBOT_VACUUM, WASHING_MACHINE
 
 __all__ = ["THINGS", "MountVibration", "ThingKind", "draw_mount", "draw_thing"]
 

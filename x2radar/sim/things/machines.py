@@ -1,4 +1,4 @@
-"""Machines that stand in one place: a fan and a washing machine."""
+"""Machines: a fan and a washing machine in their places, and a robot vacuum."""
 
 import numpy as np
 
@@ -145,4 +145,132 @@ WASHING_MACHINE = ThingKind(
         "rcs_m2": RCS,
     },
     _washing_machine,
+)
+
+# By what such machines do: after how long the way is repeated, how fast it turns, how far
+# and fast it backs off, points of the rim and bristles of the brush.
+_LOOP_S = 600.0
+_TURN_DEG_PER_S = 100.0
+_BACK_M, _BACK_MPS = 0.04, 0.1
+_N_RIM = 8
+_BRISTLES = 3
+
+
+def _vacuum(rng: np.random.Generator, position_m: Array, values: Values) -> Thing:
+    """Draw a flat disc on the floor with a spinning side brush.
+
+    Its way is drawn for ten minutes and ends where it began; then it comes again.
+    """
+    radius_m, brush_hz = values["radius_m"], values["brush_hz"]
+    low_m, top_m = np.array([[0, 0, values["height_m"] / 2], [0, 0, values["height_m"]]])
+    knot_s, x_m, y_m, turn_deg, bump_s = _drive(rng, values["area_m"] / 2, values["speed_mps"])
+    home_m, begin_s = np.array([*position_m, 0.0]), rng.uniform(0, _LOOP_S)
+    shake_hz = rng.uniform(6, 12)
+    rim_deg = 360 * (np.arange(_N_RIM) + 0.3 * rng.random(_N_RIM)) / _N_RIM
+    rim_rcs_m2 = 0.8 * values["rcs_m2"] * shares(rng, _N_RIM)
+
+    def points(t_s: Array, antenna_m: Array) -> Points:
+        now_s = (t_s + begin_s) % knot_s[-1]
+        heading_deg = np.interp(now_s, knot_s, turn_deg)
+        _, ahead = facing(heading_deg)
+        place_m = np.column_stack(
+            [np.interp(now_s, knot_s, x_m), np.interp(now_s, knot_s, y_m), 0 * now_s]
+        )
+        # After a bump the body rings on its wheels for a tenth of a second.
+        since_s = now_s - bump_s[np.searchsorted(bump_s, now_s, side="right") - 1]
+        ring_m = np.exp(-since_s / 0.1) * np.sin(2 * np.pi * shake_hz * since_s)
+        middle_m = home_m + place_m + values["bump_m"] * ring_m[:, None] * ahead
+        _, outward = facing(heading_deg[:, None] + rim_deg)
+        rim_m = middle_m[:, None] + radius_m * outward + low_m
+        brush_m = middle_m + 0.8 * radius_m * facing(heading_deg + 45)[1]
+        angle_deg = 360 * ((brush_hz * t_s) % 1.0)[:, None] + np.arange(_BRISTLES) * 120
+        bristle_m = brush_m[:, None] + 0.09 * facing(angle_deg)[1] + 0.1 * low_m
+        bright = np.maximum(lit(outward, rim_m, antenna_m), 0.05)
+        top, bristle = np.ones((len(t_s), 1)), np.ones((len(t_s), _BRISTLES)) / _BRISTLES
+        return Points(
+            np.concatenate([(middle_m + top_m)[:, None], rim_m, bristle_m], axis=1),
+            np.concatenate(
+                [
+                    0.15 * values["rcs_m2"] * top,
+                    rim_rcs_m2 * bright,
+                    0.05 * values["rcs_m2"] * bristle,
+                ],
+                axis=1,
+            ),
+        )
+
+    names = ("top", *numbered("rim", _N_RIM), *numbered("bristle", _BRISTLES))
+    return Thing(names, points)
+
+
+def _drive(
+    rng: np.random.Generator, half_m: float, speed_mps: float
+) -> tuple[Array, Array, Array, Array, Array]:
+    """Return a closed way inside a square: times, x, y and heading of its knots, bump times."""
+    x, y = rng.uniform(-half_m, half_m, 2)
+    heading = rng.uniform(0, 360)
+    knots = [(0.0, x, y, heading)]
+    bumps = [-1e3]
+    home = (x, y)
+    while knots[-1][0] < _LOOP_S:
+        goal = _straight(x, y, heading, half_m)
+        _run(knots, goal, speed_mps)
+        bumps.append(knots[-1][0])
+        away = np.deg2rad(heading)
+        back = (goal[0] - _BACK_M * np.sin(away), goal[1] - _BACK_M * np.cos(away))
+        _run(knots, back, _BACK_MPS)
+        # Off the wall, and never straight back into it.
+        heading += rng.uniform(70, 170) * (1 if rng.random() < 0.5 else -1)
+        _turn(knots, heading)
+        x, y = back
+    at = knots[-1]
+    heading = float(np.rad2deg(np.arctan2(home[0] - at[1], home[1] - at[2])))
+    heading += 360 * round((at[3] - heading) / 360)
+    _turn(knots, heading)
+    _run(knots, home, speed_mps)
+    first = knots[0][3]
+    _turn(knots, first + 360 * round((heading - first) / 360))
+    t_s, x_m, y_m, turn_deg = np.array(knots).T
+    return t_s, x_m, y_m, turn_deg, np.array(bumps)
+
+
+def _straight(x: float, y: float, heading_deg: float, half_m: float) -> tuple[float, float]:
+    """Return where a straight run meets the square's side."""
+    across, along = np.sin(np.deg2rad(heading_deg)), np.cos(np.deg2rad(heading_deg))
+    ways = [
+        (np.copysign(half_m, step) - at) / step
+        for at, step in ((x, across), (y, along))
+        if abs(step) > 1e-9
+    ]
+    way = max(min(ways), 0.0)
+    return x + way * across, y + way * along
+
+
+def _run(
+    knots: list[tuple[float, float, float, float]], goal: tuple[float, float], speed_mps: float
+) -> None:
+    t, x, y, heading = knots[-1]
+    # A run of no length still takes a moment, so times go up.
+    took_s = max(np.hypot(goal[0] - x, goal[1] - y) / speed_mps, 1e-3)
+    knots.append((t + took_s, goal[0], goal[1], heading))
+
+
+def _turn(knots: list[tuple[float, float, float, float]], heading_deg: float) -> None:
+    t, x, y, heading = knots[-1]
+    took_s = max(abs(heading_deg - heading) / _TURN_DEG_PER_S, 1e-3)
+    knots.append((t + took_s, x, y, heading_deg))
+
+
+ROBOT_VACUUM = ThingKind(
+    "A robot vacuum that runs straight, bumps, backs off and turns.",
+    {
+        "speed_mps": Draw(0.01, 1, (0.2, 0.35), "of its runs, m/s"),
+        "area_m": Draw(0.2, 20, (1.2, 3.0), "side of the square it cleans, m"),
+        "radius_m": Draw(0.05, 0.5, (0.16, 0.18), "of its body, m"),
+        "height_m": Draw(0.02, 0.5, (0.08, 0.1), "of its body, m"),
+        "brush_hz": Draw(0, 20, (1.5, 4), "turns per second of its side brush, Hz"),
+        "bump_m": Draw(0, 0.02, (0.001, 0.005), "how far it rings after a bump, m"),
+        "rcs_m2": RCS,
+    },
+    _vacuum,
 )
