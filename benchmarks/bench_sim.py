@@ -38,16 +38,7 @@ Array = NDArray[np.float64]
 
 def x2_axis() -> FastTimeAxis:
     """Return the axis of the X2's baseband frames: 768 bins of 3.66 mm."""
-    s = RadarSettings()
-    return FastTimeAxis(
-        kind="baseband",
-        n_range=768,
-        bin_length_m=s.bin_length_m,
-        range_offset_m=s.range_offset_m,
-        carrier_hz=s.carrier_hz,
-        bandwidth_hz=s.bandwidth_hz,
-        sample_rate_hz=s.sample_rate_hz,
-    )
+    return replace(RadarSettings().axis, kind="baseband")
 
 
 def decimated(axis: FastTimeAxis) -> FastTimeAxis:

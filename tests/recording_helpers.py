@@ -17,7 +17,7 @@ from x2radar.recording.hdf5_writer import RecordingWriter, write_labels
 
 RATE_HZ = 60.25
 SETTINGS = RadarSettings()
-RF = axis_with("rf", 48, SETTINGS.bin_length_m, SETTINGS.range_offset_m)
+RF = axis_with("rf", 48, SETTINGS.axis.bin_length_m, SETTINGS.axis.range_offset_m)
 AXES = {"rf": RF, "baseband": BASEBAND}
 COUNTERS = [4294967290, 4294967291, 4294967294, 3, 4, 4, 5, 900_000_000, 900_000_001]
 LABELS = [(0.0, 0.05, "human"), (0.05, 0.1125, "dog")]

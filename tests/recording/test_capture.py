@@ -1,5 +1,4 @@
 import json
-import threading
 import time
 from itertools import islice
 
@@ -9,8 +8,7 @@ import pytest
 from tests.recording_helpers import content, run
 from x2radar.device.device import X2Radar
 from x2radar.device.link import Deadlines
-from x2radar.device.transport import memory_pair
-from x2radar.errors import RecordingError, TransportClosed
+from x2radar.errors import RecordingError
 from x2radar.modules.x2 import RadarSettings
 from x2radar.recording.capture import (
     CLOSED,
@@ -18,7 +16,6 @@ from x2radar.recording.capture import (
     OPENED,
     TO_MODULE,
     Capture,
-    CaptureReplay,
     CaptureWriter,
     capturing,
 )
@@ -62,75 +59,13 @@ def same(frames, others):
         assert (a.counter, a.index, a.lost, a.axis) == (b.counter, b.index, b.lost, b.axis)
 
 
-@pytest.mark.parametrize("output", ["rf", "iq", "ap"])
-def test_a_driver_on_a_replayed_capture_gets_the_same_frames(tmp_path, output):
-    path = tmp_path / "w.x2cap"
-    settings = RadarSettings(output=output)
-    frames = captured(path, settings)
-    replay = CaptureReplay(Capture(path))
-    with X2Radar(replay.connect, settings) as radar:
-        same(frames, list(islice(radar.frames(), N)))
-        assert radar.stats.damaged == 0
-
-
 def test_a_port_that_was_opened_twice(tmp_path):
     path = tmp_path / "w.x2cap"
     frames = captured(path, is_usb=True)
     kinds = [chunk.kind for chunk in Capture(path).chunks()]
     assert (kinds.count(OPENED), kinds.count(CLOSED)) == (2, 2)
-    replay = CaptureReplay(Capture(path))
-    with X2Radar(replay.connect, deadlines=Deadlines(usb_gone_s=0.05)) as radar:
-        same(frames, list(islice(radar.frames(), N)))
-    with pytest.raises(TransportClosed, match="ends here"):
-        replay.connect()
-
-
-def test_a_driver_with_other_settings_is_stopped(tmp_path):
-    captured(tmp_path / "w.x2cap", n=5)
-    replay = CaptureReplay(Capture(tmp_path / "w.x2cap"))
-    with pytest.raises(TransportClosed, match="other bytes"):
-        X2Radar(replay.connect, RadarSettings(frame_stitch=2)).open()
-
-
-def test_unchecked_writes_are_ignored(tmp_path):
-    captured(tmp_path / "w.x2cap", n=5)
-    transport = CaptureReplay(Capture(tmp_path / "w.x2cap"), check_writes=False).connect()
-    transport.write(b"anything")
-    data = b""
-
-    def read_on():
-        nonlocal data
-        while True:
-            data += transport.read(0.1)
-
-    with pytest.raises(TransportClosed):
-        read_on()
-    want = [c.data for c in Capture(tmp_path / "w.x2cap").chunks() if c.kind == FROM_MODULE]
-    assert data == b"".join(want)
-    with pytest.raises(TransportClosed):
-        transport.write(b"x")
-
-
-def test_paced_replay_keeps_the_times(tmp_path):
-    path = tmp_path / "w.x2cap"
-    writer = CaptureWriter(path, {})
-    near, far = memory_pair()
-    transport = capturing(lambda: near, writer)()
-    for k in range(4):
-        far.write(bytes([k]))
-        assert transport.read(1) == bytes([k])
-        time.sleep(0.05)
-    writer.close()
-    for speed, least_s in ((1.0, 0.15), (None, 0.0)):
-        replayed = CaptureReplay(Capture(path), speed=speed).connect()
-        begun_s = time.monotonic()
-        assert [replayed.read(60) for _ in range(4)] == [b"\0", b"\1", b"\2", b"\3"]
-        assert time.monotonic() - begun_s >= least_s
-    replayed = CaptureReplay(Capture(path), speed=0.01).connect()
-    assert (replayed.read(0.01), replayed.read(0.01)) == (b"\0", b"")
-    threading.Timer(0.05, replayed.close).start()
-    with pytest.raises(TransportClosed):
-        replayed.read(60)
+    with open_recording(path) as reader:
+        same(frames, islice(reader.frames(), N))
 
 
 # ---------------------------------------------------------------- the file
@@ -175,7 +110,7 @@ def test_writer_overwrites_nothing_and_leaves_nothing_empty(tmp_path):
 # ---------------------------------------------------------------- as a recording
 
 
-@pytest.mark.parametrize("output", ["rf", "iq"])
+@pytest.mark.parametrize("output", ["rf", "iq", "ap"])
 def test_a_capture_is_a_recording_too(tmp_path, output):
     path = tmp_path / "w.x2cap"
     frames = captured(path, RadarSettings(output=output), n=200)

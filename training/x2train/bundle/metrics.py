@@ -60,12 +60,7 @@ def map_metrics(
     `validation` are windows of passages that training never saw, in order within each;
     `prior_human` is how far the policy leans, in nats, of `PRIOR_HUMAN`. The settings have `TRUST`
     times the discount of the lowest log loss; the log loss in the metrics is that of the best
-    discount, without a prior. Metrics have four digits; what the windows cannot tell is left out.
-
-    Raises
-    ------
-    UsageError
-        If the windows are of people alone, or of none.
+    discount, without a prior. Raises UsageError if the windows are of people alone, or of none.
     """
     label = np.asarray(validation["label"])
     check_calibration(label)

@@ -90,23 +90,10 @@ def write_temporal(
 ) -> Mapping[str, float]:
     """Write the bundle with its head; return its metrics.
 
-    Parameters
-    ----------
-    folder, name : Path and str
-        Where, and under which name.
-    model : str
-        Name or path of the bundle that it was made from.
-    trained, validation : HeadTrained and Sets
-        The head, and passages that training never saw.
-    abouts, command : sequence of mapping, and str
-        What the sets to train on were made from; for the card, behind the base's command.
-    evidence : mapping
-        `human_limit`, of `HUMAN_LIMIT`, and `prior_human`.
-
-    Raises
-    ------
-    RadardError
-        If onnxruntime and torch do not agree, or single windows are not what they were.
+    `model` is the bundle that it was made from, `validation` passages that training never saw;
+    `abouts`, what the sets to train on were made from, and `command` are for the card, behind the
+    base's command; `evidence` holds `human_limit`, of `HUMAN_LIMIT`, and `prior_human`. Raises
+    RadardError if onnxruntime and torch do not agree, or single windows are not what they were.
     """
     base = load_bundle(model)
     onnx = with_head(base.onnx, trained)

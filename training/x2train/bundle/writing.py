@@ -41,18 +41,10 @@ def write_bundle(
 ) -> None:
     """Write NAME.onnx, NAME.json and NAME.md, each at once or not at all.
 
-    Parameters
-    ----------
-    folder, bundle : Path and Bundle
-        Where, and what.
-    training : mapping
-        Recipe, command, seed and whatever else it was made from.
-    metrics : mapping
-        Measured on data that training never saw.
-    gate : mapping
-        Settings of the gate that chose the windows to train on; empty where there was none.
-    notes : str
-        For the card: what the figures mean, and what they do not.
+    `training` is recipe, command, seed and whatever else it was made from; `metrics` were measured
+    on data that training never saw; `gate` are the settings of the gate that chose the windows to
+    train on, empty where there was none; `notes` say on the card what the figures mean, and what
+    not.
     """
     training = _clips_once(training)
     sidecar = {
@@ -161,15 +153,10 @@ the sidecar names each with its source and SHA-256. docs/training.md credits the
 def evaluation_of(table: PassageTable, bundle: Bundle, command: str) -> dict[str, Any]:
     """Return what a sidecar says under ``evaluation``, of a run of a bundle with its own policy.
 
-    ``policy``, ``command``, ``gate`` (its settings), ``passages``, whether
-    no single feature tells people from pets (``is_matched``), and by name of sensitivity the
-    figures of `x2train.judge.levels.Level`, each estimate as [value, low, high]; null is not
-    known or infinite.
-
-    Raises
-    ------
-    UsageError
-        If there is nobody, or no pet: such an evaluation is none of an alarm.
+    ``policy``, ``command``, ``gate`` (its settings), ``passages``, whether no single feature tells
+    people from pets (``is_matched``), and by name of sensitivity the figures of `Level`, each
+    estimate as [value, low, high]; null is not known or infinite. Raises UsageError if there is
+    nobody, or no pet: such an evaluation is none of an alarm.
     """
     made = levels(table, bundle, np.random.default_rng(0))
     if not made[0].n_intrusions or not made[0].n_visits:

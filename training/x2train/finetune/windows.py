@@ -1,9 +1,8 @@
 """Own windows: a recording through the daemon's own pipeline, and what its network was given."""
 
 import hashlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +16,9 @@ from radard.judge.decision import Decision
 from radard.judge.features import Features
 from radard.judge.model_choice import model_for
 from radard.pipeline import Pipeline
-from radard.stream.ring import Notice
-from x2radar.recording.blocks import BlockReader
 from x2radar.recording.registry import open_recording
 from x2train.finetune.labels import OwnClip
+from x2train.judge.judging import replayed
 from x2train.nets.evidence_fit import first_windows
 
 Maps = Mapping[str, NDArray[np.float32]]
@@ -78,7 +76,7 @@ def own_windows(clip: OwnClip, bundle: Bundle) -> OwnWindows:
         except ModelMismatch as err:
             msg = f"{clip.path}: {err}"
             raise ModelMismatch(msg) from err
-        for decision in _decided(reader, pipeline):
+        for decision in replayed(reader, pipeline):
             n_alarms += decision.alarm
             if decision.window is not None:
                 # The whole window comes first, then what each track's own gate lets through.
@@ -96,13 +94,4 @@ def own_windows(clip: OwnClip, bundle: Bundle) -> OwnWindows:
 def decisions_on(clip: OwnClip, bundle: Bundle) -> list[Decision]:
     """Return what radard decides on a clip with a bundle."""
     with open_recording(clip.path) as reader:
-        return list(_decided(reader, Pipeline(reader.stream, Config(), Classifier(bundle))))
-
-
-def _decided(reader: BlockReader, pipeline: Pipeline) -> Iterator[Decision]:
-    ring = pipeline.make_ring()
-    for item in chain.from_iterable(map(ring.items, reader.frames(0.0))):
-        if isinstance(item, Notice):
-            pipeline.restart()
-        else:
-            yield pipeline.decide(item)
+        return list(replayed(reader, Pipeline(reader.stream, Config(), Classifier(bundle))))

@@ -7,17 +7,17 @@ least a half. Intervals are those of `x2train.judge.estimates`.
 
 import html
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.errors import OutputError
 from radard.judge.decision import MIN_P
 from x2train.judge.acceptance import ENTRIES, Entry
 from x2train.judge.estimates import Estimate, per_hour, share
+from x2train.judge.report import write_files
 from x2train.judge.table import PassageTable
 from x2train.judge.verdicts import PET_LIMIT, hours, verdicts
 
@@ -120,22 +120,10 @@ def _cell(figure: Mapping[str, Any], *, is_rate: bool) -> str:
 def write_acceptance(
     table: PassageTable, out_dir: Path, about: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Write acceptance.json and acceptance.html into a folder; return what is in the JSON.
-
-    Raises OutputError if a file cannot be written.
-    """
+    """Write acceptance.json and .html as `write_files` does; return what is in the JSON."""
     made = document(table, about)
-    files: dict[str, Callable[[], str]] = {
-        "acceptance.json": lambda: json.dumps(made, indent=1, allow_nan=False) + "\n",
-        "acceptance.html": lambda: _page(made),
-    }
-    try:
-        out_dir.mkdir(parents=True, exist_ok=True)
-        for name, text in files.items():
-            (out_dir / name).write_text(text(), encoding="utf-8")
-    except OSError as err:
-        msg = f"{out_dir}: cannot write the report: {err.strerror}"
-        raise OutputError(msg) from err
+    text = json.dumps(made, indent=1, allow_nan=False) + "\n"
+    write_files(out_dir, {"acceptance.json": text, "acceptance.html": _page(made)})
     return made
 
 

@@ -72,20 +72,10 @@ def resampled(
 ) -> Estimate:
     """Return a statistic with a percentile interval of passages drawn with replacement.
 
-    Windows of one passage resemble each other, so the passage is what is drawn (a cluster
-    bootstrap). A figure that no draw changes, such as an AUC of exactly 1, has an interval
-    of no width: it then says less than the number of passages.
-
-    Parameters
-    ----------
-    statistic : callable
-        Weights of the passages, shape (n_passages,), to the figure; NaN is left out.
-    n_passages : int
-        How many there are.
-    rng : Generator
-        For the draws.
-    replicates : int
-        How often to draw.
+    `statistic` takes weights of the passages, shape (n_passages,); NaN is left out. Windows of one
+    passage resemble each other, so the passage is what is drawn (a cluster bootstrap). A figure
+    that no draw changes, such as an AUC of exactly 1, has an interval of no width: it then says
+    less than the number of passages.
     """
     value = statistic(np.ones(n_passages))
     if n_passages == 0 or np.isnan(value):
@@ -132,10 +122,7 @@ class Ranking:
     def rates(self) -> tuple[_Float, _Float, _Float]:
         """Return thresholds, descending from infinity, with both rates of scores at or above.
 
-        Returns
-        -------
-        threshold, false_positive, true_positive : ndarray, shape (n_levels + 1,), float64
-            NaN rates for a class that is absent.
+        All of shape (n_levels + 1,): thresholds, false and true positives; NaN of an absent class.
         """
         positive, negative = self._counts(None)
         threshold = np.concatenate([[np.inf], self.levels[::-1]])

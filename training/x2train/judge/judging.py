@@ -7,6 +7,7 @@ policy are those that run in `radard`.
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import chain
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -20,6 +21,7 @@ from radard.judge.decision import Decision
 from radard.pipeline import Pipeline
 from radard.stream.ring import Dwell
 from x2radar.frame import Frame, StreamInfo
+from x2radar.recording.blocks import BlockReader
 from x2train.judge.suites import SUITES, Suite, check_suites, suite_of
 from x2train.judge.table import Columns, passage_columns
 from x2train.sets.known import ADULT_DB, LEVEL_ERROR_DB
@@ -43,10 +45,7 @@ OWN_RADARS = "suites"
 class JudgeSpec:
     """What a bundle is judged on; passage k is the same for every bundle.
 
-    Raises
-    ------
-    UsageError
-        If there is no such radar or suite.
+    Raises UsageError if there is no such radar or suite.
     """
 
     model: str  # name or path of the bundle
@@ -126,12 +125,15 @@ def pipeline_for(
     config: Config | None = None,
 ) -> Pipeline:
     """Return the daemon's pipeline for a radar's frames."""
-    config = config or Config()
-    if policy:
-        section = config.decision.model_copy(update={"policy": policy})
-        config = config.model_copy(update={"decision": section})
+    config = with_policy(config or Config(), policy)
     stream = StreamInfo(radar.axis(), radar.frame_rate_hz, radar.name)
     return Pipeline(stream, config, _classifier(model), judges_tracks=judges_tracks)
+
+
+def with_policy(config: Config, policy: str) -> Config:
+    """Return a configuration with 'window' or 'fused' instead of its policy; empty: as it is."""
+    section = config.decision.model_copy(update={"policy": policy} if policy else {})
+    return config.model_copy(update={"decision": section})
 
 
 def dwells(pipeline: Pipeline, played: Passage) -> Iterator[Dwell]:
@@ -184,6 +186,16 @@ def in_view(played: Passage) -> dict[str, float]:
                 "snr_db": float(truth.snr_db[seen, 0].mean()),
             }
     return facts
+
+
+def replayed(reader: BlockReader, pipeline: Pipeline) -> Iterator[Decision]:
+    """Yield what radard decides on a recording."""
+    ring = pipeline.make_ring()
+    for item in chain.from_iterable(map(ring.items, reader.frames(0.0))):
+        if isinstance(item, Dwell):
+            yield pipeline.decide(item)
+        else:
+            pipeline.restart()
 
 
 def from_decisions(made: Sequence[Decision], **facts: Any) -> Columns:

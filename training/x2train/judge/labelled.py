@@ -12,7 +12,7 @@ recording, and may be missing where a label holds for all of it::
 
 import csv
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -28,10 +28,9 @@ from radard.judge.classifier import Classifier
 from radard.judge.decision import Decision
 from radard.judge.model_choice import model_for
 from radard.pipeline import Pipeline
-from radard.stream.ring import Dwell
 from x2radar.bounded_yaml import load_yaml
 from x2radar.recording.registry import open_recording
-from x2train.judge.judging import from_decisions
+from x2train.judge.judging import from_decisions, replayed, with_policy
 from x2train.judge.table import Columns, PassageTable
 
 
@@ -82,14 +81,8 @@ def _row(path: Path, number: int, row: Any) -> Labelled:
 def judge_labelled(rows: list[Labelled], model: str, policy: str = "") -> PassageTable:
     """Return a table of the rows, judged from the beginning of each recording on.
 
-    A row's decisions are those of windows that end within it.
-
-    Raises
-    ------
-    UsageError
-        If no window ends within a row.
-    X2RadarError, RadardError
-        If a recording cannot be read, or the bundle was not made for such a stream.
+    A row's decisions are those of windows that end within it. Raises UsageError if there are none,
+    X2RadarError or RadardError if a recording cannot be read, or suits no bundle.
     """
     made: dict[Path, tuple[list[Decision], float]] = {}
     passages: list[Columns] = []
@@ -119,19 +112,10 @@ def judge_labelled(rows: list[Labelled], model: str, policy: str = "") -> Passag
 
 def _decided(path: Path, model: str, policy: str) -> tuple[list[Decision], float]:
     """Return what radard decides on a recording, and how long that is."""
-    reader = open_recording(str(path))
-    config = Config()
-    if policy:
-        section = config.decision.model_copy(update={"policy": policy})
-        config = config.model_copy(update={"decision": section})
-    bundle = load_bundle(model_for(model, reader.stream))
-    pipeline = Pipeline(reader.stream, config, Classifier(bundle), judges_tracks=False)
-    ring, end_s = pipeline.make_ring(), 0.0
-
-    def dwells() -> Iterator[Dwell]:
-        nonlocal end_s
-        for frame in reader.frames(0.0):
-            end_s = (frame.index + 1) / reader.stream.frame_rate_hz
-            yield from (item for item in ring.items(frame) if isinstance(item, Dwell))
-
-    return [pipeline.decide(dwell) for dwell in dwells()], end_s
+    with open_recording(path) as reader:
+        bundle = load_bundle(model_for(model, reader.stream))
+        config, classifier = with_policy(Config(), policy), Classifier(bundle)
+        pipeline = Pipeline(reader.stream, config, classifier, judges_tracks=False)
+        made = list(replayed(reader, pipeline))
+        *_, last = reader.blocks(samples=False)
+        return made, float(last.t_s[-1]) + 1 / reader.stream.frame_rate_hz

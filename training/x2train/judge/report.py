@@ -50,28 +50,10 @@ def write(
 ) -> dict[str, Any]:
     """Write report.json and report.html of a model into a folder; return what is in the JSON.
 
-    Parameters
-    ----------
-    table, other : PassageTable
-        What the model said of each passage; what another one said of the same ones, to compare.
-    out_dir, title : Path and str
-        The folder, made when missing; headline of the page.
-    render : callable, optional
-        Index of a passage to its picture, a PNG, or None; asked for the worst twenty.
-    seed : int
-        Of the draws for the intervals.
-
-    Returns
-    -------
-    dict
-        As report.schema.json describes.
-
-    Raises
-    ------
-    UsageError
-        If `other` is of other passages.
-    OutputError
-        If the folder or a file cannot be written.
+    `table` is what the model said of each passage, `other` what another one said of the same ones,
+    to compare; `render` gives the picture of a passage, a PNG, or None, for the worst twenty;
+    `seed` draws for the intervals. Raises UsageError if `other` is of other passages, OutputError
+    as `write_files`.
     """
     # Late: matplotlib takes a second, and a summary needs none.
     from x2train.judge.page import page  # noqa: PLC0415
@@ -95,14 +77,19 @@ def write(
     html = page(
         made, table, here, None if other is None or there is None else (other, there), render
     )
+    write_files(out_dir, {"report.json": text, "report.html": html})
+    return made
+
+
+def write_files(out_dir: Path, texts: Mapping[str, str]) -> None:
+    """Write a report's files; raises OutputError if the folder or one of them cannot be."""
     try:
         out_dir.mkdir(parents=True, exist_ok=True)
-        (out_dir / "report.json").write_text(text, encoding="utf-8")
-        (out_dir / "report.html").write_text(html, encoding="utf-8")
+        for name, text in texts.items():
+            (out_dir / name).write_text(text, encoding="utf-8")
     except OSError as err:
         msg = f"{out_dir}: cannot write the report: {err.strerror}"
         raise OutputError(msg) from err
-    return made
 
 
 def rounded(value: float) -> float:

@@ -35,26 +35,10 @@ _STEERS_MPS = 0.1
 class Clip:
     """One clip: where joints are, seen from a point that moves along the body's smoothed way.
 
-    Attributes
-    ----------
-    name : str
-        Of its file.
-    label : {'human', 'pet'}
-        What an alarm should take it for.
-    individual : str
-        Of whom it is; clips of one individual can follow each other.
-    joints, parents
-        Names and tree, as in the file.
-    frame_rate_hz : float
-        Of the file.
-    joint_m : ndarray, shape (n_frames, n_joints, 3), float64
-        Ahead, to the left and up, from the floor beneath the way's point.
-    step_m : ndarray, shape (n_frames,), float64
-        How far the point goes from each frame to the next, along the way.
-    licence, source, sha256 : str
-        For a bundle's card.
-    slip : float
-        How far feet that stand slide, against how far the body goes: 0 where it was recorded.
+    `joint_m`, shape (n_frames, n_joints, 3), is ahead, to the left and up, from the floor beneath
+    that point; `step_m`, shape (n_frames,), how far it goes from each frame to the next. Clips of
+    one `individual` can follow each other. `slip` is how far feet that stand slide, against how
+    far the body goes: 0 where it was recorded. Licence, source and hash are for a bundle's card.
     """
 
     name: str
@@ -98,13 +82,7 @@ def _other_side(name: str, names: Sequence[str]) -> str:
 
 
 def read_clip(path: Path) -> Clip:
-    """Read a clip.
-
-    Raises
-    ------
-    SceneError
-        If it is none: one line with the file's name.
-    """
+    """Read a clip; raises SceneError, one line with the file, if it is none."""
     try:
         data = path.read_bytes()
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
@@ -148,10 +126,7 @@ def read_clip(path: Path) -> Clip:
 def read_clips(folder: Path) -> tuple[Clip, ...]:
     """Read all clips of a folder and the folders in it, by name.
 
-    Raises
-    ------
-    SceneError
-        If there is none, or one of them is none.
+    Raises SceneError if there is none, or one of them is none.
     """
     found = tuple(read_clip(path) for path in sorted(folder.rglob("*.npz")))
     if not found:

@@ -43,21 +43,11 @@ class RawMotion:
 def read_motions(
     path: Path, *, asf: Path | None = None, rate_hz: float = 120.0
 ) -> list[RawMotion]:
-    """Read all animations of a file.
+    """Read all animations of a file whose suffix is one of `SUFFIXES`.
 
-    Parameters
-    ----------
-    path : Path
-        A file whose suffix is one of `SUFFIXES`.
-    asf : Path, optional
-        The skeleton of an AMC file; without it the .asf of the same name, or the only one there.
-    rate_hz : float
-        Of AMC files, which do not say it.
-
-    Raises
-    ------
-    SceneError
-        If it cannot be read: one line with the file's name.
+    `asf` is the skeleton of an AMC file (by default the .asf of the same name, or the only one
+    there), `rate_hz` the rate of AMC files, which do not say it. Raises SceneError, one line with
+    the file's name, if it cannot be read.
     """
     try:
         found = list(_read(path, asf, rate_hz))

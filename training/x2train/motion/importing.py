@@ -65,10 +65,7 @@ class JointMap:
 def read_map(path: Path) -> JointMap:
     """Read a map.
 
-    Raises
-    ------
-    SceneError
-        If it cannot be read, or names a joint that there is not, or leaves one out.
+    Raises SceneError if it cannot be read, or names a joint that there is not, or leaves one out.
     """
     try:
         raw: Any = load_yaml(path.read_text("utf-8"))

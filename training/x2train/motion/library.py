@@ -80,18 +80,10 @@ def read_library(folder: Path) -> tuple[Individual, ...]:
 def draw_recorded_body(
     rng: np.random.Generator, individual: Individual, options: Mapping[str, Any], where: str
 ) -> Body:
-    """Draw a body that moves as an individual did.
+    """Draw a body that moves as an individual did: clips, size, tempo, mirror, course and skin.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Of clips, size, tempo, mirror, course, girth and skin.
-    individual : Individual
-        Whose clips it plays.
-    options : mapping
-        `near_m`, `far_m` (of the course), `course`, `skin`, `total_rcs_dbsm`, as scenes have them.
-    where : str
-        Its path in a scene, for errors.
+    `options` are `near_m`, `far_m` (of the course), `course`, `skin`, `total_rcs_dbsm`, as scenes
+    have them; `where` is its path in a scene, for errors.
     """
     label = individual.label
     clips = individual.clips

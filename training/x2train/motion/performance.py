@@ -59,18 +59,10 @@ def perform(
     scale: float = 1.0,
     tempo: float = 1.0,
 ) -> Performance:
-    """Play clips of one individual one after the other.
+    """Play clips of one individual one after the other, for `duration_s` at least.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Of which clip comes first, and where it is begun.
-    clips : sequence of Clip
-        Of one individual, with the same joints and frame rate; all go, or none does.
-    duration_s : float
-        How long the performance is at least.
-    scale, tempo : float
-        How much larger and how much faster than recorded.
+    The clips have the same joints and frame rate, and all go, or none does. `scale` and `tempo`
+    are how much larger and how much faster than recorded.
     """
     rate_hz = clips[0].frame_rate_hz
     n_wanted = int(np.ceil(duration_s * rate_hz * tempo)) + 2

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import log_softmax
 
 from radard.judge.classifier import FUSED_LOGITS, HIDDEN, NEXT_HIDDEN, Hidden, softmax
 from radard.judge.onnx_runtime import ort
@@ -34,8 +35,7 @@ class Answers:
         """Return the head's log-probabilities, shape (n, n_classes); None without a head."""
         if self.fused is None:
             return None
-        z = self.fused - self.fused.max(axis=1, keepdims=True)
-        return np.asarray(z - np.log(np.exp(z).sum(axis=1, keepdims=True)))
+        return np.asarray(log_softmax(self.fused, axis=1))
 
 
 def outputs_of(
@@ -44,17 +44,10 @@ def outputs_of(
     *,
     is_first: NDArray[np.bool_] | None = None,
 ) -> Answers:
-    """Return the answers to windows.
+    """Return a network's answers to windows, shape (n, ...): float32, or bytes for 0 to 1.
 
-    Parameters
-    ----------
-    onnx_bytes : bytes
-        A bundle's network.
-    inputs : mapping of str to ndarray, shape (n, ...)
-        float32, or bytes that stand for 0 to 1.
-    is_first : ndarray, shape (n,), bool, optional
-        Where the gate has opened, of windows in order; None for windows that have nothing to do
-        with each other, which have no fused answers.
+    `is_first`, shape (n,), says where the gate has opened, of windows in order; None for windows
+    that have nothing to do with each other, which have no fused answers.
     """
     return _run(onnx_bytes, inputs, is_first, "")[0]
 

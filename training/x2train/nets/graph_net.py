@@ -22,18 +22,7 @@ _Operator = Callable[[list[Any], Mapping[str, Any]], Tensor]
 
 
 class GraphNet(nn.Module):
-    """The network of a bundle.
-
-    Parameters
-    ----------
-    onnx_bytes : bytes
-        From the bundle.
-
-    Raises
-    ------
-    UsageError
-        If it has an operator that is not known here.
-    """
+    """The network of a bundle; raises UsageError if it has an operator that is not known here."""
 
     def __init__(self, onnx_bytes: bytes) -> None:
         super().__init__()

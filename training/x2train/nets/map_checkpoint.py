@@ -9,7 +9,7 @@ import json
 import pickle
 import time
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -32,22 +32,9 @@ _DAMAGED = (
     pickle.UnpicklingError,
 )
 """What torch raises on files that are no checkpoints, or not whole."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SavedPoint:
-    """State of a training after so many steps of an epoch."""
-
-    print: str  # of data and settings, see `fingerprint`
-    epoch: int  # from 1
-    step: int  # done in it
-    total: float  # loss of these, summed over windows
-    net: dict[str, Any]
-    optimizer: list[dict[str, Any]]
-    # states of the generators: at the epoch's beginning, which orders it; and now
-    order: torch.Tensor
-    now: torch.Tensor
-    layers: torch.Tensor
+_KEYS = {"print", "epoch", "step", "total", "net", "optimizer", "order", "now", "layers"}
+"""Fingerprint of the run; epoch, from 1, steps done in it and their loss; states of network and
+optimisers; of generators: at the epoch's beginning, which orders it, now, and of layers, now."""
 
 
 def fingerprint(
@@ -86,19 +73,18 @@ class Checkpoints:
 
         The generator is put to the epoch's beginning; `at_step` puts it on from there.
         """
-        point = self._read()
-        if point is None:
+        point = self._point = self._read()
+        if not point:
             return 1, 0, 0.0
-        net.load_state_dict(point.net)
-        optimizer.load_state(point.optimizer)
-        rng.set_state(point.order)
-        self._resumed = point
-        return point.epoch, point.step, point.total
+        net.load_state_dict(point["net"])
+        optimizer.load_state(point["optimizer"])
+        rng.set_state(point["order"])
+        return point["epoch"], point["step"], point["total"]
 
     def at_step(self, rng: torch.Generator) -> None:
         """Put the generators to where the steps that were done have left them."""
-        rng.set_state(self._resumed.now)
-        torch.set_rng_state(self._resumed.layers)
+        rng.set_state(self._point["now"])
+        torch.set_rng_state(self._point["layers"])
 
     @property
     def is_due(self) -> bool:
@@ -116,18 +102,15 @@ class Checkpoints:
         """Write a checkpoint; `at` as `resume` returns it."""
         if self._path is None:
             return
-        point = SavedPoint(
-            self._run,
-            *at,
-            net.state_dict(),
-            optimizer.state(),
-            order,
-            rng.get_state(),
-            torch.get_rng_state(),
-        )
+        epoch, step, total = at
+        point = {
+            **{"print": self._run, "epoch": epoch, "step": step, "total": total},
+            **{"net": net.state_dict(), "optimizer": optimizer.state()},
+            **{"order": order, "now": rng.get_state(), "layers": torch.get_rng_state()},
+        }
         self._path.parent.mkdir(parents=True, exist_ok=True)
         data = io.BytesIO()
-        torch.save({f.name: getattr(point, f.name) for f in fields(point)}, data)
+        torch.save(point, data)
         write_whole(self._path, data.getvalue())
         self._next_s = time.monotonic() + self._every_s
 
@@ -136,13 +119,14 @@ class Checkpoints:
         if self._path is not None:
             self._path.unlink(missing_ok=True)
 
-    def _read(self) -> SavedPoint | None:
-        """Return the file's point; None if there is none, or it is of another run or damaged."""
+    def _read(self) -> dict[str, Any]:
+        """Return the file's point; empty if there is none, or it is of another run or damaged."""
         if self._path is None or not self._path.exists():
-            return None
+            return {}
         try:
             # Nothing in a file runs code.
-            point = SavedPoint(**torch.load(self._path, weights_only=True, map_location="cpu"))
-        except _DAMAGED:
-            return None
-        return point if point.print == self._run else None
+            point: dict[str, Any] = torch.load(self._path, weights_only=True, map_location="cpu")
+            is_own = point.keys() == _KEYS and point["print"] == self._run
+        except (*_DAMAGED, AttributeError):
+            return {}
+        return point if is_own else {}

@@ -13,7 +13,7 @@ from torch import nn
 from radard.errors import UsageError
 from radard.judge.bundle import Bundle
 from radard.judge.installation import INSTALLATION, N_INSTALLATION
-from x2train.nets.epoch import Epoch, temperature_of
+from x2train.nets.epoch import Epoch, cross_entropy, temperature_of
 from x2train.nets.map_checkpoint import Checkpoints, fingerprint
 from x2train.nets.nets import MapNet, Widths
 from x2train.nets.optimizer import MuonAdamW
@@ -76,11 +76,10 @@ def fit_maps(
 ) -> Iterator[Epoch | MapTrained]:
     """Train; yield every epoch, and at last the network, on the processor.
 
-    Windows are `INPUTS`, maps as bytes, shape (n, rows, n_cells), and `label`. `taught`, shape
-    (n, 3), is what a teacher makes of the windows to train on, see `x2train.nets.teacher`.
-    `checkpoint` is a file that an interrupted training goes on from; `start` a bundle of this size
-    whose weights are gone on from. On a processor the same seed gives the same weights; a GPU
-    adds in an order of its own.
+    Windows are `INPUTS`, maps as bytes, shape (n, rows, n_cells), and `label`; `taught`, shape (n,
+    3), is what a teacher makes of those to train on. `checkpoint` is a file that an interrupted
+    training goes on from; `start` a bundle of this size whose weights are gone on from. On a
+    processor the same seed gives the same weights; a GPU adds in an order of its own.
     """
     torch.manual_seed(settings.seed)
     torch.set_num_threads(settings.threads)
@@ -118,7 +117,7 @@ def fit_maps(
             if kept.is_due:
                 kept.save((number, step, float(total)), net, optimizer, order, rng)
         logits = logits_of(net, validation)
-        score = _cross_entropy(logits, np.asarray(validation["label"]))
+        score = cross_entropy(logits, np.asarray(validation["label"]))
         yield Epoch(number, float(total) / len(labels), score)
         done, total = 0, 0.0
     kept.done()
@@ -214,9 +213,3 @@ def logits_of(net: nn.Module, windows: Arrays) -> NDArray[np.float64]:
             known = torch.from_numpy(windows[INSTALLATION][rows]).to(device)
             out.append(net(*maps, known).cpu().numpy().astype(np.float64))
     return np.concatenate(out) if out else np.zeros((0, 3))
-
-
-def _cross_entropy(logits: NDArray[np.float64], labels: NDArray[Any]) -> float:
-    z = logits - logits.max(axis=1, keepdims=True)
-    log_p = z - np.log(np.exp(z).sum(axis=1, keepdims=True))
-    return float(-log_p[np.arange(len(labels)), labels].mean())

@@ -10,27 +10,15 @@ _KNOWN = 16  # units for what is known besides the maps
 class MapNet(nn.Module):
     """Strided convolutional branches over maps: two of the same time, others of their own.
 
-    Each branch halves velocity or range four times and time twice. Those of the velocity-time
-    and the range-time map are joined time by time, and a convolution over time mixes them;
-    maps with longer CPIs have fewer columns of time and are joined after it. Mean and maximum
-    over time decide. Strides instead of pooling: three times as fast on one core.
+    Each branch halves velocity or range four times and time twice. Those of the velocity-time and
+    the range-time map (of so many rows; 0 leaves one out) are joined time by time, and a
+    convolution over time mixes them; maps with longer CPIs (`n_long`, rows of each) have fewer
+    columns of time and are joined after it. Mean and maximum over time decide, with `n_known`
+    numbers that are known besides (`radard.judge.installation`). Strides instead of pooling: three
+    times as fast on one core.
 
-    Parameters
-    ----------
-    n_velocity, n_range : int
-        Rows of the velocity-time map and of the range-time map; 0 leaves a branch out.
-    n_long : tuple of int
-        Rows of the velocity-time maps with longer CPIs.
-    n_known : int
-        Numbers that are known besides (`radard.judge.installation`), as one more input.
-    widths, long_widths : tuple of int
-        Channels of the four convolutions of a branch, and of one with a longer CPI.
-    hidden : int
-        Channels behind the junction; half as many for every longer CPI.
-    n_out : int
-        Classes.
-    dropout : float
-        Of what decides, in training.
+    `widths` and `long_widths` are channels of a branch's four convolutions, `hidden` those behind
+    the junction, half as many for every longer CPI.
     """
 
     def __init__(

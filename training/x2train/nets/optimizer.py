@@ -2,8 +2,8 @@
 
 Muon (K. Jordan et al., "Muon: An optimizer for hidden layers in neural networks", 2024; here
 `torch.optim.Muon`) steps along the orthogonal matrix nearest to the momentum, so that all
-directions of a layer learn equally fast. A convolution is a matrix with a row for each of its
-channels. Layers of few inputs or few outputs (the first, the last, norms) are AdamW's.
+directions of a layer learn equally fast. A convolution is a matrix with a row for each channel.
+Layers of few inputs or few outputs (the first, the last, norms) are AdamW's.
 """
 
 from collections.abc import Sequence
@@ -17,20 +17,10 @@ _MIN_ROWS, _MIN_COLUMNS = 4, 31  # the layers named above are smaller
 
 
 class MuonAdamW:
-    """The optimisers of a network.
+    """The optimisers of a network, whose parameters must stay where they are in memory.
 
-    Parameters
-    ----------
-    net : nn.Module
-        Its parameters must stay where they are in memory from now on.
-    n_steps : int
-        All steps of the training.
-    rate, matrix_rate : float
-        Greatest learning rates of AdamW and of Muon.
-    weight_decay : float
-        Of AdamW; Muon's is `matrix_decay`.
-    matrix_decay : float
-        Of Muon.
+    `rate` and `matrix_rate` are the greatest learning rates of AdamW and of Muon in the one cycle
+    of `n_steps`, `weight_decay` and `matrix_decay` their decays.
     """
 
     def __init__(

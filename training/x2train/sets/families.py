@@ -131,12 +131,7 @@ def family(name: str) -> Family:
 def plugged_family(name: str) -> Family:
     """Return the family of a body that a plug-in brings.
 
-    Raises
-    ------
-    SettingsError
-        If no plug-in of `x2radar.bodies` has that name.
-    PluginError
-        If it makes no body.
+    Raises SettingsError if none has that name, PluginError if it makes no body.
     """
     kind = plugged_body(name)
     if kind is None:

@@ -36,44 +36,27 @@ def make_shards(
     cluster: str | None = None,
     report: Tell | None = None,
 ) -> ShardSet:
-    """Make a set of shards, or what is missing of it.
+    """Make a set of shards, or what is missing of it, of elements 0 to n_elements - 1.
 
     Parameters
     ----------
-    folder : Path
-        Of the set.
-    about : mapping
-        What the elements are drawn from; the set is refused if it was made otherwise.
-    n_elements : int
-        Elements 0 to n_elements - 1.
+    folder, about : Path and mapping
+        The set, and what its elements are drawn from; it is refused if it was made otherwise.
     make : callable
-        Element number to its arrays, of any lengths, with the same names and dtypes for
-        every element; None leaves it out. It must be importable by name in a new process.
-    per_shard : int
-        Elements per shard.
-    workers : int
-        Local processes.
+        Element number to its arrays, of any lengths, with the same names and dtypes for every
+        element; None leaves it out. It must be importable by name in a new process.
+    per_shard, workers : int
+        Elements per shard; local processes.
     cluster : str, optional
-        Address of a Dask scheduler, whose workers are used instead; they must have this
-        package, and what `make` needs, installed.
+        Address of a Dask scheduler, whose workers, with this package, are used instead.
     report : callable, optional
         Told how many are done, of how many, after every chunk.
 
-    Returns
-    -------
-    ShardSet
-        Shards 'shard-00000', ...: for each name the elements' arrays one after another.
-
     Raises
     ------
-    UsageError
-        If a number is out of range, or the folder holds another set.
-    ElementError
-        If `make` fails; shards that were whole by then are kept.
-    GenerateError
-        If the cluster cannot be reached, or a worker died.
-    RecordingError
-        If the disk does not take a shard.
+    UsageError, ElementError, GenerateError, RecordingError
+        If a number is out of range or the folder holds another set; `make` fails (whole shards are
+        kept); the cluster cannot be reached or a worker died; the disk does not take a shard.
     """
     for name, value in (
         ("n_elements", n_elements),

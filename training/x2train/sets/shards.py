@@ -29,21 +29,10 @@ VERSION = 1
 
 
 class ShardSet:
-    """One set of shards.
+    """One set of shards in a folder, made when missing; `about` is what it is made from.
 
-    Parameters
-    ----------
-    folder : Path
-        Made when missing.
-    about : mapping
-        What the set is made from; a folder that holds another set is refused.
-
-    Raises
-    ------
-    UsageError
-        If the folder holds a set that was made otherwise.
-    RecordingError
-        If the folder cannot be made, or its manifest cannot be read.
+    Raises UsageError if the folder holds a set that was made otherwise, RecordingError if it
+    cannot be made, or its manifest cannot be read.
     """
 
     def __init__(self, folder: Path, about: Mapping[str, Any]) -> None:
