@@ -104,9 +104,15 @@ class Checkpoints:
             return
         epoch, step, total = at
         point = {
-            **{"print": self._run, "epoch": epoch, "step": step, "total": total},
-            **{"net": net.state_dict(), "optimizer": optimizer.state()},
-            **{"order": order, "now": rng.get_state(), "layers": torch.get_rng_state()},
+            "print": self._run,
+            "epoch": epoch,
+            "step": step,
+            "total": total,
+            "net": net.state_dict(),
+            "optimizer": optimizer.state(),
+            "order": order,
+            "now": rng.get_state(),
+            "layers": torch.get_rng_state(),
         }
         self._path.parent.mkdir(parents=True, exist_ok=True)
         data = io.BytesIO()
