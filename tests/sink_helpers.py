@@ -19,8 +19,8 @@ from radard.config.config import Config
 from radard.config.sink_table import LogSection, SinkOptions
 from radard.health.health import Status
 from radard.log import EventLog
-from radard.outputs import open_output
 from radard.outputs.base import SinkContext
+from radard.outputs.registry import make_output, start_sink
 from tests.waiting import free_port
 
 QUICK = LogSection(first_retry_s=0.02, longest_retry_s=0.05, attempts=3)
@@ -150,7 +150,9 @@ def open_sink(url, options=None, *, state_dir=None, **context):
     """Open one output with a log of its own, which goes on in `state_dir`."""
     log = EventLog(state_dir / "log.db" if state_dir is not None else None)
     context = SinkContext(**{"sensor": "hall", "log": log, **context})
-    return Alone(open_output(url, options or SinkOptions(), context), log)
+    sink = make_output(url, options or SinkOptions(), context)
+    start_sink(sink)
+    return Alone(sink, log)
 
 
 class MqttBroker:

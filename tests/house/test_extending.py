@@ -13,9 +13,11 @@ import pytest
 
 from radard import plugins
 from radard.cli import main
+from radard.config.sink_table import SinkOptions
 from radard.errors import FeatureError, ModelMismatch
 from radard.judge.features import FeatureSettings, FeatureStream, feature_shape
-from radard.outputs import open_sinks
+from radard.outputs.base import SinkContext
+from radard.outputs.registry import make_output
 from radard.stream.source import open_source
 from tests.radar_helpers import dwell_of, noise, run_radard
 from x2radar.errors import PluginError, SceneError
@@ -185,7 +187,7 @@ def use(group):
     if group == "sources":
         open_source("odd:x")
     elif group == "sinks":
-        open_sinks(["odd:x"], stdout_is_terminal=False)
+        make_output("odd:x", SinkOptions(), SinkContext())
     elif group == "features":
         feature_shape("odd", FeatureSettings())
         FeatureStream(FeatureSettings(), ("odd",)).extract(dwell_of(noise(147)))

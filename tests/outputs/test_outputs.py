@@ -6,8 +6,8 @@ import pytest
 
 from radard.config.config import load_config
 from radard.log_file import read_events
-from radard.outputs import start_sink
 from radard.outputs.fanout import Outputs
+from radard.outputs.registry import start_sink
 from tests.host_helpers import FakeHost
 from tests.sink_helpers import event, hello, ulid
 from tests.waiting import wait_for

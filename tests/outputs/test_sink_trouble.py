@@ -6,11 +6,12 @@ import time
 import pytest
 
 from radard.health.status_file import read_status, status_path
-from radard.outputs.exec import ProgramSink
+from radard.outputs import exec as program
+from radard.outputs import webhook
 from radard.outputs.jsonl import JsonLinesSink
+from radard.outputs.mqtt.link import MqttLink
 from radard.outputs.mqtt.sink import MqttSink
 from radard.outputs.store import StoreSink
-from radard.outputs.webhook import WebhookSink
 from tests.sink_helpers import MqttBroker
 from tests.waiting import free_port, wait_for
 
@@ -69,9 +70,9 @@ def test_a_broker_that_is_away_degrades_until_it_is_back(tmp_path, launch, quick
 SINKS = {
     "json:{folder}/out.jsonl": (JsonLinesSink, "_deliver"),
     "store:{folder}/radard.db": (StoreSink, "_deliver"),
-    "webhook:http://127.0.0.1:{web}/": (WebhookSink, "_send"),
-    "exec:cat": (ProgramSink, "_send"),
-    "mqtt://127.0.0.1:{mqtt}/a": (MqttSink, "_send"),
+    "webhook:http://127.0.0.1:{web}/": (webhook.http.client, "HTTPConnection"),
+    "exec:cat": (program.subprocess, "Popen"),
+    "mqtt://127.0.0.1:{mqtt}/a": (MqttLink, "publish_confirmed"),
     "mqtt://127.0.0.1:{mqtt}/b": (MqttSink, "_tick"),
 }
 

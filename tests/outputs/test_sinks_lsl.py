@@ -21,11 +21,12 @@ import json, sys, time
 import pylsl
 from radard.config.sink_table import SinkOptions
 from radard.outputs.base import SinkContext
-from radard.outputs.registry import close_sinks, open_output
+from radard.outputs.registry import close_sinks, make_output
 
 output, records = sys.argv[1], json.loads(sys.argv[2])
 name = output.partition(":")[2] or "radard-hall-simulated"
-sink = open_output(output, SinkOptions(), SinkContext(sensor="hall", mark="simulated"))
+sink = make_output(output, SinkOptions(), SinkContext(sensor="hall", mark="simulated"))
+sink.start()
 inlets = []
 for stream in (name, name + "-events"):
     found = pylsl.resolve_byprop("name", stream, timeout=60)

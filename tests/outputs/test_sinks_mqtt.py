@@ -9,10 +9,10 @@ import pytest
 from radard.alarm.sensor_state import SensorState
 from radard.config.sink_table import MqttSection, SinkOptions
 from radard.health.health import Status
-from radard.outputs import make_output
 from radard.outputs.base import SinkContext
 from radard.outputs.mqtt import link as link_module
 from radard.outputs.mqtt.link import MqttLink, PacketLimits, Publication
+from radard.outputs.registry import make_output
 from tests.sink_helpers import (
     PASSWORD,
     QUICK,

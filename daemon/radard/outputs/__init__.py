@@ -1,4 +1,4 @@
-"""Outputs: where records go. `open_sinks` reads what -o/--output says.
+"""Outputs: where records go, as -o/--output says (`radard.outputs.fanout`).
 
 Every sink has a bounded queue and a thread of its own, so that a slow or broken one delays
 neither the stream nor the other sinks; `radard.outputs.base` has the contract. Events are in the
@@ -6,21 +6,3 @@ log (`radard.log`) before any sink is told of them, and wait there until they ar
 Nothing here knows of radar: sinks take mappings, and import nothing of the pipeline. The table of
 all sinks is `radard.config.sink_table`.
 """
-
-from radard.outputs.registry import (
-    close_sinks,
-    default_output,
-    make_output,
-    open_output,
-    open_sinks,
-    start_sink,
-)
-
-__all__ = [
-    "close_sinks",
-    "default_output",
-    "make_output",
-    "open_output",
-    "open_sinks",
-    "start_sink",
-]

@@ -18,7 +18,7 @@ from radard.config.sink_table import AppriseSection, SinkOptions
 from radard.errors import OutputError, UsageError
 from radard.outputs.alarm_picture import picture_path
 from radard.outputs.base import DeliveryError, Record, SinkContext
-from radard.outputs.delivery import DeliverySink, Item, wants_events
+from radard.outputs.delivery import Delivery, Item, wants_events
 from x2radar.errors import MissingExtra
 from x2radar.extras import needed
 
@@ -32,7 +32,7 @@ _KINDS = {"alarm": "failure", "tamper": "warning", "fault": "warning"}
 """Apprise's type of a message when an event begins or changes; its end is a success."""
 
 
-def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "AppriseSink":
+def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> Delivery:
     """Return the sink of `apprise:URL` or `apprise:@FILE`; OutputError without Apprise."""
     target = url.partition(":")[2]
     if target.startswith("@"):
@@ -45,8 +45,28 @@ def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "Appr
             "apprise:@FILE with such a URL in its first line"
         )
         raise UsageError(msg)
-    name = scheme[1].lower()
-    return AppriseSink(apprise, service, name, target, options, context)
+    o, sensor = options.apprise, context.sensor
+
+    def send(item: Item) -> None:
+        """Send an event to the service; what Apprise logs may hold secrets."""
+        record = item.record
+        title, body = message_of(record, sensor)
+        picture = _picture(record, o)
+        with apprise.LogCapture(level=logging.WARNING) as said:
+            is_taken = service.notify(
+                title=title,
+                body=body,
+                notify_type="success" if record["phase"] == "end" else _KINDS[record["kind"]],
+                attach=apprise.AppriseAttachment(str(picture)) if picture else None,
+            )
+            status = _STATUS.search(said.getvalue())
+        if not is_taken:
+            why = f"answers {status[1]}" if status else "was not reached, or refuses"
+            msg = f"the service {why}"
+            raise DeliveryError(msg, is_refusal=bool(status and status[1] in _REFUSALS))
+
+    name, wants = f"apprise:{scheme[1].lower()}", wants_events(o.kinds, o.phases)
+    return Delivery(name, target, options.log, context, wants, send)
 
 
 def _apprise() -> Any:
@@ -76,50 +96,6 @@ def _service(apprise: Any, url: str) -> Any:
         # It loads all of its services, and some use what is old.
         warnings.simplefilter("ignore", DeprecationWarning)
         return apprise.Apprise.instantiate(url, asset=asset, suppress_exceptions=True)
-
-
-class AppriseSink(DeliverySink):
-    """Send events to one service."""
-
-    def __init__(  # noqa: PLR0917 - all are what the sink is made of
-        self,
-        apprise: Any,
-        service: Any,
-        scheme: str,
-        target: str,
-        options: SinkOptions,
-        context: SinkContext,
-    ) -> None:
-        self._apprise = apprise
-        self._service = service
-        self._section = o = options.apprise
-        self._sensor = context.sensor
-        super().__init__(
-            f"apprise:{scheme}",
-            target,
-            options.log,
-            context,
-            wants_events(o.kinds, o.phases),
-        )
-
-    def _send(self, item: Item) -> None:
-        record, apprise = item.record, self._apprise
-        title, body = message_of(record, self._sensor)
-        picture = _picture(record, self._section)
-        kind = "success" if record["phase"] == "end" else _KINDS[record["kind"]]
-        with apprise.LogCapture(level=logging.WARNING) as said:
-            is_taken = self._service.notify(
-                title=title,
-                body=body,
-                notify_type=kind,
-                attach=apprise.AppriseAttachment(str(picture)) if picture else None,
-            )
-            text = said.getvalue()
-        if not is_taken:
-            status = _STATUS.search(text)
-            why = f"answers {status[1]}" if status else "was not reached, or refuses"
-            msg = f"the service {why}"
-            raise DeliveryError(msg, is_refusal=bool(status and status[1] in _REFUSALS))
 
 
 def message_of(record: Record, sensor: str) -> tuple[str, str]:

@@ -6,12 +6,10 @@ them instead, and tried until it is too old. Other records, where they are wante
 and go when no event does.
 """
 
-import json
 import logging
 import threading
 import time
 import uuid
-from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -25,7 +23,6 @@ from x2radar.backoff import Backoff
 
 log = logging.getLogger("radard")
 _TRANSIENT = 100  # of states and decisions only the newest matter
-_LAST_ROUND_S = 60.0  # longest that an end waits; the run's own limit is far shorter
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,71 +36,97 @@ class Item:
 
 
 class Delivery:
-    """Hand on what a cursor owes.
+    """A sink that hands on what its cursor owes; `start` it once it is built.
 
-    `send` hands on one item; it raises DeliveryError unless the far end has confirmed it.
+    `target` is what tells this far end from others, and may be secret; `wants` says whether a
+    record is for this sink. `send` hands on one item; it raises DeliveryError unless the far end
+    has confirmed it. Records that are no events wait in memory, the newest hundred.
     """
 
-    def __init__(
-        self, name: str, options: LogSection, keeper: StateKeeper, send: Callable[[Item], None]
+    waits = False
+
+    def __init__(  # noqa: PLR0917 - all are what it is made of
+        self,
+        name: str,
+        target: str,
+        options: LogSection,
+        context: SinkContext,
+        wants: Wants,
+        send: Callable[[Item], None],
+        keeper: StateKeeper | None = None,
     ) -> None:
-        self._name = name
+        self.name = name
+        self._target = target
         self._options = options
-        self._keeper = keeper
+        self._context = context
+        self._wants = wants
         self._send = send
+        self._keeper = keeper or StateKeeper(name)
         self._backoff = Backoff(options.first_retry_s, options.longest_retry_s, name)
         self.cursor: Cursor | None = None
+        """What it has still to deliver; None before it is at work."""
         self._transient: deque[Item] = deque(maxlen=_TRANSIENT)
         self._has_work = threading.Event()
         self._skips_wait = threading.Event()
         self._is_last_round = self._is_over = False
+        self._deadline_s = float("inf")
         self._n_refused = 0
         self._begun_s: float | None = None
         self._thread = threading.Thread(target=self._run, name=f"delivery {name}", daemon=True)
 
-    def begin(self, cursor: Cursor) -> None:
-        """Begin with what an earlier run has left."""
-        self.cursor = cursor
+    def start(self) -> Self:
+        """Begin, with what an earlier run has left; return the sink."""
+        scheme = self.name.partition(":")[0]
+        self.cursor = cursor = self._context.cursor(scheme, self._target, self._wants)
         if len(cursor):
-            log.info("%s: %d events of an earlier run wait", self._name, len(cursor))
+            log.info("%s: %d events of an earlier run wait", self.name, len(cursor))
         cursor.on_put = self._has_work.set
         self._thread.start()
+        return self
 
-    def put_transient(self, record: Record) -> None:
-        """Hand on a record that is no event; the newest hundred wait."""
-        is_full = len(self._transient) == _TRANSIENT
-        self._keeper.dropped(is_full, "too many wait")
-        self._transient.append(Item(uuid.uuid4().hex, record))
-        self._has_work.set()
-
-    def state(self, n_more: int = 0) -> SinkState:
-        """Return how the sink is doing, where `n_more` records wait elsewhere."""
+    @property
+    def state(self) -> SinkState:
+        """How the delivery is doing; for any thread."""
         cursor, begun_s = self.cursor, self._begun_s
         n_owed, n_lost = (len(cursor), cursor.n_lost) if cursor is not None else (0, 0)
-        state = self._keeper.state(n_more + n_owed + len(self._transient))
+        state = self._keeper.state(n_owed + len(self._transient))
         busy_s = 0.0 if begun_s is None else time.monotonic() - begun_s
         return replace(state, n_dropped=state.n_dropped + n_lost, busy_s=busy_s)
+
+    def write(self, record: Record) -> None:
+        """Put a state or decision into the queue; events come by the log."""
+        if record["type"] != "event" and self._wants(record):
+            if self._is_last_round:
+                self._keeper.dropped(1, "it has ended")
+                return
+            self._keeper.dropped(len(self._transient) == _TRANSIENT, "too many wait")
+            self._transient.append(Item(uuid.uuid4().hex, record))
+            self._has_work.set()
 
     def retry_now(self) -> None:
         """Deliver at once: something has changed for the better."""
         self._backoff.reset()
         self._skips_wait.set()
 
-    def finish(self) -> None:
-        """Try everything that is left once more, and end; returns at once."""
+    def finish(self, timeout_s: float | None = None) -> None:
+        """Take no more records; try everything that is left once more, within `timeout_s`."""
+        limit_s = CLOSE_S if timeout_s is None else timeout_s
+        self._deadline_s = min(self._deadline_s, time.monotonic() + limit_s)
         self._is_last_round = True
         self._has_work.set()
         self._skips_wait.set()
 
-    def join(self, timeout_s: float) -> None:
-        """Wait for the end; what is not delivered by then is so in the next run."""
+    def close(self, timeout_s: float | None = None) -> None:
+        """Finish, and wait for the end; what is not delivered by then is so in the next run."""
+        self.finish(timeout_s)
         if self._thread.ident is not None:
-            self._thread.join(min(timeout_s, _LAST_ROUND_S))
+            self._thread.join(max(0.0, self._deadline_s - time.monotonic()))
         self._is_over = True
         if self._thread.is_alive():
             # A thread that waits for its far end cannot be ended, only left behind.
-            n = self.state().n_waiting
-            log.warning("%s: did not end in time, %d records left", self._name, n)
+            n = self.state.n_waiting
+            log.warning("%s: did not end in time, %d records left", self.name, n)
+        self._keeper.end()
 
     def _run(self) -> None:
         while not self._is_over:
@@ -131,7 +154,7 @@ class Delivery:
                 if not self._gives_up(item, err):
                     return self._backoff.next_s()
             except Exception as err:
-                log.exception("%s: an event could not be sent", self._name)
+                log.exception("%s: an event could not be sent", self.name)
                 self._keeper.failed(f"internal error: {err!r}")
                 self._give_up(item, "cannot be sent")
             else:
@@ -162,7 +185,7 @@ class Delivery:
         if time.monotonic() - put_s > self._options.give_up_h * 3600:
             self._give_up(item, "too old")
         elif is_refused and item.record.get("kind") == "alarm":
-            log.error("%s: refuses %s %d times", self._name, item.key, self._n_refused)
+            log.error("%s: refuses %s %d times", self.name, item.key, self._n_refused)
             self._n_refused = 0
             if item.entry is not None and self.cursor is not None:
                 self.cursor.defer(item.entry)
@@ -174,73 +197,10 @@ class Delivery:
         return True
 
     def _give_up(self, item: Item, why: str) -> None:
-        log.error("%s: gives up %s: %s", self._name, item.key, why)
+        log.error("%s: gives up %s: %s", self.name, item.key, why)
         self._n_refused = 0
         self._settle(item)
         self._keeper.dropped(1, why)
-
-
-class DeliverySink(ABC):
-    """A sink that does nothing but deliver; `start` it once it is built.
-
-    `target` is what tells this far end from others, and may be secret; `wants` says whether a
-    record is for this sink.
-    """
-
-    waits = False
-
-    def __init__(
-        self, name: str, target: str, options: LogSection, context: SinkContext, wants: Wants
-    ) -> None:
-        self.name = name
-        self._target = target
-        self._context = context
-        self._wants = wants
-        self._keeper = StateKeeper(name)
-        self._delivery = Delivery(name, options, self._keeper, self._send)
-        self._is_ended = False
-        self._deadline_s = float("inf")
-
-    @abstractmethod
-    def _send(self, item: Item) -> None:
-        """Hand on one item, in the delivery's thread; raises DeliveryError unless confirmed."""
-
-    @property
-    def state(self) -> SinkState:
-        """How the delivery is doing; for any thread."""
-        return self._delivery.state()
-
-    @property
-    def cursor(self) -> Cursor | None:
-        """What it has still to deliver; None before it is at work."""
-        return self._delivery.cursor
-
-    def start(self) -> Self:
-        """Begin to work; return the sink."""
-        scheme = self.name.partition(":")[0]
-        self._delivery.begin(self._context.cursor(scheme, self._target, self._wants))
-        return self
-
-    def write(self, record: Record) -> None:
-        """Put a state or decision into the queue; events come by the log."""
-        if record["type"] != "event" and self._wants(record):
-            if self._is_ended:
-                self._keeper.dropped(1, "it has ended")
-            else:
-                self._delivery.put_transient(record)
-
-    def finish(self, timeout_s: float | None = None) -> None:
-        """Take no more records; begin to deliver the rest within `timeout_s`."""
-        self._is_ended = True
-        limit_s = CLOSE_S if timeout_s is None else timeout_s
-        self._deadline_s = min(self._deadline_s, time.monotonic() + limit_s)
-        self._delivery.finish()
-
-    def close(self, timeout_s: float | None = None) -> None:
-        """Finish, and wait for the delivery's thread until the deadline."""
-        self.finish(timeout_s)
-        self._delivery.join(max(0.0, self._deadline_s - time.monotonic()))
-        self._keeper.end()
 
 
 def wants_events(kinds: Sequence[str], phases: Sequence[str], others: Sequence[str] = ()) -> Wants:
@@ -252,8 +212,3 @@ def wants_events(kinds: Sequence[str], phases: Sequence[str], others: Sequence[s
         return record["type"] in others
 
     return wants
-
-
-def body_of(sensor: str, record: Record) -> bytes:
-    """Return the JSON of a record with the key `sensor` in front."""
-    return json.dumps({"sensor": sensor, **record}, separators=(",", ":")).encode("ascii")

@@ -16,12 +16,13 @@ import subprocess
 from radard.config.sink_table import SinkOptions
 from radard.errors import OutputError, UsageError
 from radard.outputs.base import DeliveryError, Record, SinkContext
-from radard.outputs.delivery import DeliverySink, Item, body_of, wants_events
+from radard.outputs.delivery import Delivery, wants_events
+from radard.outputs.stdout import json_line
 
 _FIELDS = ("id", "phase", "kind", "t_s", "time", "peak", "reason", "clip")
 
 
-def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "ProgramSink":
+def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> Delivery:
     """Return the sink of `exec:COMMAND`."""
     command = url.partition(":")[2]
     try:
@@ -32,62 +33,48 @@ def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "Prog
     if not words:
         msg = "--output exec: no command"
         raise UsageError(msg)
-    return ProgramSink(words, options, context)
+    if shutil.which(words[0]) is None:
+        msg = f"--output exec: {words[0]}: no such program, or not executable"
+        raise OutputError(msg)
+    o, sensor = options.exec, context.sensor
+    return Delivery(
+        f"exec:{words[0]}",
+        "\0".join(words),
+        options.log,
+        context,
+        wants_events(o.kinds, o.phases),
+        lambda item: _run(words, {"sensor": sensor, **item.record}, o.timeout_s),
+    )
 
 
-class ProgramSink(DeliverySink):
-    """Run a program for every event."""
-
-    def __init__(self, words: list[str], options: SinkOptions, context: SinkContext) -> None:
-        o = options.exec
-        if shutil.which(words[0]) is None:
-            msg = f"--output exec: {words[0]}: no such program, or not executable"
-            raise OutputError(msg)
-        self._words = words
-        self._timeout_s = o.timeout_s
-        self._sensor = context.sensor
-        super().__init__(
-            f"exec:{words[0]}",
-            "\0".join(words),
-            options.log,
-            context,
-            wants_events(o.kinds, o.phases),
+def _run(words: list[str], record: Record, timeout_s: float) -> None:
+    """Run a program for an event; raises DeliveryError unless it ends with 0 in time."""
+    is_refusal = record.get("kind") != "alarm"
+    # Not RADARD_..., which the daemon reads as configuration.
+    environ = {**os.environ, "RADAR_SENSOR": str(record["sensor"])}
+    for key in _FIELDS:
+        value = record.get(key)
+        environ[f"RADAR_EVENT_{key.upper()}"] = "" if value is None else str(value)
+    try:
+        process = subprocess.Popen(  # noqa: S603 - the command is the user's own
+            words,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            env=environ,
+            start_new_session=True,
         )
-
-    def _send(self, item: Item) -> None:
-        is_refusal = item.record.get("kind") != "alarm"
-        try:
-            process = subprocess.Popen(  # noqa: S603 - the command is the user's own
-                self._words,
-                stdin=subprocess.PIPE,
-                stdout=subprocess.DEVNULL,
-                env={**os.environ, **self._variables(item.record)},
-                start_new_session=True,
-            )
-        except OSError as err:
-            msg = f"cannot be started: {err.strerror}"
-            raise DeliveryError(msg) from err
-        try:
-            body = body_of(self._sensor, item.record) + b"\n"
-            process.communicate(body, self._timeout_s)
-        except subprocess.TimeoutExpired as err:
-            with contextlib.suppress(ProcessLookupError, PermissionError):
-                os.killpg(process.pid, signal.SIGKILL)
-            process.communicate()
-            msg = f"killed after {self._timeout_s:g} s"
-            raise DeliveryError(msg, is_refusal=is_refusal) from err
-        code = process.returncode
-        if code != 0:
-            how = f"ended by {signal.Signals(-code).name}" if code < 0 else f"exit status {code}"
-            raise DeliveryError(how, is_refusal=is_refusal)
-
-    def _variables(self, record: Record) -> dict[str, str]:
-        """Return the environment: not RADARD_..., which the daemon reads as configuration."""
-        fields = {key: record.get(key) for key in _FIELDS}
-        return {
-            "RADAR_SENSOR": str(record.get("sensor", self._sensor)),
-            **{
-                f"RADAR_EVENT_{key.upper()}": "" if value is None else str(value)
-                for key, value in fields.items()
-            },
-        }
+    except OSError as err:
+        msg = f"cannot be started: {err.strerror}"
+        raise DeliveryError(msg) from err
+    try:
+        process.communicate(json_line(record).encode(), timeout_s)
+    except subprocess.TimeoutExpired as err:
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+        msg = f"killed after {timeout_s:g} s"
+        raise DeliveryError(msg, is_refusal=is_refusal) from err
+    code = process.returncode
+    if code != 0:
+        how = f"ended by {signal.Signals(-code).name}" if code < 0 else f"exit status {code}"
+        raise DeliveryError(how, is_refusal=is_refusal)

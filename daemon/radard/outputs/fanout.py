@@ -16,11 +16,11 @@ from radard.config.config import Config
 from radard.config.directories import log_path
 from radard.config.redact import redact
 from radard.config.sink_table import SinkOptions, find_row
-from radard.errors import RadardError
+from radard.errors import RadardError, UsageError
 from radard.log import EventLog
-from radard.outputs import close_sinks, default_output, make_output, open_sinks, start_sink
 from radard.outputs.base import Host, Sink, SinkContext
 from radard.outputs.records import Record
+from radard.outputs.registry import check_output, close_sinks, make_output, start_sink
 from radard.outputs.thread_sink import RecordQueue
 from radard.outputs.trial import tried
 
@@ -131,24 +131,33 @@ class Outputs:
         return {**faults, **({(None, "log"): why} if (why := self.log.fault) else {})}
 
     def open(self, config: Config, *, can_wait: bool = False) -> None:
-        """Open what -o/--output names, once; `can_wait` and errors are those of `open_sinks`."""
+        """Open what -o/--output names, once, all or none.
+
+        No output means a table if a person reads stdout, JSON Lines elsewhere. `can_wait` is that
+        of `SinkContext`. Raises as an `Opener`, and UsageError if two outputs want stdout.
+        """
         if self._is_open:
             return
+        wanted = self._wanted(config)
+        meant = [self._meant_by(name) for name, _ in wanted]
+        for name in meant:
+            check_output(name)
+        if sum(name in {"json", "table"} for name in meant) > 1:
+            msg = "--output: json and table both want stdout; give one of them a file"
+            raise UsageError(msg)
         self._can_wait, self._config = can_wait, config
         options = _options_of(config)
         # At full speed nothing is left for the next run but how the sensor is armed.
         path, most = log_path(config), config.log.max_events
         self.log = EventLog(path, max_events=most, keeps_events=not can_wait)
-        wanted = self._wanted(config)
-        shared = [name for name, sensor in wanted if sensor is None]
-        # All shared ones in one go: two that want stdout are a fault.
-        sinks = iter(self._opened(shared, None, config) if shared else ())
         try:
             for name, sensor in wanted:
-                sink = next(sinks) if sensor is None else self._opened([name], sensor, config)[0]
-                self._open.append(_Open(name, sensor, options, sink))
+                self._open.append(_Open(name, sensor, options, self._make(name, sensor)))
+            for sensor, sink in self.sinks:
+                start_sink(sink)
+                self._attach(sink, sensor)
         except BaseException:
-            _close([*(sink for _, sink in self.sinks), *sinks])
+            _close(sink for _, sink in self.sinks)
             self._open = []
             self.log.close()
             raise
@@ -230,10 +239,7 @@ class Outputs:
     def _reopen(self, each: _Open) -> None:
         """Replace a sink by one of the options that hold now, or note why that cannot be."""
         try:
-            name = each.name or default_output(stdout_is_terminal=self._stdout_is_terminal)
-            sink = make_output(
-                name, self._config, self._context(each.sensor, self._config, each.after)
-            )
+            sink = self._make(each.name, each.sensor, each.after)
         except (RadardError, OSError) as err:
             why = " ".join(str(err).split())
             if why != each.fault:
@@ -248,7 +254,7 @@ class Outputs:
         start_sink(sink)
         if _cursor_of(before) != _cursor_of(sink):
             self._forget(before)
-        self._attach([sink], each.sensor)
+        self._attach(sink, each.sensor)
         with self._lock:
             held, each.held = each.held, None
             each.sink, each.options, each.fault = sink, _options_of(self._config), ""
@@ -260,33 +266,22 @@ class Outputs:
         if (name := _cursor_of(sink)) is not None:
             self.log.forget(name)
 
-    def _opened(self, outputs: Sequence[str], sensor: str | None, config: Config) -> list[Sink]:
-        sinks = open_sinks(
-            [name for name in outputs if name],
-            stdout_is_terminal=self._stdout_is_terminal,
-            options=config,
-            context=self._context(sensor, config),
-        )
-        self._attach(sinks, sensor)
-        return sinks
+    def _meant_by(self, name: str) -> str:
+        return name or ("table" if self._stdout_is_terminal else "json")
 
-    def _attach(self, sinks: Sequence[Sink], sensor: str | None) -> None:
-        hosts = self._hosts.values() if sensor is None else [self._hosts[sensor]]
-        for sink in sinks:
-            attach = getattr(sink, "attach", None)
-            if attach is not None:
-                for host in hosts:
-                    attach(host)
+    def _attach(self, sink: Sink, sensor: str | None) -> None:
+        if (attach := getattr(sink, "attach", None)) is not None:
+            for host in self._hosts.values() if sensor is None else [self._hosts[sensor]]:
+                attach(host)
 
-    def _context(
-        self, sensor: str | None, config: Config, after: int | None = None
-    ) -> SinkContext:
+    def _make(self, name: str, sensor: str | None, after: int | None = None) -> Sink:
+        """Return the sink of an output, of the options that hold, to be started."""
         # Of several, sensors come and go while a sink that all share stays.
-        is_shared = sensor is None and config.is_one_of_several
+        is_shared = sensor is None and self._config.is_one_of_several
         hosts = tuple(self._hosts.values())
         if not is_shared:
             hosts = (self._hosts[sensor or next(iter(self._hosts))],)
-        return SinkContext(
+        context = SinkContext(
             sensor=SHARED if is_shared else hosts[0].sensor,
             hosts=hosts,
             is_one_of_several=sensor is not None,
@@ -295,6 +290,7 @@ class Outputs:
             log=self.log,
             after=after,
         )
+        return make_output(self._meant_by(name), self._config, context)
 
 
 def _write_hellos(each: _Open, hellos: Sequence[Record]) -> None:

@@ -22,13 +22,6 @@ that one is closed.
 _OF_A_SINK = ("name", "state", "waits", "write", "finish", "close")
 
 
-def open_output(output: str, options: SinkOptions, context: SinkContext) -> Sink:
-    """Return the sink that one value of -o/--output names, at work; raises as an `Opener` does."""
-    sink = make_output(output, options, context)
-    start_sink(sink)
-    return sink
-
-
 def start_sink(sink: Sink) -> None:
     """Let a sink of `make_output` begin to work."""
     start = getattr(sink, "start", None)
@@ -61,43 +54,6 @@ def check_output(output: str) -> None:
     shown = output if scheme == output else f"{scheme}:{'...' if scheme in SCHEMES else rest}"
     msg = f"--output '{shown}': unknown or incomplete; known are {FORMS}"
     raise UsageError(msg)
-
-
-def open_sinks(
-    outputs: Sequence[str],
-    *,
-    stdout_is_terminal: bool,
-    options: SinkOptions | None = None,
-    context: SinkContext | None = None,
-) -> list[Sink]:
-    """Return the sinks that `outputs` names, at work and in this order; all or none.
-
-    No output means a table if a person reads stdout, JSON Lines elsewhere; no context a stream
-    that can wait. Raises as an `Opener`, and UsageError if two outputs want stdout.
-    """
-    wanted = list(outputs) or [default_output(stdout_is_terminal=stdout_is_terminal)]
-    for output in wanted:
-        check_output(output)
-    if sum(output in {"json", "table"} for output in wanted) > 1:
-        msg = "--output: json and table both want stdout; give one of them a file"
-        raise UsageError(msg)
-    options = options or SinkOptions()
-    context = context or SinkContext(can_wait=True)
-    sinks: list[Sink] = []
-    try:
-        for output in wanted:
-            sinks.append(make_output(output, options, context))  # noqa: PERF401 - closed on error
-    except BaseException:
-        close_sinks(sinks, 0.0)
-        raise
-    for sink in sinks:
-        start_sink(sink)
-    return sinks
-
-
-def default_output(*, stdout_is_terminal: bool) -> str:
-    """Return what is meant where no output is named."""
-    return "table" if stdout_is_terminal else "json"
 
 
 def close_sinks(sinks: Sequence[Sink], timeout_s: float = CLOSE_S) -> list[Exception]:

@@ -1,7 +1,7 @@
 """Sinks with a bounded queue and a thread that empties it.
 
 A `DirectSink` hands every record on in the order in which they came. What only delivers events
-over the network needs no queue: it is a `radard.outputs.delivery.DeliverySink`.
+over the network needs no queue: it is a `radard.outputs.delivery.Delivery`.
 """
 
 import logging

@@ -20,10 +20,11 @@ from pathlib import Path
 from urllib.parse import quote, urljoin, urlsplit
 
 from radard.config.credentials import read_secret
-from radard.config.sink_table import SinkOptions
+from radard.config.sink_table import SinkOptions, WebhookSection
 from radard.errors import ConfigError, UsageError
 from radard.outputs.base import DeliveryError, SinkContext
-from radard.outputs.delivery import DeliverySink, Item, body_of, wants_events
+from radard.outputs.delivery import Delivery, Item, wants_events
+from radard.outputs.stdout import json_line
 from radard.outputs.tls import check_host, client_context, explain
 from x2radar import wall_clock
 from x2radar.command import installed_version
@@ -38,7 +39,7 @@ _SCHEMES = frozenset({"http", "https"})
 _LATE = "no answer within the time limit"
 
 
-def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "WebhookSink":
+def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> Delivery:
     """Return the sink of `webhook:URL`, or of `webhook:@FILE` whose first line is the URL."""
     target = url.partition(":")[2]
     if target.startswith("@"):
@@ -59,32 +60,29 @@ def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "Webh
         raise UsageError(msg)
     # What a URL may not hold goes quoted, as in a browser: blanks, letters beyond ASCII.
     quoted = quote(os.fsencode(target), safe="%/:=&?~#+!$,;'@()*[]")
-    return WebhookSink(quoted, options, context)
+    o, parts = options.webhook, urlsplit(quoted)
+    others = ["status"] * o.statuses + ["decision"] * o.decisions
+    return Delivery(
+        f"webhook:{parts.scheme}://{parts.hostname}{f':{parts.port}' if parts.port else ''}",
+        quoted,
+        options.log,
+        context,
+        wants_events(o.kinds, o.phases, others),
+        _Poster(quoted, o, context.sensor).send,
+    )
 
 
-class WebhookSink(DeliverySink):
+class _Poster:
     """Posts every event to a URL, signed where there is a secret."""
 
-    def __init__(self, url: str, options: SinkOptions, context: SinkContext) -> None:
-        o = options.webhook
-        parts = urlsplit(url)
-        self._url = url
-        self._section = o
-        self._sensor = context.sensor
-        self._tls = client_context("webhook", o.ca_file)
+    def __init__(self, url: str, section: WebhookSection, sensor: str) -> None:
+        self._url, self._section, self._sensor = url, section, sensor
+        self._tls = client_context("webhook", section.ca_file)
         self._headers(b"", "check")
-        others = ["status"] * o.statuses + ["decision"] * o.decisions
-        port = f":{parts.port}" if parts.port else ""
-        super().__init__(
-            f"webhook:{parts.scheme}://{parts.hostname}{port}",
-            url,
-            options.log,
-            context,
-            wants_events(o.kinds, o.phases, others),
-        )
 
-    def _send(self, item: Item) -> None:
-        body = body_of(self._sensor, item.record)
+    def send(self, item: Item) -> None:
+        """Post an item; raises DeliveryError unless a server takes it."""
+        body = json_line({"sensor": self._sensor, **item.record}).rstrip().encode()
         began_s = time.monotonic()
         try:
             code = self._post_to_the_end(body, self._headers(body, item.key))

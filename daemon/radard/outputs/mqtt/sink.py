@@ -32,7 +32,7 @@ from radard.errors import UsageError
 from radard.log_cursor import Cursor
 from radard.outputs.alarm_picture import PictureWatch
 from radard.outputs.base import COMMANDS, Record, SinkContext, SinkState
-from radard.outputs.delivery import Delivery, Item
+from radard.outputs.delivery import Delivery
 from radard.outputs.mqtt.link import Broker, MqttLink, Publication
 from radard.outputs.mqtt.topics import MqttTopics
 from radard.outputs.thread_sink import ThreadSink
@@ -252,15 +252,22 @@ class MqttSink(ThreadSink):
             is_alive=lambda: time.monotonic() - self._ticked_s < _HANGS_S,
             say=self._keeper.remark,
         )
-        self._scheme = scheme
-        self._target = f"{broker.host}:{broker.port}/{prefix}"
-        self._delivery = Delivery(name, o, self._keeper, self._send)
+        self._delivery = Delivery(
+            name,
+            f"{broker.host}:{broker.port}/{prefix}",
+            o,
+            context,
+            lambda _record: True,
+            lambda item: self._link.publish_confirmed(topics.event(item.record)),
+            self._keeper,
+        )
         self._keeper.begin("not connected yet")
 
     @property
     def state(self) -> SinkState:
         """How the delivery of events is doing, and what waits besides."""
-        return self._delivery.state(len(self._queue))
+        state = self._delivery.state
+        return replace(state, n_waiting=state.n_waiting + len(self._queue))
 
     @property
     def cursor(self) -> Cursor | None:
@@ -268,7 +275,7 @@ class MqttSink(ThreadSink):
         return self._delivery.cursor
 
     def _begin(self) -> None:
-        self._delivery.begin(self._context.cursor(self._scheme, self._target))
+        self._delivery.start()
         if not self._takes_commands and self._commands == "auto":
             log.warning(
                 "%s: takes no commands: that needs mqtts:// with a password or a client "
@@ -322,9 +329,6 @@ class MqttSink(ThreadSink):
             elif message.qos == 0:
                 self._keeper.sent()
 
-    def _send(self, item: Item) -> None:
-        self._link.publish_confirmed(self._topics.event(item.record))
-
     def _on_up(self) -> None:
         self._keeper.sent(0)
         self._announce()
@@ -366,8 +370,7 @@ class MqttSink(ThreadSink):
         self._warned_s, self._n_unsaid = now_s, 0
 
     def _shut(self) -> None:
-        self._delivery.finish()
-        self._delivery.join(self._left_s())
+        self._delivery.close(self._left_s())
         if self._link.is_up:
             for message in self._topics.at_end():
                 self._link.publish(message)
