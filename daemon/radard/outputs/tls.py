@@ -6,6 +6,8 @@ from pathlib import Path
 
 from radard.errors import ConfigError
 
+LATE = "no answer within the time limit"
+
 
 def client_context(
     section: str, ca_file: Path | None, cert_file: Path | None = None, key_file: Path | None = None
@@ -14,17 +16,14 @@ def client_context(
 
     Without `ca_file` the system's authorities sign; without `cert_file` we are nobody.
     """
+    key, file = "ca_file", ca_file
     try:
         context = ssl.create_default_context(cafile=ca_file)
+        if cert_file is not None:
+            key, file = "cert_file", cert_file
+            context.load_cert_chain(cert_file, key_file)
     except (OSError, ValueError) as err:
-        msg = f"{section}.ca_file: {ca_file}: {err}"
-        raise ConfigError(msg) from err
-    if cert_file is None:
-        return context
-    try:
-        context.load_cert_chain(cert_file, key_file)
-    except (OSError, ValueError) as err:
-        msg = f"{section}.cert_file: {cert_file}: {err}"
+        msg = f"{section}.{key}: {file}: {err}"
         raise ConfigError(msg) from err
     return context
 
@@ -40,8 +39,10 @@ def check_host(scheme: str, url: str) -> None:
         raise ConfigError(msg)
 
 
-def explain(err: OSError) -> str:
+def explain(err: Exception) -> str:
     """Return why a connection failed, for people."""
     if isinstance(err, ssl.SSLCertVerificationError):
         return f"the server's certificate is not accepted: {err.verify_message}"
-    return str(err.strerror or err)
+    if isinstance(err, TimeoutError):
+        return LATE
+    return str((isinstance(err, OSError) and err.strerror) or err)

@@ -13,7 +13,6 @@ import hmac
 import http.client
 import os
 import socket
-import ssl
 import threading
 import time
 from pathlib import Path
@@ -25,7 +24,7 @@ from radard.errors import ConfigError, UsageError
 from radard.outputs.base import DeliveryError, SinkContext
 from radard.outputs.delivery import Delivery, Item, wants_events
 from radard.outputs.stdout import json_line
-from radard.outputs.tls import check_host, client_context, explain
+from radard.outputs.tls import LATE, check_host, client_context, explain
 from x2radar import wall_clock
 from x2radar.command import installed_version
 
@@ -36,7 +35,6 @@ _REDIRECTS = frozenset({301, 302, 307, 308})
 _MAX_HOPS = 3  # from a name to its https and its new place
 _MAX_ANSWER = 65_536  # bytes that are read of an answer: a page that explains a fault
 _SCHEMES = frozenset({"http", "https"})
-_LATE = "no answer within the time limit"
 
 
 def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> Delivery:
@@ -91,7 +89,11 @@ class _Poster:
         except (OSError, ValueError, http.client.HTTPException) as err:
             # ValueError: `_hang_up` closed the connection while TLS was reading.
             is_late = time.monotonic() - began_s >= self._section.timeout_s
-            raise DeliveryError(_LATE if is_late else _explain(err)) from err
+            if isinstance(err, http.client.HTTPException):
+                msg = f"not an HTTP answer: {type(err).__name__}"
+            else:
+                msg = LATE if is_late else f"cannot connect: {explain(err)}"
+            raise DeliveryError(msg) from err
         if not 200 <= code < 300:
             msg = f"the server answers {code} {http.client.responses.get(code, '')}"
             if code in _REDIRECTS and not self._section.follow_redirects:
@@ -181,13 +183,3 @@ def _hang_up(link: http.client.HTTPConnection) -> None:
             sock.shutdown(socket.SHUT_RDWR)
         except OSError:
             sock.close()
-
-
-def _explain(err: Exception) -> str:
-    if isinstance(err, ssl.SSLCertVerificationError):
-        return explain(err)
-    if isinstance(err, TimeoutError):
-        return _LATE
-    if isinstance(err, http.client.HTTPException):
-        return f"not an HTTP answer: {type(err).__name__}"
-    return f"cannot connect: {(isinstance(err, OSError) and err.strerror) or err}"

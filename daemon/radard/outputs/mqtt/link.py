@@ -10,7 +10,6 @@ nothing: then the largest message in flight is to blame, and after the second ti
 
 import contextlib
 import socket
-import ssl
 import threading
 import time
 from collections import deque
@@ -27,6 +26,7 @@ from radard.config.credentials import read_secret
 from radard.config.sink_table import MqttSection
 from radard.errors import ConfigError
 from radard.outputs.base import DeliveryError
+from radard.outputs.tls import client_context, explain
 from x2radar.backoff import Backoff
 
 _CONFIRM_S = 10.0  # far above a round trip, below what a person waits for an alarm
@@ -274,7 +274,7 @@ class MqttLink:
             client.loop_start()
             self._wait(client)
         except (OSError, ValueError, ConfigError) as err:
-            self._reason = _explain(err)
+            self._reason = f"cannot connect: {explain(err)}"
         was_up, self._client = self._client is not None, None
         if client is not None:
             _end(client, is_clean=self._is_alive())
@@ -319,7 +319,9 @@ class MqttLink:
             msg = "mqtt.username: a password needs one; give it here or in the URL"
             raise ConfigError(msg)
         if broker.is_tls:
-            client.tls_set_context(_tls(o))
+            context = client_context("mqtt", o.ca_file, o.cert_file, o.key_file)
+            context.check_hostname = o.check_hostname
+            client.tls_set_context(context)
         if (will := self._will) is not None:
             client.will_set(will.topic, will.payload, will.qos, retain=True)
         client.on_connect = self._connected
@@ -376,24 +378,3 @@ def _end(client: paho.Client, *, is_clean: bool) -> None:
         with contextlib.suppress(OSError):
             sock.shutdown(socket.SHUT_RDWR)
     client.loop_stop()
-
-
-def _tls(options: MqttSection) -> ssl.SSLContext:
-    try:
-        context = ssl.create_default_context(cafile=options.ca_file)
-        context.check_hostname = options.check_hostname
-        if options.cert_file is not None:
-            context.load_cert_chain(options.cert_file, options.key_file)
-    except (OSError, ValueError) as err:
-        msg = f"mqtt: the certificates cannot be used: {err}"
-        raise ConfigError(msg) from err
-    return context
-
-
-def _explain(err: Exception) -> str:
-    if isinstance(err, ssl.SSLCertVerificationError):
-        return f"the broker's certificate is not accepted: {err.verify_message}"
-    if isinstance(err, TimeoutError):
-        return "no connection within the time limit"
-    text = (isinstance(err, OSError) and err.strerror) or str(err)
-    return f"cannot connect: {text}"

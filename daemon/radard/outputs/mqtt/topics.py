@@ -20,8 +20,8 @@ keeps its connection but sends no state.
 """
 
 import json
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from radard.alarm.sensitivity import SENSITIVITIES
@@ -157,23 +157,6 @@ _WITH_CODE = {
 _ENTITIES = (*_STATE_ENTITIES, _EVENT, _PICTURE, *_DECISION_ENTITIES, *_COMMAND_ENTITIES)
 
 
-def entities(
-    options: MqttSection, *, takes_commands: bool, code_form: CodeForm = None
-) -> tuple[Entity, ...]:
-    """Return the entities that a sensor has with these options."""
-    commands: tuple[Entity, ...] = _COMMAND_ENTITIES if takes_commands else ()
-    if code_form:
-        # A button asks for no code.
-        commands = tuple(each for each in commands if each is not _DISARM)
-    return (
-        *_STATE_ENTITIES,
-        _EVENT,
-        *((_PICTURE,) if options.picture else ()),
-        *(_DECISION_ENTITIES if options.decisions else ()),
-        *commands,
-    )
-
-
 def panel_state(panel: SensorState | None, *, is_armed: bool, is_on: bool) -> str:
     """Return a panel's state as Home Assistant calls it.
 
@@ -186,85 +169,6 @@ def panel_state(panel: SensorState | None, *, is_armed: bool, is_on: bool) -> st
     if state == "armed":
         return f"armed_{panel.mode if panel is not None else 'away'}"
     return {"exit": "arming", "entry": "pending"}.get(str(state), "disarmed")
-
-
-def discovery(
-    sensor: str,
-    base: str,
-    hello: Mapping[str, Any],
-    options: MqttSection,
-    *,
-    takes_commands: bool,
-    code_form: CodeForm = None,
-) -> Iterator[tuple[str, str]]:
-    """Yield topic and payload of everything to be retained; an empty payload removes.
-
-    `base` is the topic above the sensor's own, `hello` the run's first record. What the chosen
-    form does not use is removed first, so that a change of form or options leaves nothing behind.
-    """
-    prefix, form = options.discovery_prefix, options.discovery
-    wanted = {
-        e.key: e for e in entities(options, takes_commands=takes_commands, code_form=code_form)
-    }
-    device_topic = f"{prefix}/device/radard_{sensor}/config"
-    about = _about(sensor, base, hello, options)
-    if form != "device":
-        yield device_topic, ""
-    for entity in _ENTITIES:
-        topic = f"{prefix}/{entity.platform}/radard_{sensor}/{entity.key}/config"
-        is_wanted = form == "components" and entity.key in wanted
-        config = {**about, **_config(entity, sensor, base, options, code_form)}
-        yield topic, json.dumps(config) if is_wanted else ""
-    if form == "device":
-        # With its platform alone, an entity that there once was is removed.
-        components = {
-            entity.key: {
-                "p": entity.platform,
-                **(
-                    _config(entity, sensor, base, options, code_form)
-                    if entity.key in wanted
-                    else {}
-                ),
-            }
-            for entity in _ENTITIES
-        }
-        yield device_topic, json.dumps({**about, "cmps": components})
-
-
-def _about(
-    sensor: str, base: str, hello: Mapping[str, Any], options: MqttSection
-) -> dict[str, Any]:
-    version, module = str(hello.get("version", "unknown")), hello.get("module")
-    device = {"ids": [f"radard_{sensor}"], "name": sensor, "sw": version}
-    mark = next((mark for mark in ("simulated", "replayed") if hello.get(mark)), None)
-    if module:
-        # All the modules that the driver knows are of one maker.
-        device |= {"mf": "Novelda", "mdl": f"{module} ({mark})" if mark else str(module)}
-    elif mark:
-        device["mdl"] = mark
-    if options.dashboard_url:
-        device["cu"] = options.dashboard_url
-    return {
-        "dev": device,
-        "o": {"name": "radard", "sw": version},
-        "avty_t": f"{base}/availability",
-        "qos": 1,
-    }
-
-
-def _config(
-    entity: Entity, sensor: str, base: str, options: MqttSection, code_form: CodeForm
-) -> dict[str, Any]:
-    config = {
-        key: value.replace("~/", f"{base}/", 1) if key.endswith("_t") else value
-        for key, value in entity.config.items()
-    }
-    config["uniq_id"] = f"radard_{sensor}_{entity.key}"
-    if entity is _PANEL and code_form:
-        config |= {**_WITH_CODE, "code": _CODES[code_form]}
-    if entity.expires:
-        config["exp_aft"] = round(options.expire_after_s)
-    return config
 
 
 class MqttTopics:
@@ -419,20 +323,68 @@ class MqttTopics:
         return [Publication(f"{self.base}/{name}", _json(whole))]
 
     def discovery(self) -> list[Publication]:
-        """Return what Home Assistant is told, once there was a `hello`."""
+        """Return what Home Assistant is told, once there was a `hello`; empty payloads remove.
+
+        What the chosen form does not use is removed first, so that a change of form or options
+        leaves nothing behind.
+        """
         if self._hello is None:
             return []
-        pairs = discovery(
+        prefix, form, sensor = (
+            self._options.discovery_prefix,
+            self._options.discovery,
             self._sensor,
-            self.base,
-            self._hello,
-            self._options,
-            takes_commands=self._takes_commands,
-            code_form=self._code_form,
         )
-        found = [Publication(topic, payload) for topic, payload in pairs]
+        about = self._about(self._hello)
+        configs = {each.key: self._config(each) for each in self._entities()}
+        device = Publication(f"{prefix}/device/radard_{sensor}/config", "")
+        found = [] if form == "device" else [device]
+        for each in _ENTITIES:
+            is_wanted = form == "components" and each.key in configs
+            payload = json.dumps({**about, **configs[each.key]}) if is_wanted else ""
+            topic = f"{prefix}/{each.platform}/radard_{sensor}/{each.key}/config"
+            found.append(Publication(topic, payload))
+        if form == "device":
+            # With its platform alone, an entity that there once was is removed.
+            parts = {e.key: {"p": e.platform, **configs.get(e.key, {})} for e in _ENTITIES}
+            found.append(replace(device, payload=json.dumps({**about, "cmps": parts})))
         # What an earlier version or setting left there.
         return found if self._options.picture else [*found, self.picture(b"")]
+
+    def _entities(self) -> tuple[Entity, ...]:
+        """Return the entities that the sensor has with its options."""
+        # A button asks for no code.
+        lacks = {_DISARM.key} if self._code_form else set()
+        lacks |= set() if self._options.picture else {_PICTURE.key}
+        lacks |= set() if self._options.decisions else {e.key for e in _DECISION_ENTITIES}
+        lacks |= set() if self._takes_commands else {e.key for e in _COMMAND_ENTITIES}
+        return tuple(each for each in _ENTITIES if each.key not in lacks)
+
+    def _about(self, hello: Record) -> dict[str, Any]:
+        version, module = str(hello.get("version", "unknown")), hello.get("module")
+        device = {"ids": [f"radard_{self._sensor}"], "name": self._sensor, "sw": version}
+        mark = next((mark for mark in ("simulated", "replayed") if hello.get(mark)), None)
+        if module:
+            # All the modules that the driver knows are of one maker.
+            device |= {"mf": "Novelda", "mdl": f"{module} ({mark})" if mark else str(module)}
+        elif mark:
+            device["mdl"] = mark
+        if self._options.dashboard_url:
+            device["cu"] = self._options.dashboard_url
+        origin = {"name": "radard", "sw": version}
+        return {"dev": device, "o": origin, "avty_t": self.will.topic, "qos": 1}
+
+    def _config(self, entity: Entity) -> dict[str, Any]:
+        config = {
+            key: value.replace("~/", f"{self.base}/", 1) if key.endswith("_t") else value
+            for key, value in entity.config.items()
+        }
+        config["uniq_id"] = f"radard_{self._sensor}_{entity.key}"
+        if entity is _PANEL and self._code_form:
+            config |= {**_WITH_CODE, "code": _CODES[self._code_form]}
+        if entity.expires:
+            config["exp_aft"] = round(self._options.expire_after_s)
+        return config
 
     def picture(self, png: bytes) -> Publication:
         """Return the message of the last alarm's picture; empty removes it."""
