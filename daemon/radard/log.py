@@ -28,6 +28,7 @@ from radard.log_file import (
     ForeignDatabase,
     StoredEvent,
     check_pages,
+    files_of,
     fold_events,
     is_damage,
     open_log_file,
@@ -70,7 +71,7 @@ class EventLog:
         self._moved: set[str] = set()
         self._is_loaded = path is None
         self._db: sqlite3.Connection | None = None
-        self._inode: tuple[int, int] | None = None
+        self._files: tuple[object, ...] = ()
         self._offset_s = 0.0
         """From this process's monotonic clock to the file's count of seconds."""
         self._checked_s = time.monotonic()
@@ -265,6 +266,7 @@ class EventLog:
         with self._changed:
             self._written = 0
             self._held = {}
+            self._files = ()
             self._moved |= set(self._cursors) | set(self._places)
 
     def _shut(self) -> None:
@@ -274,7 +276,9 @@ class EventLog:
                 db.close()
 
     def _opened(self, path: Path) -> sqlite3.Connection:
-        if self._db is not None and (self._inode is None or _inode_of(path) != self._inode):
+        # Its companions go with the last connection, so they tell something of an open one alone.
+        known = self._files if self._db is not None else self._files[:1]
+        if files_of(path)[: len(known)] != known:
             self._say("the file was taken away")
             self._shut()
             self._write_all_again()
@@ -282,7 +286,7 @@ class EventLog:
             self._is_loaded = False
         if self._db is None:
             self._db = open_log_file(path)
-            self._inode = _inode_of(path)
+            self._files = files_of(path)
         if not self._is_loaded:
             self._load(self._db, path)
         return self._db
@@ -407,11 +411,3 @@ def _put_place(db: sqlite3.Connection, name: str, place: Place | None) -> None:
         return
     row = (name, place.done, place.seen, json.dumps(place.deferred))
     db.execute("INSERT OR REPLACE INTO cursors VALUES (?, ?, ?, ?)", row)
-
-
-def _inode_of(path: Path) -> tuple[int, int] | None:
-    try:
-        about = path.stat()
-    except OSError:
-        return None
-    return about.st_dev, about.st_ino

@@ -131,6 +131,15 @@ def check_pages(path: Path) -> None:
         raise error
 
 
+def files_of(path: Path) -> tuple[tuple[int, int] | None, ...]:
+    """Return which files a log is in, None for one that is not there.
+
+    Another answer than at its opening means that one was taken away: what is written is then in
+    files without a name, which end with the connection.
+    """
+    return tuple(_inode_of(path.with_name(path.name + tail)) for tail in ("", "-wal", "-shm"))
+
+
 def put_aside(path: Path) -> Path:
     """Rename a damaged file to *.broken, and return that; one that was put aside before goes."""
     aside = path.with_name(path.name + ".broken")
@@ -294,6 +303,14 @@ def _open_to_read(path: Path) -> sqlite3.Connection:
             return db
     msg = "it cannot be opened"
     raise sqlite3.DatabaseError(msg)
+
+
+def _inode_of(path: Path) -> tuple[int, int] | None:
+    try:
+        about = path.stat()
+    except OSError:
+        return None
+    return about.st_dev, about.st_ino
 
 
 def _seconds(text: str) -> float:

@@ -204,6 +204,35 @@ def test_a_damaged_file_is_put_aside_and_said_for_an_hour(path, opened, caplog):
     assert [e.id for e in read_events(path)] == [ulid(4)]
 
 
+@pytest.mark.parametrize("gone", ["log.db", "log.db-wal", "log.db-shm"])
+def test_whatever_part_of_the_file_is_taken_away_nothing_is_lost(path, opened, gone):
+    log = opened()
+    filled(log)
+    path.with_name(gone).unlink()
+    log.append(event(4))
+    assert "taken away" in log.fault
+    assert [e.id for e in opened().events()] == [ulid(k) for k in range(1, 5)]
+
+
+def test_a_file_that_goes_while_it_is_looked_at_is_written_whole_again(path, opened, monkeypatch):
+    log = opened()
+    filled(log)
+
+    def check(_path):
+        monkeypatch.undo()
+        path.unlink()
+        msg = "unable to open database file"
+        raise sqlite3.OperationalError(msg)
+
+    monkeypatch.setattr(log_module, "check_pages", check)
+    monkeypatch.setattr(log_module, "_CHECK_S", 0.0)
+    log.append(event(4))
+    assert "in memory only" in log.fault
+    log.append(event(5))
+    assert "taken away" in log.fault
+    assert [e.id for e in opened().events()] == [ulid(k) for k in range(1, 6)]
+
+
 def test_another_programs_database_is_left_alone(path, opened):
     path.parent.mkdir()
     with closing(sqlite3.connect(path)) as db, db:

@@ -117,6 +117,19 @@ def test_a_file_that_is_damaged_at_work_is_put_aside_and_said(path, monkeypatch)
     assert ids(path.with_name("radard.db.broken")) == [ulid(1)]
 
 
+@pytest.mark.parametrize("gone", ["radard.db", "radard.db-wal"])
+def test_a_file_that_is_taken_away_at_work_is_begun_anew_and_said(path, gone):
+    sink = opened(path)
+    sink.write(event(1))
+    wait_for(lambda: sink.state.n_sent == 1)
+    path.with_name(gone).unlink()
+    sink.write(event(2))
+    wait_for(lambda: sink.state.n_sent == 2)
+    sink.close()
+    assert "taken away" in sink.state.remark
+    assert ids(path)[-1] == ulid(2)
+
+
 def test_another_programs_database_is_refused(tmp_path):
     path = tmp_path / "photos.db"
     query(path, "CREATE TABLE photos (n)")

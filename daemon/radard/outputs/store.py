@@ -20,6 +20,7 @@ from radard.errors import OutputError
 from radard.log_file import (
     ForeignDatabase,
     check_pages,
+    files_of,
     is_damage,
     is_passing,
     open_log_file,
@@ -76,6 +77,7 @@ class StoreSink(DirectSink):
         self._offset_s = 0.0
         """From this process's monotonic clock to the seconds for which radard ran with it."""
         self._db: sqlite3.Connection | None = None
+        self._files: tuple[object, ...] = ()
         try:
             self._opened()
         except (OSError, sqlite3.Error, ForeignDatabase) as err:
@@ -86,10 +88,14 @@ class StoreSink(DirectSink):
                 raise OutputError(msg) from err
 
     def _opened(self) -> sqlite3.Connection:
+        if self._db is not None and files_of(self._path) != self._files:
+            self._keeper.remark("the file was taken away")
+            self._let_go()
         if self._db is None:
             self._db = db = open_log_file(self._path, _DECISIONS)
             (run_s,) = db.execute("SELECT coalesce(max(run_s), 0) FROM stand").fetchone()
             self._offset_s = run_s - time.monotonic()
+            self._files = files_of(self._path)
         return self._db
 
     def _wants(self, record: Record) -> bool:
