@@ -74,7 +74,10 @@ class Outputs:
         self._hosts: dict[str, Host] = {}
         self._stdout_is_terminal = stdout_is_terminal
         self._open: list[_Open] = []
-        self._is_open = self._can_wait = False
+        self.is_open = False
+        """Whether `open` was called with success."""
+        self.can_wait = False
+        """Whether the streams wait for files and stdout, see `open`."""
         self._config = Config()
         self._hellos: Sequence[Record] = ()
         self.log = EventLog(None)
@@ -87,27 +90,15 @@ class Outputs:
         # Not changed in place: other threads may be looking through it.
         self._hosts = {**self._hosts, host.sensor: host}
         for of, sink in self.sinks:
-            attach = getattr(sink, "attach", None)
-            if of is None and attach is not None:
+            if of is None and (attach := getattr(sink, "attach", None)) is not None:
                 attach(host)
 
     def remove(self, sensor: str) -> None:
         """Forget a sensor; its own outputs are closed by `reload`."""
         self._hosts = {name: host for name, host in self._hosts.items() if name != sensor}
         for _, sink in self.sinks:
-            detach = getattr(sink, "detach", None)
-            if detach is not None:
+            if (detach := getattr(sink, "detach", None)) is not None:
                 detach(sensor)
-
-    @property
-    def is_open(self) -> bool:
-        """Whether `open` was called with success."""
-        return self._is_open
-
-    @property
-    def can_wait(self) -> bool:
-        """Whether the streams wait for files and stdout, see `open`."""
-        return self._can_wait
 
     @property
     def sinks(self) -> list[tuple[str | None, Sink]]:
@@ -136,7 +127,7 @@ class Outputs:
         No output means a table if a person reads stdout, JSON Lines elsewhere. `can_wait` is that
         of `SinkContext`. Raises as an `Opener`, and UsageError if two outputs want stdout.
         """
-        if self._is_open:
+        if self.is_open:
             return
         wanted = self._wanted(config)
         meant = [self._meant_by(name) for name, _ in wanted]
@@ -145,7 +136,7 @@ class Outputs:
         if sum(name in {"json", "table"} for name in meant) > 1:
             msg = "--output: json and table both want stdout; give one of them a file"
             raise UsageError(msg)
-        self._can_wait, self._config = can_wait, config
+        self.can_wait, self._config = can_wait, config
         options = _options_of(config)
         # At full speed nothing is left for the next run but how the sensor is armed.
         path, most = log_path(config), config.log.max_events
@@ -161,7 +152,7 @@ class Outputs:
             self._open = []
             self.log.close()
             raise
-        self._is_open = True
+        self.is_open = True
 
     def put(self, record: Record, sensor: str | None = None, *, waits: bool = False) -> bool:
         """Hand a record to every sink; return False if another thread hangs in one.
@@ -172,7 +163,7 @@ class Outputs:
         """
         if record["type"] == "event":
             self.log.append(record)
-        wait_s = -1 if waits and self._can_wait else _LOCK_S
+        wait_s = -1 if waits and self.can_wait else _LOCK_S
         if not self._lock.acquire(timeout=wait_s):
             return False
         try:
@@ -285,7 +276,7 @@ class Outputs:
             sensor=SHARED if is_shared else hosts[0].sensor,
             hosts=hosts,
             is_one_of_several=sensor is not None,
-            can_wait=self._can_wait,
+            can_wait=self.can_wait,
             mark="" if is_shared else hosts[0].mark(),
             log=self.log,
             after=after,

@@ -24,32 +24,30 @@ _OF_A_SINK = ("name", "state", "waits", "write", "finish", "close")
 
 def start_sink(sink: Sink) -> None:
     """Let a sink of `make_output` begin to work."""
-    start = getattr(sink, "start", None)
-    if start is not None:
+    if (start := getattr(sink, "start", None)) is not None:
         start()
 
 
 def make_output(output: str, options: SinkOptions, context: SinkContext) -> Sink:
     """Return the sink that one value of -o/--output names, to be started; raises likewise."""
-    check_output(output)
-    row = find_row(output)
-    if row is not None:
-        opener: Opener = importlib.import_module(row.module).open_from_url
+    plugin = check_output(output)
+    if plugin is None:
+        row = find_row(output)
+        opener: Opener = importlib.import_module(row.module if row else "").open_from_url
         return opener(output, options, context)
-    plugin = plugins.plugged(plugins.SINKS, output.partition(":")[0])
-    assert plugin is not None  # noqa: S101 - check_output found it
     plugged: Sink = plugin.call(output, options, context)
     plugin.check(plugged, _OF_A_SINK)
     return plugged
 
 
-def check_output(output: str) -> None:
-    """Raise UsageError unless `output` has the form of a sink's, built in or plugged in."""
+def check_output(output: str) -> plugins.Plugin | None:
+    """Return the plug-in that an output names, None for a built-in one; UsageError for none."""
     scheme, _, rest = output.partition(":")
     if find_row(output) is not None:
-        return
-    if scheme not in SCHEMES and plugins.plugged(plugins.SINKS, scheme) is not None:
-        return
+        return None
+    plugin = None if scheme in SCHEMES else plugins.plugged(plugins.SINKS, scheme)
+    if plugin is not None:
+        return plugin
     # Only the scheme: the rest may hold a secret.
     shown = output if scheme == output else f"{scheme}:{'...' if scheme in SCHEMES else rest}"
     msg = f"--output '{shown}': unknown or incomplete; known are {FORMS}"

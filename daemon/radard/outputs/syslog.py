@@ -14,8 +14,8 @@ import socket
 import ssl
 import stat
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 from urllib.parse import urlsplit
 
 from radard.config.sink_table import SinkOptions
@@ -42,18 +42,12 @@ _KINDS = {"udp": socket.SOCK_DGRAM, "tcp": socket.SOCK_STREAM, "tls": socket.SOC
 _PORTS = {"udp": 514, "tcp": 514, "tls": 6514}
 
 
-@dataclass(frozen=True, slots=True)
-class Server:
+class Server(NamedTuple):
     """Address of a log server, and the protocol that it speaks."""
 
     scheme: str
     host: str
     port: int
-
-    @property
-    def kind(self) -> socket.SocketKind:
-        """Type of socket: datagrams for UDP, a stream for TCP and TLS."""
-        return _KINDS[self.scheme]
 
 
 Address = str | Server
@@ -138,10 +132,10 @@ class SyslogSink(DirectSink):
             address = str(JOURNAL if is_journal else DEV_LOG)
             self._form = self._journal if is_journal else self._plain
         if isinstance(address, Server):
-            forms = {"udp": self._dated, "tcp": self._line, "tls": self._counted}
-            self._form = forms[address.scheme]
-            where = socket.getaddrinfo(address.host, address.port, type=address.kind)[0]
-            plain = _connected(where[0], address.kind, where[4])
+            self._form = self._dated
+            kind = _KINDS[address.scheme]
+            where = socket.getaddrinfo(address.host, address.port, type=kind)[0]
+            plain = _connected(where[0], kind, where[4])
             self._socket = plain if self._tls is None else _encrypted(plain, self._tls, address)
             return self._socket
         try:
@@ -158,18 +152,15 @@ class SyslogSink(DirectSink):
         return message.encode(errors="replace")
 
     def _dated(self, severity: int, text: str, record: Record) -> bytes:
-        """Return a message of RFC 5424, 6."""
+        """Return a message of RFC 5424, 6: a datagram, a line, or with its octets counted."""
         priority = self._facility << 3 | severity
         head = f"<{priority}>1 {record.get('time') or utc_now()} {socket.gethostname() or '-'}"
-        message = f"{head} radard {os.getpid()} {record['type']} - {self._of(record)}: {text}"
-        return message.encode(errors="replace")
-
-    def _line(self, severity: int, text: str, record: Record) -> bytes:
-        return self._dated(severity, text, record).replace(b"\n", b" ") + b"\n"
-
-    def _counted(self, severity: int, text: str, record: Record) -> bytes:
-        message = self._dated(severity, text, record)
-        return b"%d %s" % (len(message), message)
+        text = f"{head} radard {os.getpid()} {record['type']} - {self._of(record)}: {text}"
+        message = text.encode(errors="replace")
+        scheme = self._address[0] if self._address else ""
+        if scheme == "tcp":
+            return message.replace(b"\n", b" ") + b"\n"
+        return b"%d %s" % (len(message), message) if scheme == "tls" else message
 
     def _of(self, record: Record) -> str:
         return str(record.get("sensor", self._sensor))

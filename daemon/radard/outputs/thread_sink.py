@@ -19,69 +19,59 @@ from x2radar.backoff import Backoff
 log = logging.getLogger("radard")
 CLOSE_S = 2.0
 """With the stream's own end it stays within the 6 s of TimeoutStopSec in the unit."""
-_ROOMS = {"decision": 1000, "event": 10_000, "status": 100}
-"""Records of a type that may wait: decisions of a quarter of an hour, all events."""
+_ROOM = 1000
+"""Records that may wait: a quarter of an hour of decisions; events wait beside them."""
 
 
 class RecordQueue:
-    """Hand records from one thread to another, in order; bounded for each type.
+    """Hand records from one thread to another, in order.
 
     When a sink cannot keep up, it drops the oldest decisions first: there is another one in
-    a second. States are few and only the newest matters. Events have room of their own that no
-    flood of decisions can take. With `waits`, `put` waits for room instead of dropping.
+    a second. Events are bounded by the log. With `waits`, `put` waits for room instead.
     """
 
     def __init__(self, *, waits: bool = False) -> None:
         self._waits = waits
-        self._rows: dict[str, deque[tuple[int, Record]]] = {kind: deque() for kind in _ROOMS}
-        self._n_put = 0
-        self._is_ended = self._is_woken = False
+        self._records: deque[Record] = deque()
+        self._n_others = 0
+        self.is_ended = self._is_woken = False
+        """Whether `end` was called."""
         self._changed = threading.Condition()
 
     def __len__(self) -> int:
-        with self._changed:
-            return sum(map(len, self._rows.values()))
-
-    @property
-    def is_ended(self) -> bool:
-        """Whether `end` was called."""
-        return self._is_ended
+        return len(self._records)
 
     def put(self, record: Record) -> int:
         """Take a record; return how many were dropped for it."""
-        kind = str(record.get("type"))
-        if kind == "hello":
-            kind = "status"
-        elif kind not in self._rows:
-            kind = "decision"
         with self._changed:
-            row, room = self._rows[kind], _ROOMS[kind]
-            while self._waits and len(row) >= room and not self._is_ended:
+            is_other = record.get("type") != "event"
+            while self._waits and is_other and self._n_others >= _ROOM and not self.is_ended:
                 self._changed.wait()
-            if self._is_ended:
+            if self.is_ended:
                 return 1
-            n_dropped = 0
-            if len(row) >= room:
-                row.popleft()
-                n_dropped = 1
-            row.append((self._n_put, record))
-            self._n_put += 1
+            is_full = is_other and self._n_others >= _ROOM
+            if is_full:
+                oldest = next((r for r in self._records if r.get("type") == "decision"), None)
+                self._records.remove(oldest if oldest is not None else self._records[0])
+                self._n_others -= 1
+            self._records.append(record)
+            self._n_others += is_other
             self._changed.notify_all()
-            return n_dropped
+            return int(is_full)
 
     def take(self, timeout_s: float | None = None) -> Record | None:
         """Return the oldest record; None after `timeout_s`, after `wake`, or at the end."""
         deadline_s = None if timeout_s is None else time.monotonic() + timeout_s
         with self._changed:
             while True:
-                waiting = [row for row in self._rows.values() if row]
-                if waiting:
-                    _, record = min(waiting, key=lambda row: row[0][0]).popleft()
+                if self._records:
+                    record = self._records.popleft()
+                    self._n_others -= record.get("type") != "event"
                     self._changed.notify_all()
                     return record
                 left_s = None if deadline_s is None else deadline_s - time.monotonic()
                 is_late = left_s is not None and left_s <= 0
-                if self._is_ended or self._is_woken or is_late:
+                if self.is_ended or self._is_woken or is_late:
                     self._is_woken = False
                     return None
                 self._changed.wait(left_s)
@@ -95,12 +85,12 @@ class RecordQueue:
     def wait_for_end(self, timeout_s: float) -> bool:
         """Wait until `end` is called; return whether it was."""
         with self._changed:
-            return self._changed.wait_for(lambda: self._is_ended, timeout_s)
+            return self._changed.wait_for(lambda: self.is_ended, timeout_s)
 
     def end(self) -> None:
         """Refuse further records; what waits can still be taken."""
         with self._changed:
-            self._is_ended = True
+            self.is_ended = True
             self._changed.notify_all()
 
 
@@ -270,7 +260,10 @@ class DirectSink(ThreadSink):
             if self._queue.wait_for_end(self._backoff.next_s()):
                 if self._try(record):
                     return True
-                self._keeper.dropped(1 + self._drain(), "left at the end")
+                n = 1
+                while self._queue.take(0) is not None:
+                    n += 1
+                self._keeper.dropped(n, "left at the end")
                 return False
         return True
 
@@ -283,9 +276,3 @@ class DirectSink(ThreadSink):
         self._backoff.reset()
         self._keeper.sent()
         return True
-
-    def _drain(self) -> int:
-        n = 0
-        while self._queue.take(0) is not None:
-            n += 1
-        return n

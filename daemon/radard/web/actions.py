@@ -11,9 +11,8 @@ from starlette.routing import Route
 from radard.config.directories import saved_file
 from radard.config.saved import Kind, change, forget
 from radard.outputs.base import COMMANDS, Host
-from radard.web.answers import json_body, refusal
 from radard.web.auth import SESSION_S, AccessControl, address_of
-from radard.web.guard import Guard, NoRunError
+from radard.web.guard import Guard, NoRunError, json_body, refusal
 from radard.web.view import View
 
 log = logging.getLogger("radard")

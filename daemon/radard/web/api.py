@@ -5,6 +5,7 @@ import mimetypes
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,10 +31,9 @@ from radard.judge.card import read_card
 from radard.outputs.base import Sink
 from radard.web import socket
 from radard.web.actions import Actions
-from radard.web.answers import query_number, refusal, whole_number
 from radard.web.auth import AccessControl, Role
 from radard.web.events import EventRoutes
-from radard.web.guard import Guard
+from radard.web.guard import Guard, query_number, refusal, whole_number
 from radard.web.history import DECISIONS
 from radard.web.metrics import exposition
 from radard.web.middleware import SecurityMiddleware
@@ -59,23 +59,22 @@ class Api:
         self._access = access
         self._all_views = all_views
         guard = Guard(access)
-        self._read = guard.read
         self.routes: list[BaseRoute] = [
-            Route("/healthz", self._healthz),
-            Route("/readyz", self._readyz),
+            Route("/healthz", partial(self._told, lambda now: now.is_well)),
+            Route("/readyz", partial(self._told, lambda now: now.state == "online")),
             guard.viewing("/metrics", self._metrics),
             guard.viewing("/api/v1/status", self._status),
             guard.viewing("/api/v1/decisions", self._decisions),
             guard.viewing("/api/v1/decisions/{seq}", self._why),
-            guard.viewing("/api/v1/sensitivities", self._sensitivities),
-            guard.viewing("/api/v1/calibration", self._calibration),
-            guard.viewing("/api/v1/config", self._config),
+            guard.reading("/api/v1/sensitivities", self._choices),
+            guard.reading("/api/v1/calibration", self._room),
+            guard.reading("/api/v1/config", self._config),
             *EventRoutes(view, guard).routes,
             *Actions(view, guard).routes,
             WebSocketRoute("/ws", self._ws),
             Route("/", self._page),
             # Here, because a service worker is for what lies beside it.
-            Route("/sw.js", self._worker),
+            Route("/sw.js", lambda _request: FileResponse(_STATIC / "sw.js")),
             Mount("/static", GZipMiddleware(StaticFiles(directory=_STATIC))),
         ]
 
@@ -84,13 +83,7 @@ class Api:
         """The routes as an application, behind the checks of every request."""
         return SecurityMiddleware(Starlette(routes=self.routes), self._access)
 
-    async def _healthz(self, request: Request) -> Response:
-        return self._told(request, lambda now: now.is_well)
-
-    async def _readyz(self, request: Request) -> Response:
-        return self._told(request, lambda now: now.state == "online")
-
-    def _told(self, request: Request, is_good: Callable[[Status], bool]) -> Response:
+    async def _told(self, is_good: Callable[[Status], bool], request: Request) -> Response:
         """Return the state, 200 or 503; the reason for those who may look."""
         views = [self._view] if _OF_ONE in request.scope else self._all_views()
         hosts = [view.host for view in views if view.host is not None]
@@ -149,9 +142,6 @@ class Api:
         reasons = explain(records, history.hello, view.config, history.events(), held)
         return JSONResponse({"decision": dict(records[-1]), **reasons})
 
-    async def _sensitivities(self, _request: Request) -> Response:
-        return JSONResponse(await self._read(self._choices))
-
     def _choices(self) -> dict[str, Any]:
         """Return the sensitivities to choose from, and what each costs by the model's card."""
         config, hello = self._view.config, self._view.history.hello
@@ -169,9 +159,6 @@ class Api:
             "given": [key for key in _NUMBERS if getattr(alarm, key) is not None],
         }
 
-    async def _calibration(self, _request: Request) -> Response:
-        return JSONResponse(await self._read(self._room))
-
     def _room(self) -> dict[str, Any] | None:
         """Return what the sensor's own calibration says of its room; None without one."""
         if self._view.config.gate.calibration == "none":
@@ -186,8 +173,8 @@ class Api:
             "restless": restless_spans(found),
         }
 
-    async def _config(self, _request: Request) -> Response:
-        return JSONResponse(redact_value("", self._view.config.model_dump(mode="json")))
+    def _config(self) -> Any:
+        return redact_value("", self._view.config.model_dump(mode="json"))
 
     async def _ws(self, websocket: WebSocket) -> None:
         view = self._view
@@ -203,9 +190,6 @@ class Api:
     async def _page(self, request: Request) -> Response:
         is_known = self._access.role(request) != "nobody"
         return FileResponse(_STATIC / ("index.html" if is_known else "login.html"))
-
-    async def _worker(self, _request: Request) -> Response:
-        return FileResponse(_STATIC / "sw.js")
 
 
 class SensorRouter:

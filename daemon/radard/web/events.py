@@ -21,8 +21,7 @@ from radard.config.sink_table import KINDS
 from radard.errors import RadardError, UsageError
 from radard.log_file import MARKS, StoredEvent, parse_since
 from radard.outputs.records import utc_now
-from radard.web.answers import attached, query_number, refusal
-from radard.web.guard import Guard
+from radard.web.guard import Guard, attached, query_number, refusal
 from radard.web.labels import LABELS, add_label, read_labels
 from radard.web.pictures.clip_process import ClipTimeoutError, read_clip
 from radard.web.view import View

@@ -9,8 +9,8 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from radard.web.answers import MAX_BODY, refusal, whole_number
 from radard.web.auth import AccessControl
+from radard.web.guard import MAX_BODY, refusal, whole_number
 
 _OWN_HEADER = "x-radard"
 _SAFE = {"GET", "HEAD", "OPTIONS"}
