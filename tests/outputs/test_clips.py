@@ -275,15 +275,6 @@ def test_a_run_whose_clips_fail_goes_on_degraded(tmp_path, monkeypatch):
     assert {alarm["clip"] for alarm in alarms} == {None}
 
 
-def test_after_a_kill_the_frames_are_there(tmp_path):
-    path = tmp_path / "killed.h5"
-    clip = ClipFile(path, STREAM, first_index=0, started_utc="2026-01-01T00:00:00Z", attributes={})
-    clip.write([frame(k) for k in range(150)])
-    with open_recording(path) as reader:
-        assert reader.n_frames >= 120
-    clip.abandon()
-
-
 def test_a_reader_keeps_no_decision_out_of_a_clip(tmp_path):
     path = tmp_path / "read.h5"
     clip = ClipFile(path, STREAM, first_index=0, started_utc="2026-01-01T00:00:00Z", attributes={})
@@ -295,13 +286,6 @@ def test_a_reader_keeps_no_decision_out_of_a_clip(tmp_path):
     with h5py.File(path) as file:
         assert "event" in file.attrs
         assert list(file["decisions/t_s"]) == [2.0]
-
-
-def test_an_existing_file_is_not_overwritten(tmp_path):
-    path = tmp_path / f"{'0' * 26}.h5"
-    path.write_text("mine")
-    with pytest.raises(OutputError, match="exists already"):
-        ClipFile(path, STREAM, first_index=0, started_utc="2026-01-01T00:00:00Z", attributes={})
 
 
 def clip_of(folder, k, at_s=None):

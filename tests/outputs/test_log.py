@@ -80,19 +80,6 @@ def test_an_output_with_another_filter_keeps_what_it_is_owed(opened):
     assert ids(cursor) == []
 
 
-def test_an_event_that_was_put_behind_others_costs_none_of_those_after_it(opened):
-    log = opened()
-    cursor, found, keys = log.cursor("a", everything), [], set()
-    log.append(event(1))
-    cursor.defer(cursor.first())
-    for t_s in (1e6 + 0.45, 1e6 + 1.45):
-        found += ids(cursor)
-        keys.add(log.append(event(2, phase="update", t_s=t_s)).key)
-    assert found + ids(cursor) == [ulid(1), ulid(2), ulid(2)]
-    # Late updates of one event are told apart.
-    assert len(keys) == 2
-
-
 def test_numbers_and_keys_are_never_given_twice_also_when_nothing_is_left(opened, path):
     log, keys, numbers = opened(), set(), []
     for _ in range(3):
@@ -267,17 +254,6 @@ def test_without_events_the_file_has_what_is_kept_alone(path, opened):
     assert ids(cursor) == [ulid(1)]
     log = opened(keeps_events=False)
     assert (log.kept("panel"), log.events()) == ("armed", [])
-
-
-def test_without_a_path_memory_keeps_it():
-    log = EventLog(None)
-    cursor = log.cursor("a", everything)
-    filled(log)
-    log.keep("panel", "armed")
-    assert log.holds("panel", "armed")
-    assert [each.id for each in log.events(limit=2)] == [ulid(2), ulid(3)]
-    assert ids(cursor) == [ulid(1), ulid(2), ulid(3)]
-    log.close()
 
 
 def test_phases_become_one_event_in_memory_in_the_file_and_in_sql_alike(path, opened):

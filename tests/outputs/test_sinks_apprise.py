@@ -5,7 +5,6 @@ import json
 
 import pytest
 
-from radard.cli import main
 from radard.config.sink_table import AppriseSection, SinkOptions
 from radard.errors import ConfigError, OutputError, UsageError
 from radard.outputs.apprise import message_of
@@ -117,13 +116,6 @@ def test_without_the_package_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "apprise", None)
     with pytest.raises(OutputError, match=r"needs apprise, which is not installed: .*\[notify\]"):
         open_sink("apprise:json://h", SinkOptions())
-
-
-def test_the_configuration_that_is_shown_holds_no_url(capsys):
-    assert main(["config", "show", "--port", "sim:empty", "-o", f"apprise:tgram://{TOKEN}/1"]) == 0
-    shown = capsys.readouterr().out
-    assert "apprise:tgram://***" in shown
-    assert TOKEN not in shown
 
 
 def test_a_test_alarm_and_a_sensor_of_several_are_named():

@@ -336,11 +336,3 @@ def test_a_reader_that_goes_away_ends_the_run(pipe, can_wait):
     with pytest.raises(BrokenPipeError):
         sink.write(decision())
     in_time(sink.close)
-
-
-def test_null_takes_everything():
-    sink = open_sink("null", SinkOptions())
-    sink.write(decision())
-    sink.finish()
-    sink.close(0.0)
-    assert sink.state.is_ok

@@ -11,7 +11,6 @@ from radard.alarm.sensor_state import SensorState
 from radard.config.sink_table import MqttSection, SinkOptions
 from radard.errors import ConfigError
 from radard.outputs.mqtt.sink import CommandReader, MqttCommand, panel_command
-from radard.outputs.mqtt.topics import panel_state
 from tests.sink_helpers import QUICK, Radar, decision, event, hello, open_sink, status
 from tests.waiting import wait_for
 
@@ -70,12 +69,6 @@ def test_the_panel_shows_what_the_sensor_does_and_commands_it(publish, listen):
         listener.say(parts["cmd_t"], payload)
     wait_for(lambda: len(heard) == 3)
     assert heard == ["arm-home", "arm", "disarm"]
-
-
-def test_a_panel_without_a_run_and_with_an_alarm():
-    assert panel_state(None, is_armed=True, is_on=False) == "armed_away"
-    assert panel_state(None, is_armed=False, is_on=False) == "disarmed"
-    assert panel_state(SensorState(), is_armed=True, is_on=True) == "triggered"
 
 
 def test_a_code_is_asked_for_and_never_published(publish, listen, tmp_path, caplog):

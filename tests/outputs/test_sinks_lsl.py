@@ -10,7 +10,7 @@ import pytest
 from radard.config.sink_table import SinkOptions
 from radard.errors import OutputError
 from radard.outputs.base import SinkContext
-from radard.outputs.lsl import CHANNELS, sample_of
+from radard.outputs.lsl import CHANNELS
 from radard.outputs.registry import make_output
 from tests.processes import ran
 
@@ -94,11 +94,6 @@ def test_pylsl_receives_decisions_and_events(tmp_path, monkeypatch, is_named):
     # Its frame had come in 2.5 s before it was written.
     assert 0 < told["ages"][0] <= 2.5
     assert told["ages"][1] < 0
-
-
-def test_a_sample_has_a_value_for_every_channel():
-    assert len(sample_of(OPEN)) == len(CHANNELS)
-    assert all(map(math.isnan, sample_of(INVALID)))
 
 
 def test_without_pylsl_the_extra_is_named(monkeypatch):

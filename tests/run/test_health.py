@@ -155,54 +155,6 @@ TestHealthMachine = HealthMachine.TestCase
 TestHealthMachine.settings = settings(max_examples=40, stateful_step_count=25)
 
 
-@pytest.mark.parametrize("kinds", [("restart",), ("lost", "found"), ("found",), ("silent",)])
-@pytest.mark.parametrize("every_s", [0.2, 1.0, 3.0])
-def test_a_module_that_restarts_in_a_loop_is_offline_and_not_fed(health, clock, kinds, every_s):
-    health.on_decision(decision(1, t_mono_s=clock.now_s))
-    until_s, n = clock.now_s + 301, 0
-    while clock.now_s < until_s:
-        clock.now_s += every_s
-        health.on_notice(Notice(kinds[n % len(kinds)], "again", 1.0))
-        n += 1
-        if clock.now_s > 100 + 2 * STALE_S + every_s:
-            assert not health.status.is_well
-            assert health.may_feed is (kinds[(n - 1) % len(kinds)] == "lost")
-    assert health.age_s == pytest.approx(clock.now_s - 100)
-    assert health.on_decision(decision(2, t_mono_s=clock.now_s)).state == "online"
-
-
-def test_work_that_breaks_off_again_and_again_is_never_well(health, clock):
-    for _ in range(20):
-        health.on_failure("fire")
-        assert (health.status.state, health.may_feed) == ("offline", True)
-        clock.now_s += 5
-        health.on_start()
-        clock.now_s += 10
-        assert not health.status.is_well
-        assert not health.may_feed
-
-
-def test_a_device_that_is_back_has_time_for_its_first_dwell(health, clock):
-    health.on_decision(decision(1, t_mono_s=clock.now_s))
-    health.on_notice(Notice("lost", "unplugged", 1))
-    clock.now_s += 1e6
-    assert health.may_feed
-    assert health.on_notice(Notice("found", "back", 1)).state == "degraded"
-    clock.now_s += STALE_S - 0.1
-    assert health.may_feed
-    clock.now_s += 0.2
-    assert not health.may_feed
-    assert health.status.reason.startswith("no decision from fresh frames for 1000005 s")
-
-
-def test_the_end_is_final(health):
-    health.on_decision(decision(1))
-    assert health.on_end("stopped") == Status("offline", "stopped")
-    assert health.on_decision(decision(2)) is None
-    assert health.on_notice(Notice("lost", "x", 1)) is None
-    assert health.status.reason == "stopped"
-
-
 @pytest.mark.parametrize(
     ("states", "whole", "reason"),
     [

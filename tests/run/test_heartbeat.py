@@ -14,7 +14,7 @@ from radard.health.health import Health, Status
 from radard.health.heartbeat import Heartbeat, Watched
 from radard.health.status_file import read_status, status_path, write_status
 from radard.health.systemd import Notifier
-from tests.alarm_helpers import NotifySocket, decision
+from tests.alarm_helpers import NotifySocket
 
 
 @pytest.fixture
@@ -80,15 +80,6 @@ def make_heart(health, tmp_path):
     return heartbeat, spy
 
 
-def test_the_heart_says_ready_with_the_first_decision_and_feeds_only_then(health, tmp_path):
-    heartbeat, spy = make_heart(health, tmp_path)
-    heartbeat.beat()
-    assert spy.sent == []
-    health.on_decision(decision(1))
-    heartbeat.beat()
-    assert spy.sent == ["READY", "WATCHDOG"]
-
-
 def test_the_status_file_of_another_process_is_left_alone(health, tmp_path, caplog):
     path = status_path(tmp_path, "radar")
     write_status(path, Status("online", ""), {"pid": os.getppid()})
@@ -142,19 +133,6 @@ def test_a_full_disk_silences_the_status_only_while_it_is_full(
         heartbeat.beat()
         path.unlink()
     assert caplog.text.count("No space left on device") == 2
-
-
-def test_a_stopped_heart_leaves_the_last_word(health, tmp_path):
-    heartbeat, spy = make_heart(health, tmp_path)
-    heartbeat.stop()
-    assert spy.sent == []
-    heartbeat.start()
-    heartbeat.start()
-    health.on_end("stopped")
-    heartbeat.stop()
-    assert spy.sent[-1] == "STOPPING"
-    content = json.loads(status_path(tmp_path, "radar").read_text())
-    assert (content["state"], content["reason"], content["seq"]) == ("offline", "stopped", 7)
 
 
 def asked(capsys, *argv):

@@ -39,16 +39,6 @@ def test_every_record_keeps_the_contract():
     assert {d["frames"] for d in made} == {147}
 
 
-@pytest.mark.parametrize("kind", ["rf", "baseband"])
-def test_same_seed_same_decisions_another_seed_others(kind):
-    def run(seed):
-        port = f"sim:human?seed={seed}&kind={kind}&run=test"
-        return stable(run_radard("--port", port, *FAST, "--duration", "5")[1])
-
-    assert run(1) == run(1)
-    assert run(1) != run(2)
-
-
 @pytest.mark.integration
 def test_memory_pair_terminal_and_recording_decide_alike(tmp_path):
     file = tmp_path / "own.h5"

@@ -7,7 +7,6 @@ import pytest
 from radard.cli import main
 from radard.commands import walk_report
 from radard.commands.walk_report import RangeCell, WalkDecision, by_range, report, verdict
-from radard.commands.walktest import line_of
 from tests.processes import environ, started
 from tests.waiting import unmeasured
 
@@ -80,17 +79,6 @@ def test_before_the_first_and_after_the_last_sighting_nothing_counts():
     assert next(iter(report(walk, [cell]))).startswith("first seen 2.0 s after the first window")
 
 
-def test_lines():
-    assert line_of(step(3.0, 1.5, alarm=True)).split() == [
-        *("3.0", "s", "+9.0", "dB", "######..............", "1.5", "m", "human", "ALARM")
-    ]
-    assert "nothing" in line_of(step(3.0))
-    invalid = WalkDecision(
-        t_s=1, range_m=None, over_floor_db=None, label="invalid", p_human=None, alarm=False
-    )
-    assert "too many frames missing" in line_of(invalid)
-
-
 def test_command_logs_and_reports(capsys):
     argv = ["walktest", "--port", "sim:human?seed=1", "--speed", "max", "--duration", "12"]
     assert main(argv) == 0
@@ -120,13 +108,6 @@ def test_interrupt_ends_the_walk_with_its_report():
     assert running.returncode == 0
     assert all(" dB " in line for line in first)
     assert "range           seen" in rest or "nothing was seen" in rest
-
-
-def test_usage(capsys):
-    assert main(["walktest", "--port", "sim:human", "--duration", "0"]) == 2
-    assert "--duration 0" in capsys.readouterr().err
-    assert main(["walktest", "--speed", "max"]) == 2
-    assert "no port" in capsys.readouterr().err
 
 
 def test_a_walk_measures_the_level_and_a_glance_does_not(capsys):

@@ -12,8 +12,8 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from radard.config.sink_table import WebSection
 from radard.errors import ConfigError, UsageError
-from radard.web.guard import MAX_BODY
 from radard.web.auth import SESSION_S, AccessControl, Tokens, is_loopback, read_tokens
+from radard.web.guard import MAX_BODY
 from radard.web.sink import parse_address
 from tests.dashboard_helpers import post
 from tests.web_helpers import HEADERS, decision, event, open_decision
