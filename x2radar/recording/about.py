@@ -25,8 +25,6 @@ SAMPLE_DTYPES: dict[str, type[np.float32 | np.complex64]] = {
 }
 MAX_BINS = 1 << 14
 """Above these a file is damaged: ten times the bins of any module, 150 m of a P4xx."""
-_MAX_RUN_ID = 64
-"""Letters of a run's id that are read, twice what a run gets."""
 
 _OPTIONS = {
     "frame_rate_hz": "--frame-rate",
@@ -113,7 +111,7 @@ def read_about(
     rate_hz, sign = max(numbers.pop("frame_rate_hz"), 0.0), numbers.pop("phase_sign")
     axis = FastTimeAxis(kind=kind, n_range=n_range, **numbers)  # type: ignore[arg-type]
     about = _mapping(said.get("device"))
-    run_id = str(said.get("run_id") or "")[:_MAX_RUN_ID]
+    run_id = str(said.get("run_id") or "")[:64]  # twice what a run gets
     name = str(about.get("name", device))
     stream = overrides.apply(StreamInfo(axis, rate_hz, name, run_id))
     known = {"frame_rate_hz": stream.frame_rate_hz} | {

@@ -10,13 +10,7 @@ from pathlib import Path
 from x2radar.errors import RecordingError, SettingsError, X2RadarError
 from x2radar.recording.about import NO_OVERRIDES, Overrides
 from x2radar.recording.faults import refuse
-from x2radar.recording.registry import (
-    FORMATS,
-    WRITABLE,
-    Format,
-    format_by_name,
-    open_recording,
-)
+from x2radar.recording.registry import FORMATS, WRITABLE, Format, format_by_name, open_recording
 
 
 @dataclass(frozen=True, slots=True)

@@ -107,13 +107,10 @@ class RecordingWriter(Closing):
             raise refuse(
                 self._path, f"a frame of {frame.samples.size} bins does not fit the recording"
             )
-        k = self._filled
-        self._samples[k] = frame.samples
-        self._counter[k] = frame.counter
-        self._t_s[k] = (frame.index - self._first_index) / self._rate_hz
-        self._filled = k + 1
-        self.n_frames += 1
-        if self._filled == len(self._samples) or not self._published:
+        t_s = (frame.index - self._first_index) / self._rate_hz
+        counter = np.array([frame.counter], np.uint32)
+        self.write_block(Block(frame.samples[None], counter, np.array([t_s])))
+        if not self._published:
             self._flush()
 
     def write_block(self, block: Block) -> None:

@@ -6,14 +6,11 @@
 | local | -100 dB | scatterers x the bins that an echo touches |
 | gridded | -100 dB | scatterers x 8 to 15 grid points, and bins |
 
-Errors are the largest of any bin over the sum of the amplitudes. The costs are linear
-models in nanoseconds, fitted to measurements on one core at 1 to 400 frames, 1 to 200
-scatterers, six axes (RF and baseband, 3.7 to 51 mm a bin); measured times were 0.7 to 1.8
-times the model. Only ratios matter: over those tasks the choice took 1.4 % longer than the
-best tier of each. `benchmarks/bench_sim.py` measures it again.
-
-Every tier has its tasks: dense where up to five echoes move or errors are under -100 dB,
-gridded on the X2's own bins and RF, local on decimated bins.
+Errors are the largest of any bin over the sum of the amplitudes. The costs are linear models in
+nanoseconds, fitted on one core at 1 to 400 frames, 1 to 200 scatterers, six axes; measured times
+were 0.7 to 1.8 times the model, and over those tasks the choice took 1.4 % longer than the best
+tier of each. `benchmarks/bench_sim.py` measures it again. Dense serves up to five echoes or errors
+under -100 dB, gridded the X2's own bins and RF, local decimated bins.
 """
 
 import math
@@ -96,18 +93,15 @@ def frames(
 ) -> Frames:
     """Return noise-free frames of moving points, shape (n_slow, n_range), in the axis' type.
 
-    Distances, constant within a frame (2.16), and peak amplitudes, real or complex, with no NaN
-    among them, are of shape (n_slow, n_points). `error_db`, -130 to -20 dB, is the largest error
-    of a bin over the sum of the frame's amplitudes; echoes up to `floor` are left out: say a tenth
-    of the noise. `tier`, one of `TIERS`, makes them instead of the cheapest.
+    Distances, constant within a frame (2.16), and peak amplitudes, real or complex, without NaN,
+    are of shape (n_slow, n_points). `error_db`, -130 to -20 dB, is the largest error of a bin over
+    the sum of the frame's amplitudes; echoes up to `floor` are left out: say a tenth of the noise.
+    `tier`, one of `TIERS`, makes them instead of the cheapest.
 
     The phase is exp(-j 4 pi R / lambda), or its conjugate if the axis' `phase_sign` is +1.
     Baseband is the matched filter's output and RF is what the filter takes: where an echo lies in
-    the swath as a whole, down-converting the RF frames gives the baseband frames. At the ends RF
-    frames are cut before the filter.
-
-    Raises SceneError if the error is out of its range, the shapes differ, or the axis has no
-    bandwidth.
+    the swath as a whole, down-converting the RF frames gives the baseband frames. Raises
+    SceneError if the error is out of its range, the shapes differ, or the axis has no bandwidth.
     """
     if range_m.ndim != 2 or range_m.shape != amplitude.shape:
         msg = (

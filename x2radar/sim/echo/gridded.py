@@ -1,16 +1,14 @@
 """The gridded tier: echoes on a coarse grid, then one matrix product to the bins.
 
-A Gaussian is the convolution of two narrower ones. Echoes are spread with the first on a
-grid as coarse as the band allows, about 0.8 sigma instead of 12 bins a sigma; the second
-is a matrix, the same for every block of bins. So an echo touches 9 points instead of 90
-bins, and the bins cost a product that runs at the speed of BLAS. (The split is that of the
-fast Gauss transform and of Gaussian-gridding non-uniform FFTs: Dutt & Rokhlin 1993,
-Greengard & Lee 2004; recalled.)
+A Gaussian is the convolution of two narrower ones. Echoes are spread with the first on a grid as
+coarse as the band allows, about 0.8 sigma instead of 12 bins a sigma; the second is a matrix, the
+same for every block of bins. So an echo touches 9 points instead of 90 bins, and the bins cost a
+product that runs at the speed of BLAS (the split of the fast Gauss transform and of
+Gaussian-gridding non-uniform FFTs: Dutt & Rokhlin 1993, Greengard & Lee 2004; recalled).
 
-The matrix from a window of the grid to a block of bins is not the analytic second Gaussian
-but the least-squares one, which makes up for the cut-off of the first. Shapes are tried
-from the cheapest on; each measures its own worst error over every position of an echo, and
-the first that is good enough is taken. Nothing rests on an estimate.
+The matrix is not the analytic second Gaussian but the least-squares one, which makes up for the
+cut-off of the first. Shapes are tried from the cheapest on; each measures its own worst error over
+every position of an echo, and the first that is good enough is taken.
 """
 
 import math
@@ -56,9 +54,9 @@ _USUAL_POINTS = 20  # of a body
 def frames(range_m: Array, amplitude: Amplitude, task: Task, floor: float) -> Frames:
     """Return frames by way of a coarse grid; arguments as of `choose.frames`.
 
-    The error is over the sum of the amplitudes of the echoes near the bin; further than about
-    18 sigma from an echo it is exactly zero. Raises SceneError, too, where the axis' bins are
-    longer than a third of the pulse's sigma.
+    The error is over the sum of the amplitudes of the echoes near the bin; further than about 18
+    sigma from an echo it is zero. Raises SceneError, too, where bins are longer than a third of
+    sigma.
     """
     axis = task.axis
     design = design_for(axis, task.error_db)

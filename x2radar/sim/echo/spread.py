@@ -1,13 +1,12 @@
 """Adding narrow Gaussians to a regular grid: what the gridded tier needs, and the local tier.
 
-The local tier makes only the bins that an echo touches: it follows a pulse to where it has fallen
-to the error asked for. It is the cheapest where a bin is not much shorter than the pulse
-(decimated baseband) and where there are few scatterers.
+The local tier makes only the bins that an echo touches, to where it has fallen to the error asked
+for: the cheapest for decimated baseband and few scatterers.
 
 Each echo touches `n_touched` grid points. Their weights follow from two exponentials by a
-recurrence, exp(-b (d + j)^2 / 2) being a geometric sequence with a geometric correction
-(Greengard & Lee 2004 call it fast Gaussian gridding; recalled). Only arrays of one number
-an echo are held, so that they stay in the cache.
+recurrence, exp(-b (d + j)^2 / 2) being a geometric sequence with a geometric correction (Greengard
+& Lee 2004: fast Gaussian gridding; recalled). Only arrays of one number an echo are held, so that
+they stay in the cache.
 """
 
 import math

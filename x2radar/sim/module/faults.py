@@ -1,11 +1,9 @@
 """What can go wrong on request: kinds of faults, their text form, and their dice.
 
-A plan is written ``kind:value[,kind:value...]``. `KINDS` is the one table of kinds, with
-unit and meaning; help and docs show it. Every kind draws from its own generator, seeded with
-the module's seed and the kind's name: faults on frames draw once a frame, whatever else goes
-wrong, those on the line once a packet or byte that is sent. None looks at a clock.
-
-`ModuleFaults` holds what goes wrong inside the module; `x2radar.sim.module.line` the rest.
+A plan is written ``kind:value[,kind:value...]``; `KINDS` is the one table of kinds. Every kind
+draws from its own generator, seeded with the module's seed and the kind's name: faults on frames
+draw once a frame, whatever else goes wrong, those on the line once a packet or byte that is sent.
+None looks at a clock. `ModuleFaults` is what goes wrong inside the module, `line` the rest.
 """
 
 import zlib

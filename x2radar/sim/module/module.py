@@ -1,13 +1,11 @@
 """The simulated module: the far end of the byte protocol, without I/O.
 
 Feed it the host's bytes with `receive`, tell it the time with `advance`, and send what
-`data_to_send` returns. It boots, answers, obeys settings and streams the echoes of a scene
-as a real X2 would send them; it owns neither a port nor a clock.
+`data_to_send` returns. It boots, answers, obeys settings and streams the echoes of a scene as a
+real X2 would send them; it owns neither a port nor a clock.
 
-Which module it is decides its firmware (`x2radar.sim.module.firmware`). Not simulated: profiles'
-own detections (respiration, sleep, presence), the UART's rate, the time that a UART needs for a
-byte. Settings and output hold from the next start of the stream; what is changed while it runs
-does not touch it.
+Not simulated: profiles' own detections (respiration, sleep, presence), the UART's rate, the time
+that it needs for a byte. Settings hold from the next start of the stream.
 """
 
 from collections import deque

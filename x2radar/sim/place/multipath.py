@@ -97,14 +97,12 @@ class TailSettings:
 
     Between a body and the static things around it echoes go both ways: antenna, body, thing,
     antenna, and back. Measured in two recorded walks (P4xx module, 3.1-5.3 GHz, a 4 x 4 m room,
-    680 and 370 frames of 33 ms, body at 0.5 to 3.3 m, slow time high-passed at 1 s):
-    the tail begins with the body and reaches the end of the window, 3.9 m behind it; its mean
-    power is 14 dB (10 to 15) under the body's peak at +0.5 to +1 m, 18 at +1.5, 21 at +2, 24
-    at +2.5, 25 at +3 and 27 at +3.5 m; at one absolute range it hardly depends on where the
-    body is (16 dB over noise +-2 at 3.5 m); beyond +0.4 m it holds 5 dB less energy than the
-    body; its mean Doppler is half to three quarters of the body's (antennas that see all
-    round; with a beam less comes from behind, and this model gives a fifth to a half).
-
+    680 and 370 frames of 33 ms, body at 0.5 to 3.3 m, slow time high-passed at 1 s): the tail
+    reaches 3.9 m behind the body; its mean power is 14 dB (10 to 15) under the body's peak at +0.5
+    to +1 m, 18 at +1.5, 21 at +2, 24 at +2.5, 25 at +3 and 27 at +3.5 m; at one absolute range it
+    hardly depends on where the body is (16 dB over noise +-2 at 3.5 m); beyond +0.4 m it holds 5
+    dB less energy than the body; its mean Doppler is half to three quarters of the body's
+    (antennas that see all round; with a beam this model gives a fifth to a half).
     """
 
     # From 0.4 to 3 m behind a body 1.7 m ahead of the antenna. What was measured holds floor and

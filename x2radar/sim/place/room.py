@@ -1,8 +1,7 @@
 """What stands still around the radar: objects, distributed clutter, the antennas' leakage.
 
-All levels are those of a baseband bin over the receiver's noise, because that is what was
-measured on real modules. Everything is drawn when the room is made; a frame is then a sum
-of a few fixed profiles, each turned by its own slow drift, so a room of hundreds of
+All levels are those of a baseband bin over the receiver's noise, as measured on real modules. A
+frame is a sum of a few fixed profiles, each turned by its own slow drift, so a room of hundreds of
 scatterers costs one small matrix product, and a still room nothing at all.
 """
 

@@ -1,10 +1,9 @@
 """Scenes: what stands and moves before the radar, in order, from YAML.
 
-A scene is a sequence of steps, each with the bodies and things that move in it for some
-seconds; after the last step the sequence starts again with new draws. Room, antenna, mount,
-receiver and multipath are named or not there: what a scene does not name costs nothing.
-Everything random comes from the scene's seed and the step's number, so one seed gives the
-same frames on any machine.
+A scene is a sequence of steps, each with the bodies and things that move in it for some seconds;
+after the last one it starts again with new draws. What it does not name (room, antenna, mount,
+receiver, multipath) costs nothing. Everything random comes from the scene's seed and the step's
+number, so one seed gives the same frames on any machine.
 """
 
 import difflib

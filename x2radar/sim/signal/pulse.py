@@ -72,12 +72,11 @@ def noise_sigma(
 ) -> float:
     """Return the standard deviation of a raw sample's noise, in the module's unit.
 
-    A swept-threshold receiver counts at every threshold how many of M pulses lie above it;
-    with noise of sigma s before the comparator and steps of d, the sum over the thresholds
-    has the variance ``d s / (M sqrt(pi))`` (the integral of P (1 - P) over a Gaussian). So
-    less integration and coarser steps cost the same signal-to-noise ratio as the time they
-    save. The settings for 60 Hz give the budget's own level; `effects` may have another noise
-    figure.
+    A swept-threshold receiver counts at every threshold how many of M pulses lie above it; with
+    noise of sigma s before the comparator and steps of d, the sum over the thresholds has the
+    variance ``d s / (M sqrt(pi))`` (the integral of P (1 - P) over a Gaussian): less integration
+    costs the signal-to-noise ratio that it saves in time. The settings for 60 Hz give the budget's
+    own level.
     """
     pulses = settings.pulses_per_step * settings.iterations
     power = REFERENCE_PULSES / pulses * settings.dac_step / REFERENCE_STEP
@@ -102,9 +101,8 @@ def matched_noise(
     """Return noise as the mixer and the matched filter leave it, shape (n_slow, n_range).
 
     Circular Gaussian, frame after frame, of `baseband_noise_power` in every bin and with the
-    pulse's own autocorrelation over range, for raw samples of standard deviation `sigma`. Only
-    the frequencies that the filter passes are drawn (down to -80 dB). The axis is baseband, of
-    known bandwidth and sampling rate.
+    pulse's own autocorrelation over range, for raw samples of standard deviation `sigma`. Only the
+    frequencies that the filter passes are drawn (down to -80 dB). The axis is baseband.
     """
     width = 2 * np.pi * pulse_sigma_s(axis.bandwidth_hz) * bins_per_s(axis)
     # So long that the first and last bins of a circular frame do not know each other.

@@ -1,15 +1,15 @@
-"""Motions: where the parts of a body are at any time.
+"""Motions: where the parts of a body are at any time; any of them goes with any skin.
 
-A motion gives a `Pose`, a skin makes echoes of it; any of one goes with any of the other. People
-and four-legged animals have three generators each, so that a network cannot learn one by heart:
+People and four-legged animals have three generators each, so that a network cannot learn one by
+heart:
 
-gait       published strides, planned footfalls, a trunk over them (`people.walking`,
-           `quadrupeds.hung`)
-footfalls  drawn strides and phase lags, feet that stand, inverse kinematics (`people.footfalls`)
-angles     joint angles over the stride, forward kinematics (`angles`)
+    gait       published strides, planned footfalls, a trunk over them (`people.walking`,
+               `quadrupeds.hung`)
+    footfalls  drawn strides and lags, standing feet, inverse kinematics (`people.footfalls`)
+    angles     joint angles over the stride, forward kinematics (`angles`)
 
-and there is recorded motion (`recorded`). A further source of motion is a class with a `pose`;
-one that knows joints gives the ends of a skeleton's parts to `Pose.between`.
+and there is recorded motion (`recorded`). A further source is a class with a `pose`; one that
+knows joints gives the ends of a skeleton's parts to `Pose.between`.
 """
 
 MOTIONS = ("gait", "footfalls", "angles")

@@ -172,10 +172,9 @@ class Path:
         """Return a path through waypoints (x, y), from rest to rest; raises SceneError as `bends`.
 
         Corners up to 130 degrees are cut short, by `turn_radius_m` or less where there is no room;
-        at sharper ones the course goes through the point and then round. The speed is kept where
-        bends and accelerations allow it. Stops are ways since the last one, in metres, and how
-        long it stands, in seconds; limits are those of a walking adult by default. A body that
-        moves already at time 0 starts before.
+        at sharper ones the course goes through the point and then round. Stops are ways since the
+        last one, in metres, and pauses, in seconds; limits are those of a walking adult by
+        default.
         """
         begin, course = bends(waypoints_m, turn_radius_m)
         limits = agility or Agility()

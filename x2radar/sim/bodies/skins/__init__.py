@@ -2,11 +2,10 @@
 
 Four laws, none of which is the truth, so that a network cannot learn one of them by heart:
 
-surface      ellipsoids with a trunk of one bright spot (`surface`)
-points       constant scatterers along the segments, with drawn weights (`points`)
-ellipsoids   ellipsoids by physical optics, each by itself, aspect-dependent (`surface`)
-capsules     cylinders with round ends, and shadows of what lies before them (`capsules`)
+    surface      ellipsoids with a trunk of one bright spot (`surface`)
+    points       constant scatterers along the segments, with drawn weights (`points`)
+    ellipsoids   ellipsoids by physical optics, each by itself, aspect-dependent (`surface`)
+    capsules     cylinders with round ends, and shadows of what lies before them (`capsules`)
 
-Each takes poses and gives `Points`. A body that does not move does not scintillate: all
-fluctuation is a function of the aspect alone.
+Each takes poses and gives `Points`; all fluctuation is a function of the aspect alone.
 """

@@ -1,25 +1,23 @@
 """Ellipsoids: with a trunk of one bright spot and shadows, or each by itself.
 
-Each part of a body is an ellipsoid. High-frequency backscatter of a perfectly conducting
-ellipsoid with half-lengths a, b, c, seen along a unit vector with components l, m, n in its
-own frame (Ruck, Radar Cross Section Handbook, 1970; recalled)::
+High-frequency backscatter of a perfectly conducting ellipsoid with half-lengths a, b, c, seen
+along a unit vector with components l, m, n in its own frame (Ruck, Radar Cross Section Handbook,
+1970; recalled)::
 
     sigma = pi (a b c)^2 / (a^2 l^2 + b^2 m^2 + c^2 n^2)^2
 
-times the power reflection of skin and muscle, about 0.54 at 7 GHz (recalled). Real parts are
-rough and bent, so an end-on view keeps some per cent of the broadside echo. The formula wants
-a radius above a wavelength over 2 pi (7 mm at 6.8 GHz): a thin tail is at its limit.
+times the power reflection of skin and muscle. Real parts are rough and bent, so an end-on view
+keeps some per cent of the broadside echo. The formula wants a radius above a wavelength over 2 pi
+(7 mm at 6.8 GHz): a thin tail is at its limit.
 
-A trunk is drawn with several ellipsoids, because chest, belly and hips, or chest, barrel and
-rump, are of different girth. To the radar they are one smooth convex surface, and high-frequency
-backscatter of a smooth convex body comes from one place, where it is nearest to the antenna
-(stationary phase; Ruck). The spot slides over the surface as the body turns and sways. It carries
-the mean power of all the ellipsoids, less what roughness scatters from each place by itself.
+A trunk is several ellipsoids of different girth, but to the radar one smooth convex surface, whose
+backscatter comes from where it is nearest to the antenna (stationary phase; Ruck). The spot slides
+over the surface as the body turns and sways. It carries the mean power of all the ellipsoids, less
+what roughness scatters from each place by itself.
 
-Skin, clothes and fur make the echo of a body part change when the part turns before the antenna:
-over an extent L the echoes of its places fall out of step within ``lambda / (2 L)`` radians
-(Skolnik, Introduction to Radar Systems, on scintillation). Its decibels are taken as a random
-function on the sphere of directions, so a part that does not turn does not scintillate.
+Over an extent L the echoes of a part's places fall out of step within ``lambda / (2 L)`` radians
+(Skolnik, Introduction to Radar Systems, on scintillation). The decibels are a random function on
+the sphere of directions, so a part that does not turn does not scintillate.
 """
 
 from dataclasses import dataclass
