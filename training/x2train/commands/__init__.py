@@ -28,11 +28,16 @@ def check_least(args: argparse.Namespace, **least: int) -> None:
             raise UsageError(msg)
 
 
-def sets_of(args: argparse.Namespace, *options: str) -> str:
-    """Return options that name sets, as they were given, for a card."""
-    return " ".join(
-        f"--{name} {' '.join(str(p) for p in getattr(args, name))}" for name in options
-    )
+def told(args: argparse.Namespace, always: str, **unless: Any) -> str:
+    """Return options as they were given, for a card; some of them unless they are as here."""
+    words: list[str] = []
+    for name in [*always.split(), *unless]:
+        value = getattr(args, name)
+        if name not in unless or value != unless[name]:
+            several = [] if value is True else value if isinstance(value, list) else [value]
+            words += [f"--{name.replace('_', '-')}"]
+            words += [f"{v:g}" if isinstance(v, float) else str(v) for v in several]
+    return " ".join(words)
 
 
 def tell_bundle(path: Path, metrics: Mapping[str, object]) -> None:

@@ -10,7 +10,7 @@ from radard.config.sections import DEFAULT_MODEL
 from radard.errors import UsageError
 from radard.judge.bundle import Bundle, load_bundle
 from x2radar.commands import add_command
-from x2train.commands import Commands, check_least, counted, result_console
+from x2train.commands import Commands, check_least, counted, result_console, told
 from x2train.judge.table import PassageTable
 from x2train.sets.shards import about_of
 
@@ -172,9 +172,7 @@ def _run_recordings(args: argparse.Namespace) -> int:
 
 
 def _command(args: argparse.Namespace) -> str:
-    radar = "" if args.radar == "suites" else f"--radar {args.radar} "
-    hours = f"--pet-hours {args.pet_hours:g} " if args.pet_hours else ""
-    return (
-        f"train-export evaluate --model {args.model} {radar}--passages {args.passages} "
-        f"{hours}--seed {args.seed} --card"
+    passages = told(args, "passages", pet_hours=0.0)
+    return f"train-export evaluate {told(args, 'model', radar='suites')} {passages} " + told(
+        args, "seed card"
     )

@@ -10,7 +10,7 @@ from radard.config.sections import AUTO_MODEL
 from radard.errors import UsageError
 from radard.judge.bundle import load_bundle
 from x2radar.commands import add_command
-from x2train.commands import Commands, check_least, followed, result_console, sets_of
+from x2train.commands import Commands, check_least, followed, result_console, told
 
 _MAX_EPOCHS = 20  # a minute or two each
 
@@ -114,6 +114,6 @@ def _command(args: argparse.Namespace) -> str:
         for file, _, label in (text.rpartition("=") for text in args.clips)
     )
     labels = f"--labels {args.labels.name}" if args.labels else ""
-    how = f"--epochs {args.epochs} --seed {args.seed} --name {args.name}"
-    parts = ("train-export finetune", clips, labels, sets_of(args, "guard", "mix"), how)
-    return " ".join(part for part in (*parts, f"--model {Path(args.model).stem}") if part)
+    how = told(args, "guard mix epochs seed name")
+    parts = ("train-export finetune", clips, labels, how, f"--model {Path(args.model).stem}")
+    return " ".join(part for part in parts if part)

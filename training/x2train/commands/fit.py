@@ -12,7 +12,7 @@ from radard.judge.bundle import CLASSES, Bundle, ModelInput, load_bundle
 from radard.judge.card import sidecar_path
 from radard.judge.features import FeatureSettings, feature_shape
 from x2radar.commands import add_command
-from x2train.commands import Commands, check_least, followed, sets_of, tell_bundle
+from x2train.commands import Commands, check_least, followed, tell_bundle, told
 
 WIDTHS = {
     "fast": ((8, 8, 12, 12), (8, 8, 12, 12), 24),
@@ -211,14 +211,9 @@ def _started(model: str, start: Bundle, training: Mapping[str, Any]) -> dict[str
 
 
 def _command(args: argparse.Namespace) -> str:
-    sets = sets_of(args, "train", "validate")
-    return (
-        f"train-export fit {sets} --name {args.name} --size {args.size} "
-        f"--epochs {args.epochs} --seed {args.seed}"
-        f"{' --half' if args.half else ''}{' --compile' if args.compile else ''}"
-        f"{f' --batch {args.batch}' if args.batch != _BATCH else ''}"
-        f"{f' --teacher {args.teacher}' if args.teacher else ''}"
-        f"{f' --start {args.start}' if args.start else ''}"
-        f"{f' --stream {args.stream}' if args.stream else ''}"
-        f"{f' --out {args.out}' if args.out != _OUT and not args.out.is_absolute() else ''}"
+    args = argparse.Namespace(**vars(args))
+    args.out = _OUT if args.out.is_absolute() else args.out
+    others = {"half": False, "compile": False, "batch": _BATCH, "teacher": None, "start": None}
+    return "train-export fit " + told(
+        args, "train validate name size epochs seed", **others, stream=None, out=_OUT
     )

@@ -7,7 +7,7 @@ from rich.console import Console
 
 from radard.judge.bundle import load_bundle
 from x2radar.commands import add_command
-from x2train.commands import Commands, check_least, followed, sets_of, tell_bundle
+from x2train.commands import Commands, check_least, followed, tell_bundle, told
 
 SIZES = {"fast": (12, 20), "balanced": (16, 24), "accurate": (48, 64)}
 """Channels of the heads of the three bundles: projected, hidden."""
@@ -86,11 +86,5 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _command(args: argparse.Namespace) -> str:
-    name = f" --name {args.name}" if args.name else ""
-    sets = sets_of(args, "train", "validate")
-    prior = f" --prior {args.prior:g}" if args.prior else ""
-    prior += "" if args.human_limit is None else f" --human-limit {args.human_limit:g}"
-    return (
-        f"train-export temporal --model {args.model} {sets} --size {args.size}{name}{prior} "
-        f"--epochs {args.epochs} --seed {args.seed}"
-    )
+    base = told(args, "model train validate size", name=None, prior=0.0, human_limit=None)
+    return f"train-export temporal {base} {told(args, 'epochs seed')}"
