@@ -82,6 +82,16 @@ def check_fields(settings: Any) -> None:
         raise SettingsError("; ".join(faults))
 
 
+class Checked:
+    """Base of settings that are judged when they are made; raises SettingsError."""
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        """Check every field."""
+        check_fields(self)
+
+
 def settings_from(cls: type[_T], raw: Any, where: str) -> _T:
     """Return a settings object from a mapping as a scene file holds it.
 

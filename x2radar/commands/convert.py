@@ -21,7 +21,6 @@ _AXIS = (
 
 
 def register(commands: Commands) -> None:
-    """Add the subcommand."""
     parser = add_command(
         commands,
         "convert",

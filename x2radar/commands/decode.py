@@ -16,7 +16,6 @@ from x2radar.wire.wire_ids import ContentId
 
 
 def register(commands: Commands) -> None:
-    """Add the subcommand."""
     parser = add_command(
         commands,
         "decode",

@@ -22,7 +22,6 @@ _LOSSES = ("lost", "gaps", "longest_gap", "restarts", "repeats")
 
 
 def register(commands: Commands) -> None:
-    """Add the subcommand."""
     parser = add_command(
         commands,
         "info",

@@ -40,7 +40,6 @@ class Look:
 
 
 def register(commands: Commands) -> None:
-    """Add the subcommand."""
     parser = add_command(
         commands,
         "plot",

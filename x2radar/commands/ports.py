@@ -9,7 +9,6 @@ from x2radar.device.discovery import list_ports, port_state
 
 
 def register(commands: Commands) -> None:
-    """Add the subcommand."""
     parser = add_command(
         commands,
         "ports",

@@ -41,7 +41,6 @@ _MB = 1e6
 
 
 def register(commands: Commands) -> None:
-    """Add the subcommand."""
     parser = add_command(
         commands,
         "record",

@@ -66,7 +66,6 @@ class Report:
 
 
 def register(commands: Commands) -> None:
-    """Add the subcommand."""
     parser = add_command(
         commands,
         "selftest",

@@ -14,7 +14,6 @@ from x2radar.sim.scene.scene import Scene, builtin_scenes, load_scene
 
 
 def register(commands: Commands) -> None:
-    """Add both subcommands."""
     text = "list the built-in scenes"
     add_command(commands, "scenes", text, "example:\n  x2radar scenes\n").set_defaults(run=_list)
     parser = add_command(

@@ -26,6 +26,8 @@ _READ_SIZE = 1 << 16
 _WRITE_TIMEOUT_S = 5.0
 """Until a port that takes no bytes counts as gone: ten times what any of its buffers takes."""
 
+_BAUD = 115_200
+"""Of XeThru modules; ports on USB ignore it."""
 TTY_CLASS = Path("/sys/class/tty")
 
 
@@ -51,17 +53,17 @@ class Transport(Protocol):
 class SerialTransport:
     """A serial port, or anything that pyserial has a URL for.
 
-    `url` is ``/dev/ttyACM0``, ``COM3``, ``socket://host:port``, ``rfc2217://host:port`` …; USB
-    ports ignore `baud`. The port is locked exclusively while it is open. Raises PortNotFound,
+    `url` is ``/dev/ttyACM0``, ``COM3``, ``socket://host:port``, ``rfc2217://host:port`` …; the
+    port is locked exclusively while it is open. Raises PortNotFound,
     PortDenied, PortBusy or PortError if it cannot be opened.
     """
 
-    def __init__(self, url: str, baud: int = 115_200) -> None:
+    def __init__(self, url: str) -> None:
         try:
             if "://" in url:
-                self._serial = serial.serial_for_url(url, baudrate=baud, timeout=0)
+                self._serial = serial.serial_for_url(url, baudrate=_BAUD, timeout=0)
             else:
-                self._serial = serial.Serial(url, baudrate=baud, timeout=0, exclusive=True)
+                self._serial = serial.Serial(url, baudrate=_BAUD, timeout=0, exclusive=True)
             self._serial.write_timeout = _WRITE_TIMEOUT_S
         except (serial.SerialException, OSError, ValueError) as err:
             raise _port_error(url, err) from err

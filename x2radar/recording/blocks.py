@@ -132,6 +132,7 @@ class BlockReader(Closing):
 
     def close(self) -> None:
         """Let go of the file."""
+        self._rows = None
 
     def blocks(self, *, samples: bool = True) -> Iterator[Block]:
         """Yield the recording block by block, repeated frames included; raises RecordingError.
@@ -209,10 +210,10 @@ class BlockReader(Closing):
         return as_samples(rows.conj() if self._is_rising else rows, self.stream.axis.kind)
 
 
-def rows_per_block(axis: FastTimeAxis, block_bytes: int = BLOCK_BYTES) -> int:
-    """Return how many frames make a block of about `block_bytes`."""
+def rows_per_block(axis: FastTimeAxis) -> int:
+    """Return how many frames make a block of about `BLOCK_BYTES`."""
     row_bytes = axis.n_range * np.dtype(SAMPLE_DTYPES[axis.kind]).itemsize
-    return max(1, block_bytes // row_bytes)
+    return max(1, BLOCK_BYTES // row_bytes)
 
 
 def as_samples(array: NDArray[Any], kind: str) -> Samples:

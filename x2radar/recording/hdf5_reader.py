@@ -113,7 +113,6 @@ class Hdf5File:
         return file
 
     def close(self) -> None:
-        """Close the file."""
         if self.is_unclosed:
             self._end()
         self.file.close()
@@ -299,7 +298,6 @@ class RecordingReader(BlockReader):
             raise
 
     def close(self) -> None:
-        """Close the file."""
         self._file.close()
 
     def read_labels(self) -> Iterator[Label]:

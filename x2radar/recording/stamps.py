@@ -15,20 +15,20 @@ def utc_text(when: datetime | None = None) -> str:
 
 
 def count_by_stamps(
-    stamp_s: NDArray[np.float64], nominal_s: float | None = None
+    stamp_s: NDArray[np.float64],
 ) -> tuple[NDArray[np.uint32], float]:
     """Return counters, from 1, with the losses that the stamps show, and the frame period.
 
     `stamp_s`, shape (n,) with n >= 2, is when each frame came, in seconds; it may be rounded and
     late, not reordered. The period is the slope of the stamps over the counters, nan when they do
-    not grow; it is looked for from `nominal_s` on, or from the median distance.
+    not grow; it is looked for from the median distance on.
 
     The losses before frame k can be no more than any later stamp leaves room for, so they are the
     running minimum, from the end, of (stamp / period - k).
     """
     stamp = stamp_s - stamp_s[0]
     gaps = np.diff(stamp)
-    period_s = nominal_s or float(np.median(gaps))
+    period_s = float(np.median(gaps))
     if not (np.isfinite(stamp).all() and period_s > 0 and stamp[-1] > 0):
         return np.arange(1, stamp.size + 1, dtype=np.uint32), float("nan")
     # First guess, stamp by stamp: a wrong period does not add up over the recording.

@@ -12,7 +12,6 @@ from x2train.commands import Commands, check_least, counted, result_console
 
 
 def register(commands: Commands) -> None:
-    """Add the subcommand."""
     parser = add_command(
         commands,
         "accept",

@@ -30,7 +30,6 @@ _SHORTEST_S, _LONGEST_S = 2.0, 600.0  # a dwell; and ten minutes
 
 
 def register(commands: Commands) -> None:
-    """Add the subcommand."""
     parser = add_command(
         commands,
         "dataset",

@@ -18,7 +18,6 @@ _MAX_PET_HOURS = 10_000.0  # weeks of simulation
 
 
 def register(commands: Commands) -> None:
-    """Add the subcommand."""
     parser = add_command(
         commands,
         "evaluate",

@@ -16,7 +16,6 @@ _MAX_EPOCHS = 20  # a minute or two each
 
 
 def register(commands: Commands) -> None:
-    """Add the subcommand."""
     parser = add_command(
         commands,
         "finetune",

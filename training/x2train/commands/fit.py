@@ -51,7 +51,6 @@ _RECIPE = (
 
 
 def register(commands: Commands) -> None:
-    """Add the subcommand."""
     parser = add_command(
         commands,
         "fit",

@@ -17,7 +17,6 @@ _DATASET = "dataset"
 
 
 def register(commands: Commands) -> None:
-    """Add the subcommand."""
     parser = commands.add_parser(
         "make",
         help="make a shipped bundle from nothing, sets included",

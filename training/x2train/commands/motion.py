@@ -18,7 +18,6 @@ docs/training.md has the form of a map, and names sources of motion that are pub
 
 
 def register(commands: Commands) -> None:
-    """Add the subcommand."""
     parser = add_command(commands, "motion", "recorded motion to make bodies of", _EXAMPLE)
     add = parser.add_argument
     add("action", choices=["import"], help="make clips of files")

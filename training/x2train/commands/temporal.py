@@ -14,7 +14,6 @@ SIZES = {"fast": (12, 20), "balanced": (16, 24), "accurate": (48, 64)}
 
 
 def register(commands: Commands) -> None:
-    """Add the subcommand."""
     parser = add_command(
         commands,
         "temporal",

@@ -136,13 +136,13 @@ def diagram(name: str, found: Reliability) -> str:
     return _svg(figure, f"reliability-{name}", f"Reliability diagram, {name}")
 
 
-def time_to_alarm(curves: Sequence[Curve], longest_s: float = 10.0) -> str:
+def time_to_alarm(curves: Sequence[Curve]) -> str:
     """Return the share of intrusions with an alarm by each second after entering."""
     figure, axes = _axes("seconds after entering the swath", "intrusions with an alarm")
     for k, curve in enumerate(curves):
         x, y = _thinned(curve.x, curve.y)
         axes.step(x, y, where="post", color=_SERIES[k], label=curve.name)
-    axes.set(xlim=(0, longest_s), ylim=(0, 1.02))
+    axes.set(xlim=(0, 10), ylim=(0, 1.02))
     _legend(axes)
     return _svg(figure, "time", "Time to alarm")
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from x2train.judge.estimates import Estimate, Ranking, resampled
 from x2train.judge.table import LABELS, PassageTable
 
-DWELL_S = 2.0  # as all bundles have it
+_DWELL_S = 2.0  # as all bundles have it
 _MATCHED_BELOW = 0.60  # AUC: hardly over chance
 _GUESSES = ("human", "pet", "other")
 _BINS = 20  # enough windows in each
@@ -54,9 +54,9 @@ def is_judged(table: PassageTable) -> _Bool:
     return np.asarray(table.is_open & known)
 
 
-def is_in_view(table: PassageTable, dwell_s: float = DWELL_S) -> _Bool:
+def is_in_view(table: PassageTable) -> _Bool:
     """Return which decisions' dwells have their middle in the time in the swath."""
-    middle_s = table.t_s - dwell_s / 2
+    middle_s = table.t_s - _DWELL_S / 2
     enters_s, leaves_s = table.enters_s[table.passage], table.leaves_s[table.passage]
     return np.asarray((middle_s >= enters_s) & (middle_s <= leaves_s))
 

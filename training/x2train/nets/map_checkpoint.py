@@ -60,11 +60,10 @@ class Checkpoints:
     Without a path nothing is written. Raises RecordingError where the disk refuses.
     """
 
-    def __init__(self, path: Path | None, run: str, every_s: float = _EVERY_S) -> None:
+    def __init__(self, path: Path | None, run: str) -> None:
         self._path = path
         self._run = run
-        self._every_s = every_s
-        self._next_s = time.monotonic() + every_s
+        self._next_s = time.monotonic() + _EVERY_S
 
     def resume(
         self, net: nn.Module, optimizer: MuonAdamW, rng: torch.Generator
@@ -118,7 +117,7 @@ class Checkpoints:
         data = io.BytesIO()
         torch.save(point, data)
         write_whole(self._path, data.getvalue())
-        self._next_s = time.monotonic() + self._every_s
+        self._next_s = time.monotonic() + _EVERY_S
 
     def done(self) -> None:
         """Remove the file: the training has ended."""

@@ -31,7 +31,6 @@ class MapNet(nn.Module):
         widths: Widths = (12, 16, 20, 20),
         long_widths: Widths = (12, 16, 20, 20),
         hidden: int = 40,
-        n_out: int = 3,
         dropout: float = 0.05,
     ) -> None:
         super().__init__()
@@ -47,10 +46,10 @@ class MapNet(nn.Module):
         )
         self.known = nn.Sequential(nn.Linear(n_known, _KNOWN), nn.ReLU()) if n_known else None
         n_deciding = 2 * hidden + len(n_long) * 2 * (hidden // 2) + bool(n_known) * _KNOWN
-        self.out = nn.Sequential(nn.Dropout(dropout), nn.Linear(n_deciding, n_out))
+        self.out = nn.Sequential(nn.Dropout(dropout), nn.Linear(n_deciding, 3))
 
     def forward(self, *maps: torch.Tensor) -> torch.Tensor:
-        """Return logits, shape (n, n_out), of maps, each of shape (n, rows, n_cells).
+        """Return logits, shape (n, 3), of maps, each of shape (n, rows, n_cells).
 
         Velocity-time, range-time, then those with longer CPIs; and what is known, (n, n_known).
         """

@@ -68,7 +68,6 @@ class TemporalHead(nn.Module):
         mean: NDArray[np.float32],
         spread: NDArray[np.float32],
         settings: HeadSettings,
-        n_out: int = 3,
     ) -> None:
         super().__init__()
         self.register_buffer("mean", torch.from_numpy(mean))
@@ -76,10 +75,10 @@ class TemporalHead(nn.Module):
         self.dropout = nn.Dropout(settings.dropout)
         self.projection = nn.Linear(len(mean), settings.n_projected)
         self.gru = nn.GRU(settings.n_projected, settings.n_hidden, batch_first=True)
-        self.out = nn.Linear(settings.n_hidden, n_out)
+        self.out = nn.Linear(settings.n_hidden, 3)
 
     def forward(self, given: torch.Tensor) -> torch.Tensor:
-        """Return logits, shape (n, n_windows, n_out), of stays, (n, n_windows, n_given)."""
+        """Return logits, shape (n, n_windows, 3), of stays, (n, n_windows, n_given)."""
         z = self.dropout((given - self.mean) / self.spread)
         hidden, _ = self.gru(torch.relu(self.projection(z)))
         logits: torch.Tensor = self.out(hidden)
@@ -142,7 +141,7 @@ def fit_head(
 def logits_over(head: TemporalHead, given: Given) -> NDArray[np.float64]:
     """Return the logits after every window, shape (n, 3)."""
     head.eval()
-    out = np.empty((len(given.label), head.out.out_features))
+    out = np.empty((len(given.label), 3))
     with torch.no_grad():
         for run in given.runs():
             out[run] = head(torch.from_numpy(given.values[run])[None])[0].numpy()

@@ -92,7 +92,7 @@ class FrameLoggerReader(BlockReader):
         if size < at + 4 * n_range * self.n_frames:
             raise refuse(path, "cut off")
         stamps = np.fromfile(path, "<f8", self.n_frames, offset=_HEAD.size)
-        self._raw = np.memmap(path, "<u4", "r", offset=at, shape=(self.n_frames, n_range))
+        self._rows = np.memmap(path, "<u4", "r", offset=at, shape=(self.n_frames, n_range))
         warnings: list[str] = []
         self._counter, rate_hz = _rate(stamps, float(fps), warnings)
         settings = {
@@ -106,13 +106,9 @@ class FrameLoggerReader(BlockReader):
         self._keep(read_about(path, ("rf", n_range), said, overrides, device))
         self.warning = f"{path}: {'; '.join(warnings)}" if warnings else None
 
-    def close(self) -> None:
-        """Let go of the file."""
-        del self._raw
-
     def read_samples(self, first: int, last: int) -> Samples:
         """Return these frames in the module's unit, shape (last - first, n_range), read-only."""
-        return self._falling(self._sweep.unit(self._raw[first:last]))
+        return self._falling(self._sweep.unit(self._rows[first:last]))
 
     def _axis(self, pg_select: int, offset_m: float, warnings: list[str]) -> dict[str, Any]:
         known = self._overrides

@@ -84,7 +84,6 @@ class NpzReader(BlockReader):
         return zip(*columns, strict=False) if len(columns) == len(_LABELS) else ()
 
     def close(self) -> None:
-        """Close the archive."""
         self._opened.close()
 
     def read_samples(self, first: int, last: int) -> Samples:

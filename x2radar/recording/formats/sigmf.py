@@ -119,10 +119,6 @@ class SigmfReader(BlockReader):
             out.append((t0_s, t1_s, str(note["core:label"])))
         return out
 
-    def close(self) -> None:
-        """Let go of the data file."""
-        del self._rows
-
     def read_counters(self, first: int, last: int) -> NDArray[Any]:
         """Return the counters of these frames; they go on from the first of their segment."""
         k = np.arange(first, last)

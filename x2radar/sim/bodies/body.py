@@ -48,7 +48,6 @@ class Body:
     breath: Breath | None = None
 
     def at(self, t_s: Array, antenna_m: Array) -> Points:
-        """Return the echoing points of all parts; see `Mover`."""
         pose = self.motion.pose(t_s)
         if self.breath:
             # Breathing moves the surface of the trunk towards the antenna.
@@ -68,7 +67,6 @@ class Carrying:
     burden_m: Array  # (3,): ahead of the chest, to the left of it, over it
 
     def pose(self, t_s: Array) -> Pose:
-        """Return the pose of all parts and the burden."""
         pose = self.motion.pose(t_s)
         left, up = pose.side[:, 0], pose.axis[:, _CHEST]
         ahead, burden = np.cross(left, up), self.burden_m

@@ -97,7 +97,6 @@ class Flying:
     flight: Flight
 
     def pose(self, t_s: Array) -> Pose:
-        """Return the pose of all parts; see `Motion`."""
         b = self.build
         place, heading, effort = self.flight.at(t_s)
         cos, sin, zero = np.cos(heading), np.sin(heading), np.zeros_like(heading)

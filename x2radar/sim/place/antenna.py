@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.frame import FastTimeAxis
-from x2radar.keys import check_fields, limited, one_of
+from x2radar.keys import Checked, limited, one_of
 from x2radar.sim.points import Points
 from x2radar.sim.signal.pulse import NEAREST_M, LinkBudget
 
@@ -48,7 +48,7 @@ def join(rows: tuple[EchoRows, ...]) -> EchoRows:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Antenna:
+class Antenna(Checked):
     """A pair of antennas side by side; raises SettingsError if a field makes no sense."""
 
     height_m: float = limited(1.5, 0.05, 10, "mounting height, m")
@@ -61,10 +61,6 @@ class Antenna:
     shape: str = one_of("gaussian", ("gaussian", "isotropic"), "pattern")
     # Of power, beside and behind: real antennas of this kind are not below it indoors.
     floor_db: float = limited(-20.0, -60, 0, "least gain, dB")
-
-    def __post_init__(self) -> None:
-        """Check every field."""
-        check_fields(self)
 
     @property
     def position_m(self) -> Array:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.errors import SettingsError
-from x2radar.keys import check_fields, limited, one_of
+from x2radar.keys import Checked, limited, one_of
 from x2radar.sim.place.antenna import Antenna, EchoRows, length_m
 from x2radar.sim.points import Points
 from x2radar.sim.signal.pulse import NEAREST_M
@@ -36,7 +36,7 @@ _TINY = 1e-300
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Surface:
+class Surface(Checked):
     """A large flat reflector: floor, ceiling or wall."""
 
     axis: str = one_of("z", tuple(_AXES), "axis across the surface")
@@ -44,10 +44,6 @@ class Surface:
     # Floorboard 3.66, concrete 5.3, plasterboard 2.9, wood 2.0 (ITU-R P.2040, recalled).
     permittivity: float = limited(3.66, 1, 100, "relative permittivity")
     smoothness: float = limited(1.0, 0, 1, "share of amplitude left in the mirror direction")
-
-    def __post_init__(self) -> None:
-        """Check every field."""
-        check_fields(self)
 
     def reflection(self, cos_incidence: Array) -> Array:
         """Return the signed amplitude reflection coefficient (Fresnel), same shape.
@@ -92,7 +88,7 @@ def image_rows(points: Points, antenna: Antenna, surface: Surface) -> EchoRows:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TailSettings:
+class TailSettings(Checked):
     """The moving clutter that fills the range behind a body.
 
     Between a body and the static things around it echoes go both ways: antenna, body, thing,
@@ -118,8 +114,8 @@ class TailSettings:
     free_m: float = limited(0.0, 0, 10, "free floor about antenna and bodies, m")
 
     def __post_init__(self) -> None:
-        """Check every field."""
-        check_fields(self)
+        """Check every field, and that there is something around."""
+        Checked.__post_init__(self)
         if self.free_m >= self.reach_m:
             msg = f"free_m: {self.free_m:g} leaves nothing within reach_m, {self.reach_m:g}"
             raise SettingsError(msg)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.frame import FastTimeAxis
-from x2radar.keys import check_fields, limited, one_of
+from x2radar.keys import Checked, limited, one_of
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 from x2radar.sim.signal.pulse import LinkBudget, baseband_noise_power, pulse_sigma_s
 
@@ -29,7 +29,7 @@ _SLOWEST_S = 600.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RoomSettings:
+class RoomSettings(Checked):
     """A room, in levels over noise; None leaves a part out.
 
     Raises SettingsError if a field makes no sense. 'Recorded' is two P4xx recordings
@@ -58,10 +58,6 @@ class RoomSettings:
     # Recorded: 0.1 to 0.3 % rms within 7 s, which 0.01 gives; up to 10 % in the first half minute
     # after switching on, which is not modelled.
     drift_gain: float = limited(0.0, 0, 0.2, "slow drift of amplitude, rms")
-
-    def __post_init__(self) -> None:
-        """Check every field."""
-        check_fields(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.keys import check_fields, limited
+from x2radar.keys import Checked, limited
 from x2radar.modules.x2 import DAC_TOP
 
 Array = NDArray[np.float64]
@@ -26,7 +26,7 @@ _KINDS = ("delay", "gain", "clock", "burst", "spike", "lost")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ReceiverEffects:
+class ReceiverEffects(Checked):
     """Imperfections of one receiver; all off by default.
 
     Raises SettingsError if a field makes no sense.
@@ -49,10 +49,6 @@ class ReceiverEffects:
     # 1 to 3 samples of such a frame lie above the converter's 8191 counts.
     spike_share: float = limited(0.0, 0, 1, "share of frames with spikes")
     lost_share: float = limited(0.0, 0, 1, "share of frames lost")
-
-    def __post_init__(self) -> None:
-        """Check every field."""
-        check_fields(self)
 
 
 class FrameDraws:

@@ -44,7 +44,6 @@ class Thing:
     label: Label = "other"
 
     def at(self, t_s: Array, antenna_m: Array) -> Points:
-        """Return the echoing points; see `Mover`."""
         return self.points(t_s, antenna_m)
 
 

@@ -180,7 +180,6 @@ class AnglePerson(StridingPerson):
         )
 
     def pose(self, t_s: Array) -> Pose:
-        """Return the pose of all parts; see `Motion`."""
         state = self.path.at(t_s)
         vigour = np.clip(state.speed_mps / self.cruise_mps, 0.0, 1.0)
         p = (-1.0 if self.turned_rad else 1.0) * self.phase.at(t_s)
@@ -264,7 +263,6 @@ class AngleQuadruped(StridingQuadruped):
         )
 
     def pose(self, t_s: Array) -> Pose:
-        """Return the pose of all parts; see `Motion`."""
         b, w = self.build, self.bearing
         state = self.path.at(t_s)
         vigour = np.clip(state.speed_mps / self.cruise_mps, 0.0, 1.0)

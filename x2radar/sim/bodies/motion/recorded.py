@@ -86,7 +86,6 @@ class RecordedMotion:
         return cls(skeleton, half, at, position_m, velocity, float(frame_rate_hz))
 
     def pose(self, t_s: Array) -> Pose:
-        """Return the pose of all parts; see `Motion`."""
         last = len(self.position_m) - 1
         at = np.clip((t_s - self.start_s) * self.frame_rate_hz, 0.0, last)
         k = np.minimum(at.astype(np.int64), max(last - 1, 0))

@@ -50,7 +50,6 @@ class CapsuleSkin(Skin):
         return (*parts, *ends)
 
     def points(self, pose: Pose, antenna_m: Array) -> Points:
-        """Return side and both ends of every capsule; see `Skin`."""
         towards = antenna_m - pose.centre_m
         distance = np.maximum(np.sqrt((towards * towards).sum(axis=-1)), 1e-9)
         slant = (towards * pose.axis).sum(axis=-1) / distance

@@ -56,7 +56,6 @@ class PointSkin(Skin):
         return tuple(parts[k] for k in self.segment)
 
     def points(self, pose: Pose, antenna_m: Array) -> Points:  # noqa: ARG002 - they look the same from everywhere
-        """Return the echoes; see `Skin`."""
         long = pose.axis[:, self.segment]
         left = np.broadcast_to(pose.side, pose.axis.shape)[:, self.segment]
         a, b, c = self.place_m.T[..., None]
@@ -65,6 +64,5 @@ class PointSkin(Skin):
         return Points(place, np.tile(self.scale * self.rcs_m2, (len(middle), 1)))
 
     def mean_total_m2(self, pose: Pose) -> float:
-        """Return the sum of the cross sections, the same at any time; see `Skin`."""
         first = Pose(pose.centre_m[:1], pose.axis[:1], pose.side[:1])
         return Skin.mean_total_m2(self, first)

@@ -55,7 +55,6 @@ class Crawling:
         return cls(path, Feet.plan(path, gait), build, cruise, sway, 0.02 + 0.03 * share[1])
 
     def pose(self, t_s: Array) -> Pose:
-        """Return the pose of all parts; see `Motion`."""
         b = self.build
         state = self.path.at(t_s)
         contact = self.feet.at(t_s).position_m

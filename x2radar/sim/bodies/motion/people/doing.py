@@ -82,7 +82,6 @@ class Busy:
         return cls(wander, Wander.draw(rng, [1.0], [0.3 * pace]), size)
 
     def at(self, t_s: Array, vigour: Array) -> Doing:
-        """Return what is done; see `Doer`."""
         w = self.wander.at(t_s)
         share = (1 - vigour) * smooth_step(0.8 + 1.5 * self.effort.at(t_s)[:, 0])
         much = self.size * share
@@ -152,7 +151,6 @@ class Seated:
         )
 
     def at(self, t_s: Array, vigour: Array) -> Doing:
-        """Return what is done; see `Doer`."""
         doing = self.busy.at(t_s, vigour)
         sits = (1 - vigour) * (1 - self._up(t_s))
         # Getting up begins with bending forward over the feet.
@@ -233,7 +231,6 @@ class Exercise:
         )
 
     def at(self, t_s: Array, vigour: Array) -> Doing:
-        """Return what is done; see `Doer`."""
         turn = 2 * np.pi * self.beat_hz * t_s + self.drift.at(t_s)[:, 0]
         share = (1 - vigour) * smooth_step(0.8 + 1.5 * self.effort.at(t_s)[:, 0])
         swing = np.sin(turn)

@@ -99,7 +99,6 @@ class FootfallPerson(StridingPerson):
         return cls(path, build, phase, cruise, gesture, Torso.draw(rng), params, prints)
 
     def pose(self, t_s: Array) -> Pose:
-        """Return the pose of all parts; see `Motion`."""
         b, w = self.build, self.params
         state = self.path.at(t_s)
         vigour = np.clip(state.speed_mps / self.cruise_mps, 0.0, 1.0)

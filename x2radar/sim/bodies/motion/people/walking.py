@@ -99,7 +99,6 @@ class OnFeet:
         )
 
     def pose(self, t_s: Array) -> Pose:
-        """Return the pose of all parts; see `Motion`."""
         b, c = self.build, self.carriage
         state, feet = self.path.at(t_s), self.feet.at(t_s)
         strides = self.feet.clock.at(t_s)

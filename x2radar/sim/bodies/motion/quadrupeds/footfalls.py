@@ -148,7 +148,6 @@ class FootfallQuadruped(StridingQuadruped):
         return cls(path, build, bearing, phase, cruise, prints, height)
 
     def pose(self, t_s: Array) -> Pose:
-        """Return the pose of all parts; see `Motion`."""
         b, w = self.build, self.bearing
         state = self.path.at(t_s)
         vigour = np.clip(state.speed_mps / self.cruise_mps, 0.0, 1.0)

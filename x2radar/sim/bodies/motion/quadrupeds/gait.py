@@ -138,7 +138,6 @@ class Going:
         return cls(path, feet, work, gait.offset, build, low * h, cruise, share, crouch)
 
     def at(self, t_s: Array) -> Stance:
-        """Return where trunk and paws are; see `Action`."""
         f, h = self.footwork, self.build.hip_m
         state = self.path.at(t_s)
         feet = self.feet.at(t_s)

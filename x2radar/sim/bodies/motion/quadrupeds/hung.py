@@ -199,7 +199,6 @@ class Hung:
     manner: Manner
 
     def pose(self, t_s: Array) -> Pose:
-        """Return the pose of all parts; see `Motion`."""
         s, b = self.action.at(t_s), self.build
         ahead, left = direction(s.heading_rad), direction(s.heading_rad + 0.5 * np.pi)
         end, side = 0.5 * ENDS * b.back_m, 0.9 * SIDES * b.half_track_m

@@ -133,7 +133,6 @@ class Jumping:
         return cls(standing, build, (up, down))
 
     def at(self, t_s: Array) -> Stance:
-        """Return where trunk and paws are; see `Action`."""
         s = self.standing.at(t_s)
         ahead = np.stack(
             [np.cos(s.heading_rad), np.sin(s.heading_rad), np.zeros_like(t_s)], axis=-1

@@ -52,7 +52,6 @@ class Staying:
     scratch: Scratch | None = None  # what a hind paw does
 
     def at(self, t_s: Array) -> Stance:
-        """Return where trunk and paws are; see `Action`."""
         s, n = self.stance, len(t_s)
         sway = self.sway.at(t_s)
         heading = np.zeros(n) + s.heading_rad
@@ -162,7 +161,6 @@ class Romping:
         )
 
     def at(self, t_s: Array) -> Stance:
-        """Return where trunk and paws are; see `Action`."""
         s = self.stance
         w, bout = self.wander.at(t_s), self.bout.at(t_s)
         bows, shakes = smooth_step((bout - 0.2) / 0.4).T
