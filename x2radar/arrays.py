@@ -4,13 +4,12 @@ from collections.abc import Iterable
 from itertools import chain
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
 import numpy as np
 
 from x2radar.errors import RecordingError, SettingsError
 from x2radar.frame import Frame, Samples, StreamInfo
-from x2radar.ports import parse_port
+from x2radar.ports import named_port, parse_port
 from x2radar.radars import make_radar
 from x2radar.recording.about import SAMPLE_DTYPES
 
@@ -66,7 +65,7 @@ def simulate(
     """
     n = _frames_in(duration_s, frame_rate_hz)
     keys = f"seed={seed}&rate={frame_rate_hz!r}&kind={kind}&device={device}"
-    with make_radar(parse_port(f"sim:{quote(str(scene))}?{keys}"), speed=None) as radar:
+    with make_radar(parse_port(f"{named_port('sim', scene)}?{keys}"), speed=None) as radar:
         frames = radar.frames()
         first = next(frames)
         assert radar.stream is not None  # noqa: S101 - known with the first frame

@@ -12,6 +12,7 @@ import traceback
 from collections.abc import Callable, Iterable, Sequence
 from difflib import get_close_matches
 from importlib import import_module
+from pathlib import Path
 from typing import Any, NoReturn, TextIO
 
 from x2radar.extras import DISTRIBUTION, install_hint
@@ -20,6 +21,11 @@ from x2radar.startup import begin, interrupts
 _EXTRAS = {"radard": "daemon", "train-export": "train"}
 """What pyproject.toml calls the packages that a command needs."""
 _OURS = ("x2radar", "radard", "x2train")
+
+
+def legible(name: Path | str) -> str:
+    """Return a file's name for texts in UTF-8: a byte that is none is shown as an escape."""
+    return os.fsencode(name).decode("utf-8", "backslashreplace")
 
 
 class Parser(argparse.ArgumentParser):

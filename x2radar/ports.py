@@ -9,13 +9,14 @@ replays start (seconds), loop and from (a format of recordings).
 """
 
 import math
+import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Literal
-from urllib.parse import parse_qsl, unquote, urlsplit
+from urllib.parse import parse_qsl, quote, unquote, urlsplit
 
 from x2radar.errors import PortUrlError, SettingsError
 
@@ -93,7 +94,7 @@ def parse_port(text: str) -> Port:
         raise SettingsError(msg)
     for kind in _NAMED:
         if target.startswith(f"{kind}:"):
-            rest = unquote(target[len(kind) + 1 :])
+            rest = unquote(target[len(kind) + 1 :], errors="surrogateescape")
             if not rest:
                 msg = f"port '{text}': nothing behind '{kind}:'"
                 raise SettingsError(msg)
@@ -116,15 +117,27 @@ def _check_url(url: str) -> None:
         return
     try:
         parts = urlsplit(url)
-        host = parts.hostname or ""
-        # As the socket does it; a label of a name is neither empty nor longer than 63.
-        is_good = parts.port and host and not re.search(r"\s", host) and host.encode("idna")
+        is_good = parts.port and is_host(parts.hostname or "")
     except ValueError:
         is_good = False
     if not is_good:
         form = f"{scheme}://HOST:PORT"
         msg = f"port '{url}': must be {form}, with a host and a port from 1 to 65535"
         raise PortUrlError(msg)
+
+
+def named_port(kind: Kind, what: Path | str) -> str:
+    """Return the port string of a scene, file or folder, whatever bytes its name has."""
+    return f"{kind}:{quote(os.fsencode(what))}"
+
+
+def is_host(name: str) -> bool:
+    """Return whether this can be a host's name: no blank, no label empty or longer than 63."""
+    try:
+        # As the socket does it.
+        return name.isprintable() and " " not in name and bool(name.encode("idna"))
+    except UnicodeError:
+        return False
 
 
 def is_port(what: str) -> bool:

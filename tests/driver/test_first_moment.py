@@ -1,5 +1,6 @@
 """Commands before their imports are done: signals, and standard streams that are closed."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -9,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.processes import started
+from tests.recording_helpers import record_scene
 from tests.waiting import wait_for
 
 pytestmark = pytest.mark.integration
@@ -73,3 +75,17 @@ def test_names_of_any_bytes_are_printed(tmp_path):
     argv = [sys.executable, "-m", "x2radar", "info", name]
     done = subprocess.run(argv, capture_output=True, cwd=tmp_path, timeout=60, check=False)
     assert (done.returncode, done.stderr.count(b"\n")) == (66, 1)
+
+
+@pytest.mark.parametrize("name", [b"k\xfcche", b"a$\\x$b%20", "küche".encode()])
+def test_recordings_whose_names_have_any_bytes_are_read_judged_and_drawn(name, tmp_path):
+    record_scene(tmp_path / os.fsdecode(name + b".h5"), "human", n=200)
+    for argv in (
+        [b"x2radar", b"plot", name + b".h5", b"--out", name + b".png"],
+        [b"radard", b"detect", name + b".h5", b"--model", b"none"],
+        [b"radard", b"detect", name + b".h5", b"--model", b"none", b"--out", name + b".parquet"],
+        [b"radard", b"why", name + b".h5", b"--at", b"2.5", b"--out", name + b".w.png"],
+    ):
+        command: list[bytes] = [os.fsencode(sys.executable), b"-m", *argv]
+        done = subprocess.run(command, capture_output=True, cwd=tmp_path, timeout=120, check=False)
+        assert done.returncode == 0, done.stderr

@@ -93,6 +93,12 @@ def test_environment_faults_name_the_variable():
         load_config(environ={"RADARD_GATE__THRESHOLD": "3"})
 
 
+def test_a_key_that_two_variables_give_is_an_error_that_names_both():
+    environ = {"RADARD_SENSOR__NAME": "hall", "RADARD_Sensor__Name": "attic"}
+    with pytest.raises(ConfigError, match="RADARD_SENSOR__NAME and RADARD_Sensor__Name"):
+        load_config(environ=environ)
+
+
 WORDS = ["on", "no", "null", "007", "1", "1.5e3", "0x10", "12_000", "2026-11-21", "~x"]
 
 
@@ -118,6 +124,7 @@ def test_a_sensor_may_be_called_anything_that_is_a_name(name):
 def test_variables_of_a_container_platform_are_left_out_with_a_warning(caplog):
     environ = {
         "RADARD_PORT": "tcp://10.0.0.1:8434",
+        "RADARD__WEB_PORT": "tcp://10.0.0.1:8434",
         "RADARD_PORT_8434_TCP_ADDR": "10.0.0.1",
         "RADARD_SERVICE_HOST": "10.0.0.1",
         "RADARD_OUTPUT": "['null']",

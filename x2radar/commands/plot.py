@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.arrays import read_frames, stacked
-from x2radar.command import StatusLine
+from x2radar.command import StatusLine, legible
 from x2radar.commands import Commands, add_command, check_above_zero
 from x2radar.errors import RecordingError, SettingsError
 from x2radar.extras import needed
@@ -117,7 +117,8 @@ def draw(look: Look) -> Any:
     total, moving, frequency_hz = spectrum(look.samples, axis)
     figure, (top, middle, bottom) = plt.subplots(3, 1, figsize=(9, 10), layout="constrained")
     lost = f", {look.n_lost} frames missing" if look.n_lost else ""
-    figure.suptitle(f"{look.title}: {len(look.samples) / rate_hz:.1f} s at {rate_hz:g} Hz{lost}")
+    length = f"{len(look.samples) / rate_hz:.1f} s at {rate_hz:g} Hz{lost}"
+    figure.suptitle(f"{legible(look.title)}: {length}", parse_math=False)
     for axes, shown, depth_db in zip((top, middle), (ranges, velocities), _DEPTHS_DB, strict=True):
         image = _image(axes, shown, look.start_s, depth_db)
         figure.colorbar(image, ax=axes, label="power under the peak (dB)", pad=0.01)

@@ -16,6 +16,7 @@ from typing import Any, TextIO
 
 from radard.outputs.records import Record
 from radard.run.replays import Judged
+from x2radar.command import legible
 from x2radar.extras import needed
 
 FORMATS = ("csv", "parquet", "jsonl")
@@ -68,7 +69,12 @@ def open_table(kind: str, rows: str, file: TextIO | None, path: Path | None) -> 
         parquet: Any = needed("pyarrow.parquet", what="Parquet files")
         types = COLUMNS[rows].items()
         schema = pa.schema([(name, getattr(pa, t)()) for name, t in types])
-        with parquet.ParquetWriter(path, schema, compression="zstd") as writer:
+        assert path is not None  # noqa: S101 - a table of its own
+        # Opened here: pyarrow takes no name that is not UTF-8.
+        with (
+            path.open("wb") as whole,
+            parquet.ParquetWriter(whole, schema, compression="zstd") as writer,
+        ):
 
             def add_groups(judged: Judged) -> int:
                 n, made = 0, table_rows(judged, rows)
@@ -93,7 +99,7 @@ def open_table(kind: str, rows: str, file: TextIO | None, path: Path | None) -> 
         def add(judged: Judged) -> int:
             n = 0
             for record in judged.read():
-                told = {"file": str(judged.path), **_timed(record, judged.started_utc)}
+                told = {"file": legible(judged.path), **_timed(record, judged.started_utc)}
                 file.write(json.dumps(told, separators=(",", ":"), allow_nan=False) + "\n")
                 n += 1
             return n
@@ -108,7 +114,7 @@ def table_rows(judged: Judged, rows: str) -> Iterator[Row]:
     names = COLUMNS[rows]
     for record in judged.read():
         if record["type"] == wanted:
-            told = {"file": str(judged.path), **_timed(record, judged.started_utc)}
+            told = {"file": legible(judged.path), **_timed(record, judged.started_utc)}
             told["n_tracks"] = len(record.get("tracks", ()))
             yield {name: told[name] for name in names}
 

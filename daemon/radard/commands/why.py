@@ -12,7 +12,7 @@ from radard.config.options import JUDGING, add_options, judging_config
 from radard.errors import OutputError, UsageError
 from radard.judge.occlusion import MapView, Part, effects, map_views, occluded
 from radard.run.moment import Moment, moment_of
-from x2radar.command import Parser, new_parser
+from x2radar.command import Parser, legible, new_parser
 from x2radar.extras import needed
 
 _EXAMPLES = """\
@@ -144,7 +144,8 @@ def figure(moment: Moment, parts: Sequence[Part]) -> Any:
     views = list(map_views(moment.settings, moment.seen)) if moment.seen is not None else []
     n = max(1, len(views))
     fig = plt.figure(figsize=(3.4 * n + 1, 9), layout="constrained")
-    fig.suptitle(f"{moment.path.name}, {moment.record['t_s']:.2f} s: {moment.told['headline']}")
+    name, t_s = legible(moment.path.name), moment.record["t_s"]
+    fig.suptitle(f"{name}, {t_s:.2f} s: {moment.told['headline']}", parse_math=False)
     grid = fig.add_gridspec(3, n, height_ratios=(3, 3, 2))
     most = max((abs(part.effect) for part in parts), default=0.0) or 1.0
     for k, view in enumerate(views):

@@ -67,14 +67,19 @@ def read_environment(
     """Yield ((section, key), value, name) of every variable RADARD_SECTION__KEY.
 
     A variable without `__` that names no section is another program's, as the RADARD_PORT that a
-    container platform sets for a service called radard: it is left out, with a warning.
+    container platform sets for a service called radard: it is left out, with a warning. Raises
+    ConfigError if one key is given twice.
     """
+    names: dict[str, str] = {}
     for name in sorted(environ):
         if not name.startswith(ENV_PREFIX):
             continue
+        if (other := names.setdefault(name.lower(), name)) != name:
+            msg = f"{other} and {name} are the same key; give one"
+            raise ConfigError(msg)
         section, double, key = name[len(ENV_PREFIX) :].lower().partition("__")
         field = root.model_fields.get(section)
-        if field is None and not double:
+        if field is None and not (double and section):
             log.warning("%s: left out: the configuration has no section '%s'", name, section)
             continue
         text = environ[name]

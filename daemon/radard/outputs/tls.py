@@ -5,6 +5,7 @@ import ssl
 from pathlib import Path
 
 from radard.errors import ConfigError
+from x2radar.ports import is_host
 
 LATE = "no answer within the time limit"
 
@@ -29,13 +30,14 @@ def client_context(
 
 
 def check_host(scheme: str, url: str) -> None:
-    """Raise ConfigError if the host of a URL, of any form, holds what no name can.
+    """Raise ConfigError if no server can be at the host and port of a URL, of any form.
 
     Blanks and what is not printed are quoted behind the host, and nowhere else.
     """
-    host = re.split(r"[/?#]", url.partition("://")[2], maxsplit=1)[0]
-    if not host.isprintable() or " " in host:
-        msg = f"--output {scheme}: the host's name holds a blank, or what cannot be printed"
+    authority = re.split(r"[/?#]", url.partition("://")[2], maxsplit=1)[0]
+    name = re.sub(r":\d*$", "", authority.rpartition("@")[2]).strip("[]")
+    if not authority.isprintable() or (name and not is_host(name)) or authority.endswith(":0"):
+        msg = f"--output {scheme}: no host has such a name and port"
         raise ConfigError(msg)
 
 

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
-from urllib.parse import quote
 
 from radard.config.config import Config
 from radard.errors import RadardError
@@ -24,6 +23,7 @@ from radard.pipeline import Pipeline
 from radard.run.pool import WorkerPool
 from radard.run.sensor import RunOptions, Sensor
 from x2radar.errors import X2RadarError
+from x2radar.ports import named_port
 from x2radar.recording.registry import open_recording
 
 _LOOK_S = 0.2
@@ -173,6 +173,6 @@ def replay(
 
 def replaying(config: Config, path: Path, *output: str) -> Config:
     """Return a configuration that replays a recording as fast as can be."""
-    port = f"replay:{quote(str(path))}"
+    port = named_port("replay", path)
     sensor = config.sensor.model_copy(update={"port": port, "speed": "max"})
     return config.model_copy(update={"sensor": sensor, "sensors": {}, "output": output})
