@@ -19,49 +19,36 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 if TYPE_CHECKING:
-    from radard.api import FeatureWindow, Spectrogram, classify, features, spectrogram
-    from radard.errors import RadardError
-    from radard.judge.bundle import Bundle, bundle_names, load_bundle
-    from radard.judge.classifier import Probabilities
-    from radard.judge.decision import Decision
-    from radard.judge.features import FEATURES, FeatureSettings
+    from radard.api import FeatureWindow as FeatureWindow
+    from radard.api import Spectrogram as Spectrogram
+    from radard.api import classify as classify
+    from radard.api import features as features
+    from radard.api import spectrogram as spectrogram
+    from radard.errors import RadardError as RadardError
+    from radard.judge.bundle import Bundle as Bundle
+    from radard.judge.bundle import bundle_names as bundle_names
+    from radard.judge.bundle import load_bundle as load_bundle
+    from radard.judge.classifier import Probabilities as Probabilities
+    from radard.judge.decision import Decision as Decision
+    from radard.judge.features import FEATURES as FEATURES
+    from radard.judge.features import FeatureSettings as FeatureSettings
 
 _PLACES = {
-    "FEATURES": "judge.features",
-    "Bundle": "judge.bundle",
-    "Decision": "judge.decision",
-    "FeatureSettings": "judge.features",
-    "FeatureWindow": "api",
-    "Probabilities": "judge.classifier",
-    "RadardError": "errors",
-    "Spectrogram": "api",
-    "bundle_names": "judge.bundle",
-    "classify": "api",
-    "features": "api",
-    "load_bundle": "judge.bundle",
-    "spectrogram": "api",
+    "api": ("FeatureWindow", "Spectrogram", "classify", "features", "spectrogram"),
+    "errors": ("RadardError",),
+    "judge.bundle": ("Bundle", "bundle_names", "load_bundle"),
+    "judge.classifier": ("Probabilities",),
+    "judge.decision": ("Decision",),
+    "judge.features": ("FEATURES", "FeatureSettings"),
 }
-"""Where the names of `__all__` are."""
-__all__ = [
-    "FEATURES",
-    "Bundle",
-    "Decision",
-    "FeatureSettings",
-    "FeatureWindow",
-    "Probabilities",
-    "RadardError",
-    "Spectrogram",
-    "bundle_names",
-    "classify",
-    "features",
-    "load_bundle",
-    "spectrogram",
-]
+"""The names that are offered here, by module."""
+__all__ = sorted(name for names in _PLACES.values() for name in names)  # noqa: PLE0605 - below
 
 
 def __getattr__(name: str) -> Any:
     """Import what is asked for: the daemon itself needs none of it here."""
-    if name not in _PLACES:
+    place = next((place for place, names in _PLACES.items() if name in names), None)
+    if place is None:
         msg = f"module 'radard' has no attribute '{name}'"
         raise AttributeError(msg)
-    return getattr(import_module(f"radard.{_PLACES[name]}"), name)
+    return getattr(import_module(f"radard.{place}"), name)

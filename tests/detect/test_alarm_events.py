@@ -1,22 +1,20 @@
 """Alarm events: zones, thresholds, peaks, faults and tamper beside them, and what is kept."""
 
 import dataclasses
-import json
 import sqlite3
 from contextlib import closing
 
 import pytest
 
-from radard.alarm.events import EventTracker, see_anywhere, trial_alarm
+from radard.alarm.events import EventTracker, trial_alarm
 from radard.alarm.panel import AlarmPanel, AlarmPolicy
 from radard.alarm.state_store import KeptState, StateStore
 from radard.alarm.zones import Zones, sight_of, zone_fault
 from radard.detect.tamper import Finding
 from radard.log import EventLog
-from radard.outputs.fanout import Outputs
 from radard.stream.ring import Notice
 from tests.alarm_helpers import decision, track
-from tests.radar_helpers import dwell_of, noise, run_radard
+from tests.radar_helpers import dwell_of, noise
 from tests.waiting import wait_for
 
 DWELL = dwell_of(noise(10))
@@ -247,26 +245,6 @@ def test_a_state_outlives_the_daemon_or_counts_as_none(tmp_path, caplog):
     log.close()
 
 
-def test_an_alarm_is_kept_before_anybody_is_told(tmp_path, monkeypatch):
-    """A kill right behind the first word of it must not forget it (campaigns/kill.py)."""
-    kept, plain = [], Outputs.put
-
-    def put(self, record, *args, **options):
-        if record["type"] == "event" and record["kind"] == "alarm":
-            with closing(sqlite3.connect(tmp_path / "log.db")) as db:
-                text = db.execute("SELECT text FROM kept").fetchone()[0]
-            kept.append(json.loads(text)["alarm_id"])
-            assert kept[-1] == record["id"]
-        return plain(self, record, *args, **options)
-
-    monkeypatch.setattr(Outputs, "put", put)
-    monkeypatch.setenv("RADARD_SERVICE__STATE_DIR", str(tmp_path))
-    argv = ("--port", "sim:human", "--model", "thesis", "--sensitivity", "high")
-    code, *_ = run_radard(*argv, "--speed", "max", "--duration", "25", "-o", "null")
-    assert code == 0
-    assert kept
-
-
 def test_without_a_named_folder_only_the_command_is_kept():
     log = EventLog(None)
     store = StateStore(log, "radar", keeps_alarms=False)
@@ -367,13 +345,6 @@ def test_an_alarm_that_goes_on_begins_anew_in_stream_time():
     (begun,) = EventTracker().resume(KeptState(is_armed=True, entry_reason="human"))
     assert (begun.phase, begun.t_s, begun.start_t_s, begun.peak) == ("new", 0.0, 0.0, 0.0)
     assert trial_alarm(3.0)[0].peak == 0.0
-
-
-def test_without_zones_the_rule_is_the_usual_one():
-    policy = AlarmPolicy(p_on=0.5)
-    assert not see_anywhere(decision(1, 0.3, alarm=True), policy).is_hit
-    # Below what the rule asks for it rests on other grounds.
-    assert see_anywhere(decision(1, 0.1, alarm=True), policy).is_hit
 
 
 def test_ids_come_from_the_last_frame_and_the_time_and_never_grow():

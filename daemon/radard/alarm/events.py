@@ -7,11 +7,11 @@ recorded, gives the same ids, and two runs never do.
 
 import hashlib
 import uuid
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from radard.alarm.panel import ARM_MODES, AlarmPanel, AlarmPolicy, ArmMode, PanelChange, Sight
+from radard.alarm.panel import ARM_MODES, AlarmPanel, PanelChange
 from radard.alarm.state_store import KeptState
 from radard.alarm.zones import Zones, sight_of
 from radard.judge.decision import Decision
@@ -21,7 +21,6 @@ _CROCKFORD = "0123456789ABCDEFGHJKMNPQRSTVWXYZ"
 
 Phase = Literal["new", "update", "end"]
 Kind = Literal["alarm", "fault", "tamper"]
-See = Callable[[Decision, AlarmPolicy, ArmMode], Sight]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,15 +39,6 @@ class Event:
     is_trial: bool = False  # asked for, to see whether outputs hand it on
 
 
-def see_anywhere(
-    decision: Decision,
-    policy: AlarmPolicy,
-    mode: ArmMode = "away",  # noqa: ARG001 - as in `See`
-) -> Sight:
-    """Return what a decision says of people at any range, by the usual limit."""
-    return sight_of(decision, policy, Zones(), 0.8)
-
-
 def trial_alarm(t_s: float) -> list[Event]:
     """Return both phases of an alarm that is only a test, at a stream time."""
     new = Event(
@@ -64,17 +54,21 @@ def trial_alarm(t_s: float) -> list[Event]:
 class EventTracker:
     """Follow decisions, notices and commands; return the events that they make.
 
-    Without a panel it is armed, and an alarm lasts as long as the verdict stands. `see` turns a
-    decision, the panel's policy and how it is armed into a sight. `run` goes into the ids: what
-    tells the run from others (`StreamInfo.run_id`), and its sensor from others of the process.
+    Without a panel it is armed, and an alarm lasts as long as the verdict stands. `zones` and
+    `pet_limit` are those of `sight_of`, and may be replaced. `run` goes into the ids: what tells
+    the run from others (`StreamInfo.run_id`), and its sensor from others of the process.
     """
 
     def __init__(
-        self, panel: AlarmPanel | None = None, see: See = see_anywhere, run: str = ""
+        self,
+        panel: AlarmPanel | None = None,
+        zones: Zones | None = None,
+        pet_limit: float = 0.8,
+        run: str = "",
     ) -> None:
         self.panel = panel or AlarmPanel()
         self._run = run
-        self.see = see
+        self.zones, self.pet_limit = zones or Zones(), pet_limit
         self._open: dict[Kind, Event] = {}
         self._entry_peak = 0.0
 
@@ -154,7 +148,10 @@ class EventTracker:
         if not is_invalid:
             tamper = "; ".join(f"{f.kind}: {f.reason}" for f in decision.findings) or None
             events += self._follow("tamper", tamper, t_s=t_s, dwell=dwell)
-        sight = None if is_invalid else self.see(decision, self.panel.policy, self.panel.mode)
+        sight = None
+        if not is_invalid:
+            zones = self.zones.armed(self.panel.mode)
+            sight = sight_of(decision, self.panel.policy, zones, self.pet_limit)
         p_human = decision.fused.human if decision.fused and sight and sight.is_seen else 0.0
         was = self.panel.state
         steps = self.panel.on_sight(t_s, sight, is_quiet=is_quiet)

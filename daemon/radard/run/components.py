@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from weakref import WeakSet
 
-from radard.alarm.events import See
 from radard.alarm.panel import AlarmPolicy
 from radard.alarm.sensitivity import alarm_policy
 from radard.alarm.state_store import StateStore
-from radard.alarm.zones import Zones, sight_of, zone_fault, zone_warnings
+from radard.alarm.zones import Zones, zone_fault, zone_warnings
 from radard.clips.keeper import ClipKeeper
 from radard.config.config import Config
 from radard.config.directories import (
@@ -27,7 +26,7 @@ from radard.detect.calibration import Calibration, load_calibration
 from radard.detect.room_reference import RoomStore
 from radard.detect.tamper import TamperWatch
 from radard.errors import ConfigError
-from radard.judge.bundle import Bundle, load_bundle
+from radard.judge.bundle import load_bundle
 from radard.judge.classifier import Classifier
 from radard.judge.decision import pet_limit_of
 from radard.judge.model_choice import hop_warning, model_for
@@ -53,7 +52,7 @@ class Parts:
     config: Config  # what the rest was made of
     pipeline: Pipeline  # dwell to decision
     policy: AlarmPolicy  # decisions to alarm
-    see: See  # decision to sight
+    zones: Zones  # whose sight counts
     quiet: QuietHours  # when no alarm is wanted
     room: RoomStore  # where the room's reference is kept
     clips: ClipKeeper | None  # None when nothing is kept
@@ -101,14 +100,18 @@ def make_parts(
     Raises ConfigError if the calibration does not fit or, at the start, if no zone lies within the
     swath; later that is a fault, and zones can be corrected where they were saved.
     """
-    fault = _check_zones(config, pipeline)
+    zones, range_m = Zones(**config.zones.model_dump()), pipeline.stream.axis.range_m
+    swath = float(range_m[0]), float(range_m[-1])
+    fault = zone_fault(zones, *swath)
     if fault and old is None:
         raise ConfigError(fault)
+    warnings = [] if fault else list(zone_warnings(zones, *swath))
     was = old.config if old else None
     bundle = pipeline.classifier.bundle if pipeline.classifier else None
-    pet_limit = pet_limit_of(config, bundle)
     if bundle is not None and (was is None or was.model != config.model):
-        _warn_of_hop(config, bundle)
+        warnings += filter(None, [hop_warning(bundle, config.decision.hop_s)])
+    for text in warnings:
+        logger_of(config).warning("%s", text)
     made_here = old is not None and old.config.gate.calibration == config.gate.calibration
     use_calibration(config, pipeline, is_live=is_live, keeps=made_here)
     quiet = QuietHours(
@@ -117,7 +120,11 @@ def make_parts(
     clips = old.clips if old else None
     room = _watch_for_tamper(config, pipeline, is_live=is_live, old=old)
     if was is None or was.clips != config.clips:
-        clips = _make_clips(config, pipeline) if is_live else None
+        folder = clip_dir(config) if is_live else None
+        shape, about = pipeline.shape, _about_clips(config, pipeline)
+        clips = None
+        if folder is not None:
+            clips = ClipKeeper(config.clips, folder, pipeline.stream, shape.n_slow, about)
     elif clips is not None:
         # The frames that it holds, and a clip that is being made, stay.
         clips.describe(_about_clips(config, pipeline))
@@ -125,11 +132,11 @@ def make_parts(
         config=config,
         pipeline=pipeline,
         policy=alarm_policy(config.alarm, pipeline.policy),
-        see=_make_see(config, pet_limit),
+        zones=zones,
         quiet=quiet,
         room=room,
         clips=clips,
-        pet_limit=pet_limit,
+        pet_limit=pet_limit_of(config, bundle),
         zone_fault=fault,
     )
 
@@ -239,29 +246,6 @@ def _kept_file(config: Config, ending: str, *, is_live: bool) -> Path | None:
     return state_dir(config) / f"{config.sensor.name}{'.sim' if is_sim else ''}.{ending}"
 
 
-def _warn_of_hop(config: Config, bundle: Bundle) -> None:
-    if text := hop_warning(bundle, config.decision.hop_s):
-        logger_of(config).warning("%s", text)
-
-
-def _zones_of(config: Config) -> Zones:
-    return Zones(**config.zones.model_dump())
-
-
-def _check_zones(config: Config, pipeline: Pipeline) -> str:
-    zones, range_m = _zones_of(config), pipeline.stream.axis.range_m
-    swath = float(range_m[0]), float(range_m[-1])
-    fault = zone_fault(zones, *swath)
-    for text in () if fault else zone_warnings(zones, *swath):
-        logger_of(config).warning("%s", text)
-    return fault
-
-
-def _make_see(config: Config, pet_limit: float) -> See:
-    zones = _zones_of(config)
-    return lambda decision, policy, mode: sight_of(decision, policy, zones.armed(mode), pet_limit)
-
-
 def _watch_for_tamper(
     config: Config, pipeline: Pipeline, *, is_live: bool, old: Parts | None
 ) -> RoomStore:
@@ -296,15 +280,6 @@ def room_of(config: Config, pipeline: Pipeline) -> str:
             f"calibrated {made_utc or ('then' if pipeline.calibration else 'never')}",
         )
     )
-
-
-def _make_clips(config: Config, pipeline: Pipeline) -> ClipKeeper | None:
-    folder = clip_dir(config)
-    if folder is None:
-        return None
-    about = _about_clips(config, pipeline)
-    n_slow = pipeline.shape.n_slow
-    return ClipKeeper(config.clips, folder, pipeline.stream, n_slow, about)
 
 
 def _about_clips(config: Config, pipeline: Pipeline) -> dict[str, str]:

@@ -62,7 +62,7 @@ class Worker:
         config = parts.config
         sensor = f" {config.sensor.name}" if config.is_one_of_several else ""
         run = f" {parts.pipeline.stream.run_id}{sensor}"
-        self.tracker = EventTracker(panel, parts.see, run)
+        self.tracker = EventTracker(panel, parts.zones, parts.pet_limit, run)
         self.has_kept = store.has_kept
         """Whether how the sensor is armed was kept."""
         self._kept_events = self.tracker.resume(kept)
@@ -163,7 +163,9 @@ class Worker:
         if parts.clips is not None:
             parts.clips.on_decision(record, decision.t_s)
         was = self.tracker.panel.state
-        self._keep_room()
+        tamper = parts.pipeline.tamper
+        if tamper is not None and (room := tamper.take_due()) is not None:
+            parts.room.save(room)
         fault = decision.fault if decision.gate != "invalid" else ""
         if self._rate is not None:
             fault = fault or self._rate.note(dwell.t_s, dwell.t_mono_s)
@@ -179,11 +181,6 @@ class Worker:
             self._keep(decision.t_s)
         self._complain("sensor", fault)
         self._after_clip(decision.t_s, told)
-
-    def _keep_room(self) -> None:
-        tamper = self.parts.pipeline.tamper
-        if tamper is not None and (room := tamper.take_due()) is not None:
-            self.parts.room.save(room)
 
     def _decide(self, dwell: Dwell) -> Decision:
         try:
@@ -250,12 +247,13 @@ class Worker:
         if self._room is not None:
             self._room.stop("another one was asked for")
         sign = signer(pipeline.stream, pipeline.classifier, config.sensor.port or "")
-        self._room = RoomCalibration(config, sign, t_s, self._calibrated)
 
-    def _calibrated(self, made: Calibration) -> None:
-        """Take up a calibration with the next item; called from the calibration's thread."""
-        self._made = made
-        self._ring.post("calibrated", "the room was calibrated")
+        def take_up(made: Calibration) -> None:
+            """Take it up with the next item; called from the calibration's thread."""
+            self._made = made
+            self._ring.post("calibrated", "the room was calibrated")
+
+        self._room = RoomCalibration(config, sign, t_s, take_up)
 
     def _take_calibration(self) -> None:
         made, self._made = self._made, None
@@ -286,7 +284,7 @@ class Worker:
         self.parts = parts
         parts.pipeline.pet_limit = parts.pet_limit
         self.tracker.panel.policy = parts.policy
-        self.tracker.see = parts.see
+        self.tracker.zones, self.tracker.pet_limit = parts.zones, parts.pet_limit
 
     def _after_clip(self, t_s: float, events: Sequence[Event]) -> None:
         clips = self.parts.clips
