@@ -124,11 +124,11 @@ def test_coasting_stays_near_where_it_was_lost():
         return np.where(t < 4, 3.0 - 0.4 * t, np.nan)
 
     seen = follow(dwells(path, seconds=7))
-    for _, tracks in seen:
+    for dwell, tracks in seen:
         for track in tracks:
-            if track.unseen_s > 0.3:
+            if dwell.t_s > 4.3:
                 assert track.range_m == pytest.approx(1.4, abs=0.3)
-            assert track.unseen_s <= 1.5 + 0.2
+            assert dwell.t_s <= 4 + 1.5 + 0.2
     assert seen[-1][1] == ()
 
 

@@ -35,12 +35,7 @@ def surveyed(dwells, **options):
     survey = RoomSurvey(GateSettings(false_alarms_per_day=rate), 1.0)
     for dwell in dwells:
         survey.add(dwell)
-    made = survey.calibration(
-        lambda n, heard_s, predicted: Provenance(
-            n_dwells=n, duration_s=heard_s, false_gates_per_day=predicted
-        ),
-        **options,
-    )
+    made = survey.calibration(Provenance(), **options)
     return survey, made
 
 

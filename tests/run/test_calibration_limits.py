@@ -39,9 +39,9 @@ class Survey:
     def check_empty(self):
         pass
 
-    def calibration(self, sign):
+    def calibration(self, origin):
         class Made:
-            provenance = sign(self.n, 1.0, 1.0)
+            provenance = replace(origin, n_dwells=self.n)
 
             def save(self, _path):
                 pass
@@ -62,8 +62,7 @@ def room(monkeypatch, tmp_path):
         gate = {"calibrate_after_s": 0, "calibrate_s": float(n_dwells)}
         options = {"gate": gate, "service": {"state_dir": tmp_path}}
         config = load_config(environ={}, options=options)
-        sign = lambda n, *_: Provenance(n_dwells=n, made_utc="now", false_gates_per_day=1.0)  # noqa: E731
-        return RoomCalibration(config, sign, 0.0, made.append)
+        return RoomCalibration(config, lambda: Provenance(made_utc="now"), 0.0, made.append)
 
     make.made = made
     make.survey = RoomSurvey

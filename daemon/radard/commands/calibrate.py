@@ -17,7 +17,7 @@ from radard.detect.gate import DAY_S
 from radard.detect.survey import RoomSurvey
 from radard.errors import NotAllowed, RadardError, UsageError
 from radard.run.listening import Listening, listen
-from radard.run.room_calibration import signer
+from radard.run.room_calibration import origin_of
 from radard.stream.ring import Notice
 from x2radar.command import Parser, StatusLine, bar, new_parser
 
@@ -48,7 +48,7 @@ def run(argv: Sequence[str]) -> int:
         survey.check_empty(takes_machines=args.with_machines)
         stream, classifier = listening.pipeline.stream, listening.pipeline.classifier
         calibration = survey.calibration(
-            signer(stream, classifier, config.sensor.port or ""),
+            origin_of(stream, classifier, config.sensor.port or ""),
             false_gates_per_day=args.false_gates,
         )
     # What was saved is what will hold, so the report is made of the same.

@@ -204,12 +204,11 @@ def _decisions(config: Config) -> Iterator[str]:
         kind, _, name = output.partition(":")
         if kind in {"json", "store"} and name:
             yield f"---- {name}"
-            yield from _last_lines(Path(name)) if kind == "json" else _stored(Path(name))
-
-
-def _last_lines(path: Path) -> Iterator[str]:
-    with path.open(encoding="utf-8", errors="replace") as lines:
-        yield from (line.rstrip("\n") for line in deque(lines, _LAST))
+            if kind == "store":
+                yield from _stored(Path(name))
+                continue
+            with Path(name).open(encoding="utf-8", errors="replace") as lines:
+                yield from (line.rstrip("\n") for line in deque(lines, _LAST))
 
 
 def _stored(path: Path) -> Iterator[str]:

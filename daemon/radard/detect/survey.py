@@ -9,7 +9,7 @@ survey promises less. (The predictive distribution of a normal sample; Geisser 1
 recalled.) No threshold is lower than the gate's own.
 """
 
-from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -124,16 +124,11 @@ class RoomSurvey:
             )
             raise RoomNotEmpty(msg)
 
-    def calibration(
-        self,
-        provenance: Callable[[int, float, float], Provenance],
-        *,
-        false_gates_per_day: float = 1.0,
-    ) -> Calibration:
+    def calibration(self, origin: Provenance, *, false_gates_per_day: float = 1.0) -> Calibration:
         """Return the calibration; raise RadardError if too little was heard.
 
-        `provenance` takes the number of dwells, the seconds of stream in them and the predicted
-        false gates a day; `false_gates_per_day` decisions a day may open the gate in this room.
+        `origin` is completed by what was heard; `false_gates_per_day` decisions a day may open the
+        gate in this room.
         """
         independent = self.n_dwells * self._hop_s / max(self._dwell_s, self._hop_s)
         if independent < MIN_INDEPENDENT or not np.any(self._power):
@@ -163,7 +158,12 @@ class RoomSurvey:
             range_offset_m=self._axis.range_offset_m,
             floor=floor,
             threshold_db=_db(over),
-            provenance=provenance(self.n_dwells, heard_s, predicted),
+            provenance=replace(
+                origin,
+                duration_s=round(heard_s, 3),
+                n_dwells=self.n_dwells,
+                false_gates_per_day=float(f"{predicted:.3g}"),
+            ),
         )
 
     @property

@@ -50,7 +50,6 @@ class Track:
     range_m: float
     radial_velocity_mps: float  # positive when it approaches
     power_db: float  # smoothed peak power over the floor
-    unseen_s: float  # since its last hit
     path_m: NDArray[np.float64]  # its range at every frame; before it was seen, its first
 
 
@@ -243,7 +242,6 @@ class Tracker:
                         # + 0.0 turns -0.0 into 0.0.
                         -body.rate_mps + 0.0,
                         body.power_db,
-                        dwell.t_s - body.seen_s,
                         np.interp(frame_s, nodes[:, 0], nodes[:, 1]),
                     )
                 )

@@ -9,7 +9,6 @@ run, so signals are always heard. Further threads: the workers of the pool, the 
 import logging
 import threading
 import time
-from dataclasses import dataclass
 
 from radard.config.config import Config
 from radard.config.directories import own_folder, runtime_dir
@@ -44,14 +43,6 @@ def run(config: Config, options: RunOptions) -> int:
     """
     with state_lock(config):
         return Process(config, options).go()
-
-
-@dataclass(frozen=True, slots=True)
-class _Change:
-    """What a reload changes: radars that go, and radars that come."""
-
-    gone: list[Keeper]
-    new: list[Keeper]
 
 
 class Process:
@@ -100,7 +91,9 @@ class Process:
                     keeper.start()
                 is_stopped = self._supervise()
             finally:
-                is_stuck = self._end()
+                self._stop(self._keepers)
+                is_stuck = any(k.is_alive for k in self._left)
+                is_stuck |= any(k.stuck for k in self._keepers)
                 self._shut(is_stuck=is_stuck)
         lost = [keeper.failure for keeper in self._keepers if keeper.has_lost_output]
         failures = lost or [keeper.failure for keeper in self._keepers]
@@ -185,10 +178,6 @@ class Process:
             states |= {sensor.sensor: state} if self._config.is_one_of_several else state
         return states
 
-    def _end(self) -> bool:
-        self._stop(self._keepers)
-        return any(k.is_alive for k in self._left) or any(k.stuck for k in self._keepers)
-
     def _stop(self, keepers: list[Keeper]) -> None:
         going = [keeper for keeper in keepers if keeper.is_alive]
         for keeper in going:
@@ -219,12 +208,12 @@ class Process:
             if bool(config.sensors) != bool(self._config.sensors):
                 log.warning("reload: from one radar to several, or back, takes a restart")
                 config = config.model_copy(update={"sensors": self._config.sensors})
-            change = self._compare(config)
+            gone, new = self._compare(config)
             remade = [
                 (keeper.sensor, parts)
                 for keeper in self._keepers
-                if keeper not in change.gone
-                and (parts := keeper.sensor.remake(self._of(keeper.sensor, config))) is not None
+                if keeper not in gone
+                and (parts := keeper.sensor.remake(_of(keeper.sensor, config))) is not None
             ]
         except RadardError as err:
             log.warning("reload: the old configuration stays: %s", err)
@@ -232,27 +221,25 @@ class Process:
             hellos = [sensor.exchange(parts) for sensor, parts in remade]
             kept = {"sensor": self._config.sensor, "service": self._config.service}
             self._config = config.model_copy(update=kept)
-            self._take_away(change.gone)
-            self._add(change.new)
+            self._take_away(gone)
+            self._add(new)
             if self._outputs.is_open:
                 self._outputs.reload(self._config, [each for each in hellos if each is not None])
-            for keeper in change.new:
+            for keeper in new:
                 log.warning("%s: added by a reload", keeper.sensor.sensor)
                 keeper.start()
             log.info("reload: done")
         self._notifier.ready(self._heart.status.state)
 
-    def _compare(self, config: Config) -> _Change:
-        """Return what a configuration changes; a radar on another port goes, and comes again."""
+    def _compare(self, config: Config) -> tuple[list[Keeper], list[Keeper]]:
+        """Return which radars go and come; one on another port goes, and comes again."""
         if not config.is_one_of_several:
-            return _Change([], [])
+            return [], []
         before = {each.sensor: _source_of(each.config()) for each in self.sensors}
         after = {each.sensor.name: each for each in config.each()}
         stay = {name for name, each in after.items() if before.get(name) == _source_of(each)}
-        return _Change(
-            [keeper for keeper in self._keepers if keeper.sensor.sensor not in stay],
-            [self._make_keeper(each) for name, each in after.items() if name not in stay],
-        )
+        gone = [keeper for keeper in self._keepers if keeper.sensor.sensor not in stay]
+        return gone, [self._make_keeper(e) for name, e in after.items() if name not in stay]
 
     def _take_away(self, gone: list[Keeper]) -> None:
         for keeper in gone:
@@ -278,14 +265,15 @@ class Process:
             self._control.add(keeper.sensor)
             self._outputs.add(keeper.sensor)
 
-    def _of(self, sensor: Sensor, config: Config) -> Config:
-        return config.of_sensor(sensor.sensor) if config.is_one_of_several else config
-
 
 def _told(sensor: Sensor) -> dict[str, object]:
     """Return what a status file says of a sensor besides its health."""
     state = sensor.panel()
     return state.as_record(sensor.mark()) if state is not None else {}
+
+
+def _of(sensor: Sensor, config: Config) -> Config:
+    return config.of_sensor(sensor.sensor) if config.is_one_of_several else config
 
 
 def _source_of(config: Config) -> tuple[str | None, str]:

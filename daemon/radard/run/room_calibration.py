@@ -33,44 +33,35 @@ def can_calibrate(config: Config) -> bool:
     return config.gate.calibration != "none" and config.sensor.kind != "replay"
 
 
-def signer(
-    stream: StreamInfo, classifier: Classifier | None, port: str
-) -> Callable[[int, float, float], Provenance]:
-    """Return what makes the provenance of a stream's calibration, see `RoomSurvey.calibration`."""
-
-    def sign(n_dwells: int, heard_s: float, predicted: float) -> Provenance:
-        return Provenance(
-            made_utc=utc_text(wall_clock.now()),
-            device=stream.device,
-            port=redact(port),
-            software=installed_version(),
-            model=classifier.bundle.name if classifier else "none",
-            carrier_hz=stream.axis.carrier_hz,
-            duration_s=round(heard_s, 3),
-            n_dwells=n_dwells,
-            false_gates_per_day=float(f"{predicted:.3g}"),
-        )
-
-    return sign
+def origin_of(stream: StreamInfo, classifier: Classifier | None, port: str) -> Provenance:
+    """Return what is known of a calibration of a stream that is made now."""
+    return Provenance(
+        made_utc=utc_text(wall_clock.now()),
+        device=stream.device,
+        port=redact(port),
+        software=installed_version(),
+        model=classifier.bundle.name if classifier else "none",
+        carrier_hz=stream.axis.carrier_hz,
+    )
 
 
 class RoomCalibration:
     """One calibration of a running sensor, asked for at stream time `t_s`.
 
-    `config` says how long to wait and to listen; for `sign` see `signer`. `on_made` is given the
+    `config` says how long to wait and to listen; for `origin` see `origin_of`. `on_made` gets the
     calibration, from another thread, once it is kept.
     """
 
     def __init__(
         self,
         config: Config,
-        sign: Callable[[int, float, float], Provenance],
+        origin: Callable[[], Provenance],
         t_s: float,
         on_made: Callable[[Calibration], None],
     ) -> None:
         self._config = config
         self._path = kept_calibration(config)
-        self._sign = sign
+        self._origin = origin
         self._on_made = on_made
         self._from_s = t_s + config.gate.calibrate_after_s
         self._to_s = self._from_s + config.gate.calibrate_s
@@ -129,7 +120,7 @@ class RoomCalibration:
         if self.progress.is_over:
             return
         survey.check_empty()
-        made = survey.calibration(self._sign)
+        made = survey.calibration(self._origin())
         rate = made.provenance.false_gates_per_day
         text = f"predicted false gates: {rate:.2g} a day, in such a room"
         try:

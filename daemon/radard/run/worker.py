@@ -7,6 +7,7 @@ and silence.
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 from radard.alarm.events import Event, EventTracker, trial_alarm
 from radard.alarm.panel import ARM_MODES, AlarmPanel
@@ -18,7 +19,7 @@ from radard.health.health import Health, Status
 from radard.judge.decision import Decision, invalid_decision
 from radard.outputs.records import Record, decision_record, event_record, status_record
 from radard.run.components import Parts, logger_of, room_of
-from radard.run.room_calibration import RoomCalibration, can_calibrate, signer
+from radard.run.room_calibration import RoomCalibration, can_calibrate, origin_of
 from radard.stream.frame_timing import RateWatch
 from radard.stream.ring import Dwell, FrameRing, Notice
 from x2radar.frame import Frame
@@ -246,14 +247,15 @@ class Worker:
             return
         if self._room is not None:
             self._room.stop("another one was asked for")
-        sign = signer(pipeline.stream, pipeline.classifier, config.sensor.port or "")
+        port = config.sensor.port or ""
+        origin = partial(origin_of, pipeline.stream, pipeline.classifier, port)
 
         def take_up(made: Calibration) -> None:
             """Take it up with the next item; called from the calibration's thread."""
             self._made = made
             self._ring.post("calibrated", "the room was calibrated")
 
-        self._room = RoomCalibration(config, sign, t_s, take_up)
+        self._room = RoomCalibration(config, origin, t_s, take_up)
 
     def _take_calibration(self) -> None:
         made, self._made = self._made, None

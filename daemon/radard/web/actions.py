@@ -28,8 +28,10 @@ class Actions:
         self._testing = CapacityLimiter(1)
         self.routes: list[Route] = [
             guard.changing("/api/v1/command", self._command),
-            guard.changing("/api/v1/zones", self._zones),
-            guard.changing("/api/v1/settings", self._settings),
+            guard.changing(
+                "/api/v1/zones", lambda body: self._change("zones", body, {"zones": body})
+            ),
+            guard.changing("/api/v1/settings", lambda body: self._change("settings", body, body)),
             guard.changing("/api/v1/test-alarm", self._test_alarm),
             guard.changing("/api/v1/playback", self._playback),
             *_session_routes(guard.access),
@@ -50,12 +52,6 @@ class Actions:
         log.info("command from the dashboard: %s", name)
         host.command(name)
         return JSONResponse({"accepted": name}, 202)
-
-    async def _zones(self, body: dict[str, Any]) -> Response:
-        return await self._change("zones", body, {"zones": body})
-
-    async def _settings(self, body: dict[str, Any]) -> Response:
-        return await self._change("settings", body, body)
 
     async def _change(self, kind: Kind, body: dict[str, Any], sections: Any) -> Response:
         """Save sections, or forget what was saved, and have the configuration read again."""
