@@ -1,4 +1,4 @@
-"""axe-core finds nothing on any page: light and dark, phone and desk, plain and with details."""
+"""axe-core finds nothing on any page: light and dark, phone to desk, plain and with details."""
 
 import os
 from pathlib import Path
@@ -19,7 +19,7 @@ pytestmark = [
         not AXE.is_file(), reason="no axe-core: npm install --prefix .venv/axe axe-core"
     ),
 ]
-SIZES = {"desk": (1280, 900), "phone": (390, 844)}
+SIZES = {"desk": (1280, 900), "tablet": (820, 1180), "phone": (390, 844)}
 
 
 def faults(one):

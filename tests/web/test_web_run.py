@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import os
 import socket
 import struct
 import threading
@@ -94,6 +95,7 @@ def test_a_busy_port_is_a_warning_and_waited_for(launch, monkeypatch):
         assert code == 0
         assert sum(r["type"] == "decision" for r in records) == 8
         assert err.count("cannot listen") == 1
+        assert f"Address already in use by process {os.getpid()} (" in err
         running = launch("--port", "sim:empty", "--model", "none", port=port)
         running.wait(lambda: "cannot listen" in running.log)
     running.wait_online()

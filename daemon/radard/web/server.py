@@ -6,6 +6,7 @@ goes on without a dashboard meanwhile.
 
 import asyncio
 import contextlib
+import errno
 import logging
 import socket
 import threading
@@ -17,6 +18,7 @@ from starlette.types import ASGIApp
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from radard.web.auth import is_loopback
+from radard.web.port_holder import port_holder
 from radard.web.socket import MAX_MESSAGE
 
 log = logging.getLogger("radard")
@@ -185,7 +187,9 @@ class WebServer:
         except OSError as err:
             if sock is not None:
                 sock.close()
-            self._on_trouble(f"cannot listen: {err.strerror or err}")
+            holder = port_holder(self._port) if err.errno == errno.EADDRINUSE else ""
+            by = f" by {holder}" if holder else ""
+            self._on_trouble(f"cannot listen: {err.strerror or err}{by}")
             return None
         self.address = sock.getsockname()[:2]
         self._on_trouble("")

@@ -72,7 +72,7 @@ function drawArming() {
       onclick: () => command(isArmed ? "disarm" : "arm"),
     },
     h("span", { class: "switch", "aria-hidden": "true" }),
-    h("span", {}, isArmed ? (isHome ? "Armed at home" : "Armed") : "Disarmed"),
+    h("span", {}, !isArmed ? "Disarmed" : panel.panel === "exit" ? "Arming" : isHome ? "Armed at home" : "Armed"),
   );
   const home = h(
     "button",

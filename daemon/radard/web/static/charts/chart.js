@@ -61,6 +61,12 @@ export class Chart {
       if (this.drawn) this.draw(...this.drawn);
     });
     this.observer.observe(this.host);
+    // What is scrolled away needs no drawing while it moves on.
+    this.isInSight = true;
+    this.sight = new IntersectionObserver(([seen]) => {
+      this.isInSight = seen.isIntersecting;
+    });
+    this.sight.observe(this.host);
     this.canvas.addEventListener("pointermove", (event) => this.#hover(event));
     this.canvas.addEventListener("pointerleave", () => {
       this.tip.hidden = true;
@@ -70,6 +76,7 @@ export class Chart {
 
   close() {
     this.observer.disconnect();
+    this.sight.disconnect();
   }
 
   describe(text) {

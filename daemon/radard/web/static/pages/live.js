@@ -8,8 +8,6 @@ import { card, clock, duration, fixed, h, hasDetails, percent, replace, setText,
 const SPAN_S = 30;
 const SLOW_MS = 500;
 const FAST_MS = 30;
-// Chosen: of the 16 ms of a frame, what a page that answers at once may draw in.
-const FRAME_MS = 8;
 // Of the time, at most so much is for drawing; a slow machine gets fewer pictures a second.
 const MAX_SHARE = 0.25;
 const LIGHT_MPS = 299792458;
@@ -144,7 +142,7 @@ function animate(signal, maps, plots, gait, scales) {
   let costMs = 0;
   let drawnTheme = -1;
   let drawnAxes = null;
-  // What is left of a round; a slow machine draws it in several frames, to answer in between.
+  // What is left of a round: a chart a frame, since a canvas without a GPU costs most of one.
   let left = [];
   const round = (nowMs) => {
     const pauseMs = isCalm ? SLOW_MS : Math.max(FAST_MS, costMs / MAX_SHARE);
@@ -160,9 +158,9 @@ function animate(signal, maps, plots, gait, scales) {
     const view = { from_s: edge - SPAN_S, to_s: edge };
     maps[0].marks = marks();
     left = [
-      ...maps.map((map) => () => map.draw(view)),
-      ...plots.map((plot) => () => plot.draw(view, state.decisions)),
-      () => gait.draw(lastDecision()?.gate === "open"),
+      ...maps.filter(isInSight).map((map) => () => map.draw(view)),
+      ...plots.filter(isInSight).map((plot) => () => plot.draw(view, state.decisions)),
+      ...[gait].filter(isInSight).map(() => () => gait.draw(lastDecision()?.gate === "open")),
       drawScales,
     ];
   };
@@ -182,11 +180,13 @@ function animate(signal, maps, plots, gait, scales) {
     requestAnimationFrame(step);
     if (!left.length) round(nowMs);
     const beganMs = performance.now();
-    while (left.length && performance.now() - beganMs < FRAME_MS) left.shift()();
+    left.shift()?.();
     costMs += performance.now() - beganMs;
   };
   requestAnimationFrame(step);
 }
+
+const isInSight = (chart) => chart.isInSight;
 
 function marks() {
   return state.decisions
