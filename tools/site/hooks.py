@@ -26,13 +26,24 @@ def on_files(files: Files, *, config: Any) -> Files:
 
 
 def _page_of(notebook: Path) -> str:
-    """Return the cells of a notebook as a page; it is kept without outputs."""
+    """Return the cells of a notebook and what they have shown as a page."""
     parts = []
     for cell in json.loads(notebook.read_text("utf-8"))["cells"]:
         text = "".join(cell["source"])
         parts.append(text if cell["cell_type"] == "markdown" else f"```python\n{text}\n```")
+        parts += [_shown(output) for output in cell.get("outputs", ())]
     parts.insert(1, f"[The notebook as a file](<{notebook.name}>); `jupyter lab` runs it.")
     return "\n\n".join(parts) + "\n"
+
+
+def _shown(output: Any) -> str:
+    """Return an output of a cell, as tools/notebooks.py keeps it."""
+    data = output.get("data", {})
+    if "image/png" in data:
+        return (
+            f"![What the cell draws](data:image/png;base64,{''.join(data['image/png']).strip()})"
+        )
+    return f"```text\n{''.join(output.get('text') or data['text/plain']).rstrip()}\n```"
 
 
 def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
