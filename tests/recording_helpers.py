@@ -73,6 +73,14 @@ def content(reader):
     )
 
 
+def assert_same_frames(frames, others):
+    """Samples, counters, times and what was lost before each: all is the same."""
+    for a, b in zip(frames, others, strict=True):
+        assert np.array_equal(a.samples, b.samples)
+        for name in ("counter", "index", "lost", "restarted", "axis"):
+            assert getattr(a, name) == getattr(b, name), name
+
+
 def run(capsys, *argv):
     """Exit code, stdout and stderr of one of the file commands."""
 

@@ -90,16 +90,6 @@ def test_fast_packet_bytes_with_and_without_end_flag(end: bytes) -> None:
 
 
 @pytest.mark.parametrize("flag", [START, END, ESC])
-@pytest.mark.parametrize("place", range(4))
-def test_escape_at_every_place(flag: int, place: int) -> None:
-    data = bytearray(b"\x01\x02\x04\x08")
-    data[place] = flag
-    wire = encode(bytes(data))
-    assert bytes([ESC, flag]) in wire
-    read_three_ways(wire + wire, [Packet(bytes(data))] * 2)
-
-
-@pytest.mark.parametrize("flag", [START, END, ESC])
 def test_escaped_checksum(flag: int) -> None:
     data = bytes([0x10, 0x10 ^ START ^ flag])
     wire = encode(data)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from tests.device_helpers import wire
 from x2radar.errors import MessageError, ProtocolError
 from x2radar.wire import framing
-from x2radar.wire.codec import encode
 from x2radar.wire.messages import (
     Ack,
     Data,
@@ -27,10 +27,6 @@ from x2radar.wire.wire_ids import ErrorCode, Mode, PongCode, SystemCode
 
 RUN = SetMode(Mode.RUN)
 PONG = Pong(PongCode.READY)
-
-
-def wire(*messages: Message) -> bytes:
-    return b"".join(framing.encode(encode(m)) for m in messages)
 
 
 def events(session: Session, data: bytes = b"") -> list[Event]:

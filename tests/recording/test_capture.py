@@ -5,7 +5,7 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from tests.recording_helpers import content, run
+from tests.recording_helpers import assert_same_frames, content, run
 from x2radar.device.device import X2Radar
 from x2radar.device.link import Deadlines
 from x2radar.errors import RecordingError
@@ -53,19 +53,13 @@ def captured(path, settings=None, *, is_usb=False, n=N):
     return frames
 
 
-def same(frames, others):
-    for a, b in zip(frames, others, strict=True):
-        assert np.array_equal(a.samples, b.samples)
-        assert (a.counter, a.index, a.lost, a.axis) == (b.counter, b.index, b.lost, b.axis)
-
-
 def test_a_port_that_was_opened_twice(tmp_path):
     path = tmp_path / "w.x2cap"
     frames = captured(path, is_usb=True)
     kinds = [chunk.kind for chunk in Capture(path).chunks()]
     assert (kinds.count(OPENED), kinds.count(CLOSED)) == (2, 2)
     with open_recording(path) as reader:
-        same(frames, islice(reader.frames(), N))
+        assert_same_frames(frames, islice(reader.frames(), N))
 
 
 # ---------------------------------------------------------------- the file
@@ -117,14 +111,14 @@ def test_a_capture_is_a_recording_too(tmp_path, output):
     with open_recording(path) as reader:
         got = list(reader.frames())
         assert reader.n_frames >= 200  # the module sent on while the driver closed
-        same(frames, got[:200])
+        assert_same_frames(frames, got[:200])
         assert next(f.index for f in reader.frames(2.0)) == 120
         assert reader.warning is None
         again = content(reader)[0]
         assert np.array_equal(again[:200], [f.samples for f in frames])
     done = convert(path, tmp_path / "w.h5")
     with open_recording(tmp_path / "w.h5") as reader:
-        same(frames, islice(reader.frames(), 200))
+        assert_same_frames(frames, islice(reader.frames(), 200))
         assert reader.n_frames == done.n_frames
 
 

@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 
 from tests.radar_helpers import BASEBAND, noise
-from tests.recording_helpers import COUNTERS, LABELS, RATE_HZ, RF, content, make, run
+from tests.recording_helpers import (
+    COUNTERS,
+    LABELS,
+    RATE_HZ,
+    RF,
+    assert_same_frames,
+    content,
+    make,
+    run,
+)
 from x2radar.errors import RecordingError, SettingsError
 from x2radar.recording.about import Overrides
 from x2radar.recording.convert import convert
@@ -54,14 +63,7 @@ def test_round_trip_keeps_everything(tmp_path, form, kind, counters):
         assert (a.device, a.settings, a.labels) == (b.device, b.settings, b.labels)
         assert b.labels == LABELS
         assert b.warning is None
-        pairs = zip(a.frames(), b.frames(), strict=True)
-        for f, g in pairs:
-            assert (f.counter, f.index, f.lost, f.restarted) == (
-                g.counter,
-                g.index,
-                g.lost,
-                g.restarted,
-            )
+        assert_same_frames(a.frames(), b.frames())
     assert (done.kind, done.n_frames) == (form, len(samples))
     assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []
 

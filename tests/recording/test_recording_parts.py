@@ -14,7 +14,7 @@ import pytest
 
 from tests.processes import ran, started
 from tests.radar_helpers import BASEBAND, frames_of, noise
-from tests.recording_helpers import content, run
+from tests.recording_helpers import assert_same_frames, content, run
 from tests.waiting import wait_for
 from x2radar.commands import record as command
 from x2radar.commands.record import record, stop_flag
@@ -59,14 +59,7 @@ def test_parts_read_as_one(tmp_path, how):
     for source in (tmp_path, path, parts, [str(p) for p in reversed(parts)]):
         with open_recording(source) as reader:
             got = list(reader.frames())
-            for a, b in zip(got, frames, strict=True):
-                assert np.array_equal(a.samples, b.samples)
-                assert (a.counter, a.index, a.lost, a.restarted) == (
-                    b.counter,
-                    b.index,
-                    b.lost,
-                    b.restarted,
-                )
+            assert_same_frames(got, frames)
             assert np.allclose(content(reader)[2], [f.index / 60 for f in frames], atol=1e-12)
             late = next(reader.frames(1.0), None)
             assert late is not None

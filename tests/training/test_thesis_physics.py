@@ -12,6 +12,7 @@ import pytest
 
 from radard.dsp.cadence import cadence_velocity_diagram
 from radard.dsp.doppler import micro_doppler
+from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.bodies.thesis_bodies import Scatterer
 from x2radar.sim.signal.pulse import BOLTZMANN, LinkBudget, baseband_noise_power
 from x2train.thesis import elements
@@ -45,8 +46,7 @@ def test_noise_is_that_of_the_link_budget_at_every_rate(body, rate_hz, noise):
     body(point(30.0))  # out of the swath
     spec = ElementSpec(frame_rate_hz=rate_hz, noise=noise)
     frames = dwell(spec, "human", 0)[0].frames.astype(np.complex128)
-    axis = elements._axis()
-    wanted = baseband_noise_power(axis, spec.budget.noise_sigma)
+    wanted = baseband_noise_power(RadarSettings().axis, spec.budget.noise_sigma)
     assert np.mean(np.abs(frames[:, 50:-50]) ** 2) == pytest.approx(wanted, rel=0.03)
 
 

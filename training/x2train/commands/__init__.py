@@ -1,6 +1,7 @@
 """Subcommands of `train-export`: each file registers one. Here is what several of them need."""
 
 import argparse
+import shlex
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -37,7 +38,7 @@ def told(args: argparse.Namespace, always: str, **unless: Any) -> str:
             several = [] if value is True else value if isinstance(value, list) else [value]
             words += [f"--{name.replace('_', '-')}"]
             words += [f"{v:g}" if isinstance(v, float) else str(v) for v in several]
-    return " ".join(words)
+    return shlex.join(words)
 
 
 def tell_bundle(path: Path, metrics: Mapping[str, object]) -> None:

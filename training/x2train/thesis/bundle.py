@@ -15,6 +15,7 @@ from x2train.judge.verdicts import PET_LIMIT
 from x2train.nets.epoch import temperature_of
 from x2train.thesis.cells import Cell
 from x2train.thesis.fit import Fitted
+from x2train.thesis.mlp import ACTIVATIONS
 from x2train.thesis.recipe import StudyRecipe, Tell, Variant
 from x2train.thesis.results import judged
 from x2train.thesis.streams import stream_metrics
@@ -35,11 +36,6 @@ _X2 = {
 """About table B.5: all bins of an X2 in its lowest band."""
 _RATE_SPREAD = 0.05
 """Frame rates this far from the data's show the same vectors, to less than a Doppler line."""
-_ACTIVATIONS: Mapping[str, type[nn.Module]] = {
-    "relu": nn.ReLU,
-    "sigmoid": nn.Sigmoid,
-    "tanh": nn.Tanh,
-}
 
 
 def write_thesis_bundle(
@@ -48,12 +44,7 @@ def write_thesis_bundle(
     """Train a cell, write the repeat with the best score as a bundle, return its metrics.
 
     The evaluation elements calibrate it, the fresh ones judge it, and streams of the same bodies.
-    `path` is without suffix.
-
-    Raises
-    ------
-    RadardError
-        If onnxruntime and torch do not agree.
+    `path` is without suffix. Raises RadardError if onnxruntime and torch do not agree.
     """
     fitted, evaluate, fresh, _ = recipe.train(cell, variant, tell)
     net = folded(fitted, fitted.best_repeat)
@@ -137,7 +128,7 @@ def folded(fitted: Fitted, repeat: int) -> nn.Sequential:
     for weight, bias in zip(weights, biases, strict=True):
         layer = nn.Linear(*weight.shape)
         layer.load_state_dict({"weight": weight.T.float(), "bias": bias.float()})
-        layers += [layer, _ACTIVATIONS[net.activation]()]
+        layers += [layer, ACTIVATIONS[net.activation]()]
     return nn.Sequential(*layers[:-1]).eval()
 
 

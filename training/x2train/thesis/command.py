@@ -12,7 +12,7 @@ from rich.progress import Progress, TaskID
 
 from radard.errors import UsageError
 from x2radar.commands import add_command
-from x2train.commands import Commands, progress, result_console, tell_bundle
+from x2train.commands import Commands, progress, result_console, tell_bundle, told
 
 if TYPE_CHECKING:
     from x2train.thesis.own import OwnJob
@@ -215,7 +215,7 @@ def _jobs(
     args: argparse.Namespace, recipe: "StudyRecipe", parts: tuple[str, ...]
 ) -> Iterator["Job | OwnJob"]:
     from x2train.thesis.fit import fit_settings  # noqa: PLC0415
-    from x2train.thesis.own import OwnSettings, own_jobs  # noqa: PLC0415
+    from x2train.thesis.own import OwnJob, OwnSettings  # noqa: PLC0415
     from x2train.thesis.recipe import Job, variants, wanted_cells  # noqa: PLC0415
     from x2train.thesis.sets import load_recordings  # noqa: PLC0415
 
@@ -232,7 +232,9 @@ def _jobs(
         yield from (Job(recipe, cell, v) for v in plain.values() for cell in cells)
     if "own" in parts:
         own = OwnSettings(epochs=args.own_epochs, repeats=args.own_repeats, seed=args.seed)
-        yield from own_jobs(recipe, cells, own)
+        # One for every animal and frame rate.
+        kinds = dict.fromkeys(replace(cell, vector=2) for cell in cells)
+        yield from (OwnJob(recipe, cell, own) for cell in kinds)
     tried = next(c for c in (*cells, *wanted_cells()) if c.vector == 2)
     if "switches" in parts:
         base = fit_settings("relu", **_fit_changes(args))
@@ -304,16 +306,9 @@ def _command(args: argparse.Namespace, *more: str) -> str:
     _add_data(parser)
     _add_training(parser)
     parser.add_argument("--parts")
-    plain = parser.parse_args([])
-    words = ["train-export", "thesis"]
-    for name, value in vars(plain).items():
-        given = getattr(args, name)
-        if name == "workers" or given == value:
-            continue
-        words.append(f"--{name.replace('_', '-')}")
-        if given is not True:
-            words += [
-                str(v.name if isinstance(v, Path) else v)
-                for v in (given if isinstance(given, list) else [given])
-            ]
-    return shlex.join([*words, *more])
+    plain = vars(parser.parse_args([]))
+    del plain["workers"]
+    made = argparse.Namespace(**vars(args))
+    made.finetune = args.finetune and [path.name for path in args.finetune]
+    words = ("train-export thesis", told(made, "", **plain), shlex.join(more))
+    return " ".join(filter(None, words))

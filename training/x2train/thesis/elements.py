@@ -20,7 +20,6 @@ from radard.errors import UsageError
 from radard.judge.display_db import shown
 from radard.judge.features import FeatureSettings, extract
 from radard.stream.ring import Dwell, DwellShape
-from x2radar.frame import FastTimeAxis
 from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.bodies.thesis_bodies import THESIS_BODIES, draw, ranges
 from x2radar.sim.echo import frames as echo_frames
@@ -34,6 +33,7 @@ NOISES = ("input", "printed")
 _ERROR_DB = -120.0  # of echoes: float32's rounding
 _LNA_GAIN = 10.0  # of (2.14)
 _MU_DEPTH_DB = 30.0  # as the bundles' long maps have it
+_AXIS = RadarSettings().axis
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,6 +66,13 @@ class ElementSpec:
         if self.noise not in NOISES:
             msg = f"noise '{self.noise}': must be one of {', '.join(NOISES)}"
             raise UsageError(msg)
+
+    @property
+    def shape(self) -> DwellShape:
+        """Of the frames that make its columns."""
+        return DwellShape.of(
+            dwell_s=self.dwell_s, hop_s=1.0, frame_rate_hz=self.frame_rate_hz, n_cpi=self.n_cpi
+        )
 
     @property
     def features(self) -> FeatureSettings:
@@ -104,13 +111,8 @@ class Element:
 
 
 @lru_cache(maxsize=1)
-def _axis() -> FastTimeAxis:
-    return RadarSettings().axis
-
-
-@lru_cache(maxsize=1)
 def _converter() -> DownConverter:
-    return DownConverter(_axis())
+    return DownConverter(_AXIS)
 
 
 def scatterers(
@@ -123,15 +125,12 @@ def scatterers(
     """
     rng = np.random.default_rng([spec.seed, BODIES.index(body), number])
     points = draw(THESIS_BODIES[f"thesis_{body}"], rng)
-    n_slow = DwellShape.of(
-        dwell_s=spec.dwell_s, hop_s=1.0, frame_rate_hz=spec.frame_rate_hz, n_cpi=spec.n_cpi
-    ).n_slow
-    return *ranges(points, np.arange(n_slow) / spec.frame_rate_hz), rng
+    return *ranges(points, np.arange(spec.shape.n_slow) / spec.frame_rate_hz), rng
 
 
 def dwell(spec: ElementSpec, body: str, number: int) -> tuple[Dwell, float]:
     """Return one element's frames, and the share of them with its torso in the swath."""
-    axis, budget = _axis(), spec.budget
+    axis, budget = _AXIS, spec.budget
     range_m, rcs_m2, rng = scatterers(spec, body, number)
     n_slow = len(range_m)
     level = budget.amplitude(range_m, rcs_m2, axis)

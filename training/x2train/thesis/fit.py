@@ -25,10 +25,10 @@ from x2train.thesis.mlp import (
     probabilities,
     xavier,
 )
+from x2train.thesis.results import of_truth
 from x2train.thesis.sets import CellData
 
 _TYPE1 = 784  # 28 x 28: M times I alpha
-_MIN_P = 1e-12  # its logarithm is finite
 _LBFGS_MEMORY = 20  # torch's 100 take five times the memory
 _SEED_STRIDE = 1000  # no repeat has another one's seeds
 
@@ -157,15 +157,10 @@ def fit(
     *,
     start: Fitted | None = None,
 ) -> Iterator[Look | Fitted]:
-    """Train all repeats; yield every look, and at last the result.
+    """Train all repeats on `train`; yield every look, scored on `stop`, and at last the result.
 
-    Parameters
-    ----------
-    train, stop, settings : CellData, CellData and FitSettings
-        What trains, what scores at every look, and how. L-BFGS trains repeat by repeat: its line
-        search would tie them together.
-    start : Fitted, optional
-        Go on from here, without the autoencoders (retraining on recordings).
+    L-BFGS trains repeat by repeat: its line search would tie them together. With `start` a
+    training goes on from there, without the autoencoders (retraining on recordings).
     """
     if settings.optimiser != "lbfgs" or settings.repeats == 1 or start is not None:
         run = _Run(train, stop, settings, start)
@@ -254,7 +249,7 @@ class _Run:
     def pretrain(self) -> Iterator[Look]:
         """Train the autoencoders, then the output layer on their codes."""
         s, net = self.s, self.net
-        act = ACTIVATIONS[s.activation]
+        act = ACTIVATIONS[s.activation]()
         generator = torch.Generator().manual_seed(s.seed + 2)
         for k, epochs in enumerate(s.pretrain_epochs):
             with torch.no_grad():
@@ -384,8 +379,7 @@ class _Run:
             inputs = torch.from_numpy((self.stop.x - self.mean) * self.scale).to(self.x.device)
             p = probabilities(self.mean_net(inputs).double()).cpu().numpy()
         y = self.stop.y
-        truth = np.take_along_axis(p, y[None, :, None], axis=2)[..., 0]
-        scores = -np.log(np.maximum(truth, _MIN_P)).mean(axis=1)
+        truth, scores = of_truth(p, y)
         self.scores.append(scores.tolist())
         self.confidence.append(
             np.stack([truth[:, y == c].mean(axis=1) for c in (0, 1)], axis=1).tolist()

@@ -4,7 +4,6 @@ All repeats share one tensor a layer, so that a step costs one product for all o
 meet nowhere else: the loss is a sum over repeats, and optimisers work element by element.
 """
 
-from collections.abc import Callable
 from itertools import pairwise
 
 import torch
@@ -14,10 +13,10 @@ from torch.nn import functional
 from radard.errors import UsageError
 
 _SPARSE_TO = 0.05  # as usual for sparse autoencoders
-ACTIVATIONS: dict[str, Callable[[torch.Tensor], torch.Tensor]] = {
-    "relu": torch.relu,
-    "sigmoid": torch.sigmoid,
-    "tanh": torch.tanh,
+ACTIVATIONS: dict[str, type[nn.Module]] = {
+    "relu": nn.ReLU,
+    "sigmoid": nn.Sigmoid,
+    "tanh": nn.Tanh,
 }
 
 
@@ -32,21 +31,8 @@ def xavier(shape: tuple[int, ...], generator: torch.Generator) -> torch.Tensor:
 class RepeatedMlp(nn.Module):
     """A feed-forward network with bias, in `n_repeats` versions.
 
-    Parameters
-    ----------
-    n_repeats : int
-        Versions.
-    sizes : tuple of int
-        Inputs, hidden layers, outputs.
-    activation : {'relu', 'sigmoid', 'tanh'}
-        Of the hidden layers.
-    seed : int
-        Of the initial weights (Xavier); biases begin at zero.
-
-    Raises
-    ------
-    UsageError
-        If a size is not positive.
+    `sizes` are those of input, hidden layers and output. Weights begin as Xavier drew them,
+    biases at zero. Raises UsageError if a size is not positive.
     """
 
     def __init__(
@@ -67,17 +53,12 @@ class RepeatedMlp(nn.Module):
             nn.Parameter(torch.zeros(n_repeats, 1, n_out)) for _, n_out in pairs
         )
 
-    @property
-    def n_repeats(self) -> int:
-        """Number of networks that are trained side by side."""
-        return int(self.weights[0].shape[0])
-
     def codes(self, x: torch.Tensor, depth: int) -> torch.Tensor:
         """Return the activations of hidden layer `depth`, shape (n_repeats, n, size).
 
         `x` has shape (n, Q), or (n_repeats, n, Q); depth 0 is `x` itself.
         """
-        act = ACTIVATIONS[self.activation]
+        act = ACTIVATIONS[self.activation]()
         for k in range(depth):
             x = act(affine(x, self.weights[k], self.biases[k]))
         return x

@@ -5,7 +5,7 @@ maps of the same frames, as the daemon makes them: the micro-Doppler spectrogram
 and the range-time map, each set against its own level (`radard.judge.display_db`).
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -16,7 +16,6 @@ from torch import nn
 from torch.nn import functional
 
 from x2train.thesis.cells import Cell
-from x2train.thesis.elements import ElementSpec
 from x2train.thesis.recipe import FRESH_FROM, StudyRecipe, Tell
 from x2train.thesis.results import CellResult, judged, seen
 from x2train.thesis.sets import load_maps
@@ -151,7 +150,7 @@ class OwnJob:
         if known is not None:
             return known
         recipe, s = self.recipe, self.settings
-        spec: ElementSpec = recipe.spec(self.cell.frame_rate_hz)
+        spec = recipe.spec(self.cell.frame_rate_hz)
         recipe.make(spec, self.cell, tell)
         maps, data = load_maps(recipe.data, spec, self.cell, 0, recipe.n_elements)
         fresh_maps, fresh = load_maps(recipe.data, spec, self.cell, FRESH_FROM, recipe.n_fresh)
@@ -181,11 +180,3 @@ class OwnJob:
         )
         recipe.results.save(result)
         return result
-
-
-def own_jobs(
-    recipe: StudyRecipe, cells: Iterable[Cell], settings: OwnSettings
-) -> Iterator[OwnJob]:
-    """Yield one job for every animal and frame rate among the cells."""
-    for cell in dict.fromkeys(replace(cell, vector=2) for cell in cells):
-        yield OwnJob(recipe, cell, settings)

@@ -51,7 +51,7 @@ def activations(path: Path) -> Path:
     figure, axes = plt.subplots(figsize=(4, 3))
     x = torch.linspace(-6, 6, 200)
     for name, function in ACTIVATIONS.items():
-        axes.plot(x.numpy(), function(x).numpy(), label=name)
+        axes.plot(x.numpy(), function()(x).numpy(), label=name)
     axes.set(xlabel="input", ylabel="output", ylim=(-1.2, 2.5))
     axes.legend()
     return save(figure, path)

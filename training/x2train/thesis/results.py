@@ -57,26 +57,32 @@ class CellResult:
     confidence: tuple[tuple[tuple[float, ...], ...], ...] = ()
 
 
+def of_truth(
+    p: NDArray[np.float64], y: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return probabilities of the true classes, (n_repeats, n), and repeats' cross-entropy."""
+    truth = np.take_along_axis(p, y[None, :, None], axis=2)[..., 0]
+    return truth, -np.log(np.maximum(truth, _MIN_P)).mean(axis=1)
+
+
 def judged(p: NDArray[np.float64], y: NDArray[np.int64]) -> SetResult:
     """Return what probabilities of shape (n_repeats, n, 2) are worth."""
     said = p.argmax(axis=2)
     right = said == y
-    truth = np.take_along_axis(p, y[None, :, None], axis=2)[..., 0]
     confusion = tuple(
         tuple(tuple(int(((row == out) & (y == true)).sum()) for true in (0, 1)) for out in (0, 1))
         for row in said
     )
 
-    def percent(which: NDArray[np.bool_]) -> tuple[float, ...]:
+    def percent(which: NDArray[np.bool_] | slice) -> tuple[float, ...]:
         return tuple(float(round(100 * r[which].mean(), 2)) for r in right)
 
-    every = np.ones(len(y), np.bool_)
     return SetResult(
         len(y),
-        percent(every),
+        percent(slice(None)),
         percent(y == 0),
         percent(y == 1),
-        tuple(float(round(v, 4)) for v in -np.log(np.maximum(truth, _MIN_P)).mean(axis=1)),
+        tuple(float(round(v, 4)) for v in of_truth(p, y)[1]),
         confusion,  # type: ignore[arg-type]
     )
 
@@ -91,13 +97,7 @@ _RESULT = TypeAdapter(CellResult)
 
 
 class ResultFile:
-    """Results on disk, one JSON file each; a file that is cut short is not trusted.
-
-    Parameters
-    ----------
-    folder : Path
-        Made when missing.
-    """
+    """Results on disk, one JSON file each; a file that is cut short is not trusted."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from radard.dsp.downconvert import DownConverter
 from radard.errors import UsageError
 from radard.judge.features import extract
-from radard.stream.ring import Dwell, DwellShape
+from radard.stream.ring import Dwell
 from x2radar.frame import FastTimeAxis
 from x2radar.recording.blocks import Label
 from x2radar.recording.registry import open_recording
@@ -197,9 +197,7 @@ def load_recordings(paths: Sequence[Path], spec: ElementSpec, vector: int) -> Ce
 def _windows(
     samples: NDArray[Any], axis: FastTimeAxis, label: Label, spec: ElementSpec
 ) -> Iterator[Dwell]:
-    shape = DwellShape.of(
-        dwell_s=spec.dwell_s, hop_s=1.0, frame_rate_hz=spec.frame_rate_hz, n_cpi=spec.n_cpi
-    )
+    shape = spec.shape
     first = round(label[0] * spec.frame_rate_hz)
     last = min(round(label[1] * spec.frame_rate_hz), len(samples))
     converter = DownConverter(axis)

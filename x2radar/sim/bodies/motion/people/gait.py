@@ -7,6 +7,7 @@ support 0.752 periods - 0.143 s. Running: strides of 1.3 to 1.6 a second, with a
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -57,19 +58,7 @@ class PersonStyle:
     does: Literal["", "busy", "sit", "exercise"] = ""  # besides going, or instead
 
 
-def _running(
-    bend: float, lean: float, bob: float, *, arm: float, elbow: float, heel: float
-) -> Carriage:
-    return Carriage(
-        bend=bend,
-        lean_rad=lean,
-        bob_m=bob,
-        is_spring=True,
-        arm_rad=arm,
-        elbow_rad=elbow,
-        heel_rad=heel,
-    )
-
+_Running = partial(Carriage, is_spring=True)
 
 STYLES: Mapping[str, PersonStyle] = {
     "walk": PersonStyle("walks", (0.7, 1.7), grows=True),
@@ -89,14 +78,14 @@ STYLES: Mapping[str, PersonStyle] = {
     "jog": PersonStyle(
         "jogs",
         (1.8, 2.8),
-        _running(0.07, 0.10, 0.035, arm=0.5, elbow=1.5, heel=1.1),
+        _Running(bend=0.07, lean_rad=0.10, bob_m=0.035, arm_rad=0.5, elbow_rad=1.5, heel_rad=1.1),
         lift=0.16,
         kind="run",
     ),
     "run": PersonStyle(
         "runs",
         (2.8, 4.5),
-        _running(0.08, 0.17, 0.04, arm=0.8, elbow=1.6, heel=1.2),
+        _Running(bend=0.08, lean_rad=0.17, bob_m=0.04, arm_rad=0.8, elbow_rad=1.6, heel_rad=1.2),
         lift=0.24,
         kind="run",
     ),
@@ -127,7 +116,7 @@ STYLES: Mapping[str, PersonStyle] = {
     "child_run": PersonStyle(
         "a child of 0.95 to 1.45 m runs about",
         (1.3, 3.0),
-        _running(0.07, 0.12, 0.03, arm=0.6, elbow=1.3, heel=1.1),
+        _Running(bend=0.07, lean_rad=0.12, bob_m=0.03, arm_rad=0.6, elbow_rad=1.3, heel_rad=1.1),
         lift=0.18,
         kind="run",
         age="child",
