@@ -50,7 +50,7 @@ def test_files_lie_where_debian_wants_them(content):
         "usr/lib/systemd/system/radard.service": files.systemd_unit(Path(opt)),
         "usr/lib/systemd/system/radard@.service": files.systemd_instance_unit(Path(opt)),
         "usr/lib/udev/rules.d/60-x2radar.rules": files.udev_rules(),
-        "usr/lib/sysusers.d/radard.conf": files.user_declaration(),
+        "usr/lib/sysusers.d/radard.conf": files.shipped("radard.sysusers"),
         "etc/radard/config.yaml": files.first_config(),
         "usr/share/doc/uwb-radar-alarm/copyright": (ROOT / "LICENSE").read_text(),
     }

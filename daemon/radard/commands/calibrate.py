@@ -80,14 +80,12 @@ def report(calibration: Calibration, path: Path, *, is_own: bool) -> Iterator[st
         span = f"{cell * _CELL_M:4.1f} to {(cell + 1) * _CELL_M:4.1f} m"
         yield f"{span}   {level}   {low:5.1f} to {high:.1f} dB over it"
     yield ""
-    yield f"predicted false gates: {_rate(made.false_gates_per_day)} in such a room"
+    rate = made.false_gates_per_day
+    often = "less than one in 1000 days" if rate < 1e-3 else f"{rate:.2g} a day"
+    yield f"predicted false gates: {often} in such a room"
     yield f"kept in {path}"
     if not is_own:
         yield f"use it: gate.calibration: {path}"
-
-
-def _rate(per_day: float) -> str:
-    return "less than one in 1000 days" if per_day < 1e-3 else f"{per_day:.2g} a day"
 
 
 def _surveyed(listening: Listening, config: Config, args: argparse.Namespace) -> RoomSurvey:

@@ -10,9 +10,9 @@ from itertools import islice
 from radard.alarm.panel import AlarmPolicy
 from radard.alarm.sensitivity import SENSITIVITIES, alarm_policy
 from radard.config.config import Config
-from radard.config.sections import AlarmSection, DecisionSection, GateSection
+from radard.config.sections import DecisionSection, GateSection
 from radard.judge.bundle import Bundle
-from radard.judge.card import Card, Passing, Three
+from radard.judge.card import Card, Three
 
 _SHARE = "share without alarm, "
 _PEOPLE = ("human", "person", "people", "adult", "child", "walker")
@@ -32,14 +32,19 @@ def passage_rates(config: Config, bundle: Bundle, card: Card) -> Iterator[str]:
         mark = ">" if level == config.alarm.sensitivity else " "
         times = (made.half_alarmed_after_s, made.nine_in_ten_alarmed_after_s)
         cells = (
-            _percent(made.missed),
+            _estimate(made.missed, 100, " %"),
             ", ".join("never" if s is None else f"{s + delay_s:.1f} s" for s, _, _ in times),
-            _percent(made.visits_with_alarm),
-            _per_hour(made.alarms_per_pet_hour),
+            _estimate(made.visits_with_alarm, 100, " %"),
+            _estimate(made.alarms_per_pet_hour),
         )
         yield f"{mark} " + _columns((level, *cells))
     yield ""
-    yield from _basis(next(iter(card.sensitivities.values()), None))
+    for made in islice(card.sensitivities.values(), 1):
+        visit_s = 3600 * made.pet_hours / max(made.pet_visits, 1)
+        yield (
+            f"{made.intrusions} people come in, {made.pet_visits} visits of pets of "
+            f"{visit_s:.0f} s; none of them real"
+        )
     if delay_s:
         yield f"times with the entry delay of {delay_s:g} s"
     given = _given(config, bundle, card)
@@ -48,16 +53,6 @@ def passage_rates(config: Config, bundle: Bundle, card: Card) -> Iterator[str]:
     yield f"made by: {card.command}"
     if "threshold_db" in card.gate:
         yield "with the gate of an earlier version, which opened later for weak motion"
-
-
-def _basis(made: Passing | None) -> Iterator[str]:
-    if made is None:
-        return
-    visit_s = 3600 * made.pet_hours / max(made.pet_visits, 1)
-    yield (
-        f"{made.intrusions} people come in, {made.pet_visits} visits of pets of "
-        f"{visit_s:.0f} s; none of them real"
-    )
 
 
 def _given(config: Config, bundle: Bundle, card: Card) -> list[str]:
@@ -79,16 +74,8 @@ def _columns(cells: Iterable[str]) -> str:
     return "".join(f"{c:<{w}}" for c, w in zip(cells, _COLUMNS, strict=True)).rstrip()
 
 
-def _percent(three: Three) -> str:
-    return _estimate(tuple(None if v is None else 100 * v for v in three), " %")
-
-
-def _per_hour(three: Three) -> str:
-    return _estimate(three, "")
-
-
-def _estimate(three: tuple[float | None, ...], unit: str) -> str:
-    value, low, high = ("?" if v is None else f"{v:.2g}" for v in three)
+def _estimate(three: Three, times: float = 1, unit: str = "") -> str:
+    value, low, high = ("?" if v is None else f"{times * v:.2g}" for v in three)
     return f"{value}{unit} ({low} to {high})"
 
 
@@ -110,11 +97,14 @@ def window_rates(config: Config, card: Card, decides: str, n_windows: int) -> It
     yield f"by the card (single windows of simulated bodies), for {pass_s:g} s in sight;"
     yield "first figure: every window a draw of its own, second: all windows fare alike"
     yield ""
-    yield _row(" ", "sensitivity", "k of n", "alarm after (half, 95 %)", map(_title, quiet))
+    titles = [f"{who} {'missed' if _is_person(who) else 'false alarm'}" for who in quiet]
+    yield _row(" ", "sensitivity", "k of n", "alarm after (half, 95 %)", titles)
     for level in SENSITIVITIES[decides]:
-        section = config.alarm.model_copy(update={"sensitivity": level})
         chosen = level == config.alarm.sensitivity
-        policy = alarm_policy(section if chosen else _named(section), decides)
+        # Another level has the numbers of its name alone.
+        own = {} if chosen else dict.fromkeys(("confirm_k", "confirm_n", "p_on", "p_off"))
+        section = config.alarm.model_copy(update={"sensitivity": level, **own})
+        policy = alarm_policy(section, decides)
         people = [1 - share for name, share in quiet.items() if _is_person(name)]
         delay = _delay(min(people), policy, hop_s) if people else "-"
         cells = [
@@ -137,12 +127,6 @@ def _row(mark: str, level: str, of: str, delay: str, cells: Iterable[str]) -> st
     return f"{mark} {level:<13}{of:<8}{delay:<27}{columns}".rstrip()
 
 
-def _named(section: AlarmSection) -> AlarmSection:
-    """Return a section with the numbers of its name alone."""
-    raw = dict.fromkeys(("confirm_k", "confirm_n", "p_on", "p_off"))
-    return section.model_copy(update=raw)
-
-
 def _rate(p_alarm: float, k: int, n: int, n_windows: int, *, is_person: bool) -> str:
     apart = alarm_probability(p_alarm, k, n, n_windows)
     alike = p_alarm if n_windows >= k else 0.0
@@ -157,10 +141,6 @@ def _delay(p_hit: float, policy: AlarmPolicy, hop_s: float) -> str:
         "over 2 min" if count is None else f"{count * hop_s + policy.entry_delay_s:g} s"
         for count in (half, most)
     )
-
-
-def _title(name: str) -> str:
-    return f"{name} {'missed' if _is_person(name) else 'false alarm'}"
 
 
 def _is_person(name: str) -> bool:

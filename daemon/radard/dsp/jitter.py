@@ -189,7 +189,7 @@ class _Model:
         square = others * others
         agreed = np.stack([(sure * x * self._a).sum(axis=0), (sure * y * self._b).sum(axis=0)])
         expected = (sure * square).sum(axis=1) * np.stack([self._aa, self._bb])
-        trust = np.clip(_ratio(agreed, expected), 0, 1)
+        trust = np.clip(agreed / np.where(expected > 0, expected, 1.0), 0, 1)
         trust[square.sum(axis=1) > n_used * most[:, None] ** 2] = 0
         others *= trust[:, None]
         return np.asarray(others)
@@ -201,7 +201,3 @@ def _solve(aa: Array, ab: Array, bb: Array, a: Array, b: Array) -> Array:
     determinant = both - ab * ab
     inverse = np.where(determinant > _UNIQUE * both, 1 / np.maximum(determinant, _TINY), 0)
     return np.stack([(bb * a - ab * b) * inverse, (aa * b - ab * a) * inverse])
-
-
-def _ratio(over: Array, under: Array) -> Array:
-    return over / np.where(under > 0, under, 1.0)

@@ -82,32 +82,29 @@ class FeatureSettings:
 
     def velocity_grids(self) -> Mapping[str, VelocityGrid]:
         """Return the velocity-time maps by their features' names."""
+        x = self
         rows = (
-            ("velocity_time", self.velocity_cpi_s, self.velocity_max_mps, self.velocity_step_mps),
-            ("velocity_time_medium", self.medium_cpi_s, self.medium_max_mps, self.medium_step_mps),
-            ("velocity_time_long", self.long_cpi_s, self.long_max_mps, self.long_step_mps),
+            ("", x.velocity_cpi_s, x.velocity_max_mps, x.velocity_step_mps, x.cell_s),
+            ("_medium", x.medium_cpi_s, x.medium_max_mps, x.medium_step_mps, x.medium_cell_s),
+            ("_long", x.long_cpi_s, x.long_max_mps, x.long_step_mps, x.long_cell_s),
         )
-        cells_s = (self.cell_s, self.medium_cell_s, self.long_cell_s)
         return {
-            name: VelocityGrid(
+            f"velocity_time{name}": VelocityGrid(
                 cpi_s=cpi_s,
                 carrier_hz=self.velocity_cpi_carrier_hz,
                 least_frames=self.velocity_cpi_frames,
                 max_mps=max_mps,
                 step_mps=step_mps,
                 cell_s=cell_s,
-                n_cells=self._n_behind(cpi_s, cell_s) if k else self.n_cells,
-                depth_db=self.long_depth_db if k else self.velocity_depth_db,
-                sampling=self.long_sampling if k else 0.0,
+                # The whole cells of a dwell's columns behind the first CPI of that length.
+                n_cells=max(1, int((self.dwell_s + CPI_S - cpi_s) / cell_s + 1e-9))
+                if name
+                else self.n_cells,
+                depth_db=self.long_depth_db if name else self.velocity_depth_db,
+                sampling=self.long_sampling if name else 0.0,
             )
-            for k, ((name, cpi_s, max_mps, step_mps), cell_s) in enumerate(
-                zip(rows, cells_s, strict=True)
-            )
+            for name, cpi_s, max_mps, step_mps, cell_s in rows
         }
-
-    def _n_behind(self, cpi_s: float, cell_s: float) -> int:
-        """Return the whole cells of a dwell's columns behind the first CPI of that length."""
-        return max(1, int((self.dwell_s + CPI_S - cpi_s) / cell_s + 1e-9))
 
     def at(self, frame_rate_hz: float) -> "FeatureSettings":
         """Return these settings with the CPI in frames of a stream; `n_cpi` 0 means 28/60 s."""

@@ -195,17 +195,14 @@ def exposition(metrics: Iterable[Metrics], sinks: Iterable[Sink] = ()) -> str:
     for name, labels, value in (*own, *_process_samples(), *_sink_samples(sinks)):
         inside = ",".join(f'{key}="{text.translate(_ESCAPES)}"' for key, text in labels.items())
         tail = f"{{{inside}}}" if inside else ""
-        families.setdefault(_family(name), []).append(f"{name}{tail} {float(value)!r}")
+        stems = (name.removesuffix(part) for part in ("_bucket", "_sum", "_count"))
+        family = next((stem for stem in stems if stem in _BUCKETS), name)
+        families.setdefault(family, []).append(f"{name}{tail} {float(value)!r}")
     parts = []
     for family, lines in families.items():
         kind, text = HELP[family]
         parts += [f"# HELP {family} {text}", f"# TYPE {family} {kind}", *lines]
     return "\n".join(parts) + "\n"
-
-
-def _family(name: str) -> str:
-    stems = (name.removesuffix(tail) for tail in ("_bucket", "_sum", "_count"))
-    return next((stem for stem in stems if stem in _BUCKETS), name)
 
 
 def _sink_samples(sinks: Iterable[Sink]) -> Iterator[Sample]:

@@ -2,11 +2,12 @@
 
 import argparse
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from radard.commands.setup import files
-from radard.commands.setup.coverage import CoverageOptions, coverage_table
+from radard.commands.setup.coverage import OPTIONS, CoverageOptions, coverage_table
 from radard.commands.setup.system import (
     Installation,
     install_system,
@@ -42,7 +43,8 @@ def run(argv: Sequence[str]) -> int:
     if args.what is None:
         lines = _whole(args)
     elif args.what == "coverage":
-        lines = iter(coverage_table(_mount_of(args)))
+        mount = CoverageOptions(**{name: getattr(args, name) for name in OPTIONS})
+        lines = iter(coverage_table(mount))
     else:
         lines = _one(args, *_file_of(args))
     for line in lines:
@@ -63,7 +65,7 @@ def _file_of(args: argparse.Namespace) -> tuple[Path, str]:
         case "udev":
             return files.UDEV_FILE, files.udev_rules(args.usb, args.serial)
         case "user":
-            return files.USER_FILE, files.user_declaration()
+            return files.USER_FILE, files.shipped("radard.sysusers")
         case "systemd" if args.name:
             return files.INSTANCE_FILE, files.systemd_instance_unit(args.exec)
         case "systemd":
@@ -80,16 +82,6 @@ def _one(args: argparse.Namespace, path: Path, text: str) -> Iterator[str]:
     yield from write_file(Path(args.root) / path, text)
     yield "now:"
     yield from (f"  {line}" for line in _AFTER[args.what])
-
-
-def _mount_of(args: argparse.Namespace) -> CoverageOptions:
-    return CoverageOptions(
-        height_m=args.height,
-        tilt_deg=args.tilt,
-        width_deg=args.width,
-        limit_db=args.limit,
-        rcs_m2=args.rcs,
-    )
 
 
 def make_parser() -> Parser:
@@ -122,12 +114,11 @@ def make_parser() -> Parser:
         add("--install", action="store_true", default=absent, help="write it, as root")
         add("--root", default=absent, metavar="DIR", help="instead of /")
     coverage = _sub(whats, "coverage", "signal over noise of a body, by height and range")
-    add = coverage.add_argument
-    add("--height", type=float, default=1.5, metavar="M", help="of the radar over the floor (1.5)")
-    add("--tilt", type=float, default=0.0, metavar="DEG", help="down from level (0)")
-    add("--width", type=float, default=65.0, metavar="DEG", help="beam, full at half power (65)")
-    add("--limit", type=float, default=10.0, metavar="DB", help="least that is seen (10)")
-    add("--rcs", type=float, default=0.01, metavar="M2", help="cross section (0.01: a shank)")
+    for name, value in asdict(CoverageOptions()).items():
+        option, unit, text = OPTIONS[name][:3]
+        coverage.add_argument(
+            option, dest=name, type=float, default=value, metavar=unit, help=text
+        )
     return parser
 
 

@@ -16,14 +16,14 @@ from x2radar.sim.signal.pulse import LinkBudget, baseband_noise_power
 HEIGHTS_M = (0.1, 0.3, 0.5, 0.8, 1.2, 1.7)
 DISTANCES_M = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
 ANGLES_DEG = (0, 20, 40, 60, 80)
-# Beyond these an option is a slip of the pen.
-_LIMITS = {
-    "--height": ("height_m", 0.05, 10.0),
-    "--tilt": ("tilt_deg", -90.0, 90.0),
-    "--width": ("width_deg", 5.0, 175.0),
-    "--limit": ("limit_db", -40.0, 80.0),
-    "--rcs": ("rcs_m2", 1e-6, 100.0),
+OPTIONS = {
+    "height_m": ("--height", "M", "of the radar over the floor (1.5)", 0.05, 10.0),
+    "tilt_deg": ("--tilt", "DEG", "down from level (0)", -90.0, 90.0),
+    "width_deg": ("--width", "DEG", "beam, full at half power (65)", 5.0, 175.0),
+    "limit_db": ("--limit", "DB", "least that is seen (10)", -40.0, 80.0),
+    "rcs_m2": ("--rcs", "M2", "cross section (0.01: a shank)", 1e-6, 100.0),
 }
+"""Option, unit, help, and limits: beyond these it is a slip of the pen."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,7 +38,7 @@ class CoverageOptions:
 
     def __post_init__(self) -> None:
         """Check every value."""
-        for option, (name, least, most) in _LIMITS.items():
+        for name, (option, _, _, least, most) in OPTIONS.items():
             value = getattr(self, name)
             if not least <= value <= most:
                 msg = f"{option} {value:g}: must be {least:g} to {most:g}"

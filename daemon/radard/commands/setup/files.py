@@ -25,7 +25,7 @@ _NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
 
 def udev_rules(usb_id: str | None = None, serial: str | None = None) -> str:
     """Return the udev rules; with an adapter's USB id and serial number, for it as well."""
-    text = _shipped("60-x2radar.rules")
+    text = shipped("60-x2radar.rules")
     if usb_id is None and serial is None:
         return text
     if usb_id is None or serial is None:
@@ -63,16 +63,6 @@ def systemd_instance_unit(program: Path | None = None) -> str:
     return re.sub(r"(?m)^(State|Runtime)Directory=radard$", r"\1Directory=radard-%i", text)
 
 
-def failed_unit() -> str:
-    """Return the unit that is started when another one has ended for good."""
-    return _shipped("radard-failed@.service")
-
-
-def user_declaration() -> str:
-    """Return the user radard for systemd-sysusers."""
-    return _shipped("radard.sysusers")
-
-
 def first_config(name: str | None = None, port: str = PORT) -> str:
     """Return a configuration to begin with; for `name`, that of radard@name.service."""
     if name is None:
@@ -85,7 +75,7 @@ def first_config(name: str | None = None, port: str = PORT) -> str:
             what=f"radard@{name}.service", keys=_KEYS.format(name=name, port=json.dumps(port))
         )
     out = "http://127.0.0.1:8434" if name is None else f"store:/var/lib/radard-{name}/radard.db"
-    built_in = re.sub(r"(?m)^(?=[^#\n])", "#", _shipped("config.yaml"))
+    built_in = re.sub(r"(?m)^(?=[^#\n])", "#", shipped("config.yaml"))
     return f'{head}output: ["{out}"]\n\n# What can be set, as it is built in:\n\n{built_in}'
 
 
@@ -100,7 +90,8 @@ service: {{state_dir: "/var/lib/radard-{name}", runtime_dir: "/run/radard-{name}
 """
 
 
-def _shipped(name: str) -> str:
+def shipped(name: str) -> str:
+    """Return a file of the system as it comes with the package."""
     return (resources.files("radard.units") / name).read_text(encoding="utf-8")
 
 
@@ -116,7 +107,7 @@ def _with_start(*words: str) -> str:
     """Return the shipped unit with another command to start; %i stands for itself."""
     line = "ExecStart=" + " ".join(_unit_word(word) for word in words)
     line = line.replace("%%i.yaml", "%i.yaml")
-    text = _shipped("radard.service")
+    text = shipped("radard.service")
     return re.sub(r"^ExecStart=.*$", lambda _: line, text, count=1, flags=re.MULTILINE)
 
 

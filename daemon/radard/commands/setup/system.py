@@ -109,7 +109,7 @@ def install_system(what: Installation) -> Iterator[str]:
     left: list[str] = []
     try:
         with _refusals(what.root):
-            yield from _put(what, record, files.USER_FILE, files.user_declaration())
+            yield from _put(what, record, files.USER_FILE, files.shipped("radard.sysusers"))
             yield from _make_user(what, left)
             yield from _put(what, record, files.UDEV_FILE, files.udev_rules())
             yield from _put_units(what, record)
@@ -187,7 +187,8 @@ def _put_units(what: Installation, record: Record) -> Iterator[str]:
         yield from _put(what, record, files.UNIT_FILE, unit)
     text = files.systemd_instance_unit(what.program)
     yield from _put(what, record, files.INSTANCE_FILE, text)
-    yield from _put(what, record, files.FAILED_FILE, files.failed_unit())
+    text = files.shipped("radard-failed@.service")
+    yield from _put(what, record, files.FAILED_FILE, text)
 
 
 def _put_config(what: Installation, record: Record) -> Iterator[str]:
