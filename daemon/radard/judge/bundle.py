@@ -9,7 +9,7 @@ a network with weights in other files or operators of other libraries (`onnx_saf
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -61,21 +61,25 @@ class ModelInput:
     feature: str
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Bundle:
-    """A sidecar, read and checked."""
+    """A sidecar, read and checked, and the network that it names."""
+
+    __pydantic_config__ = LOOSE
 
     name: str
-    onnx: bytes  # the network, its hash compared
+    onnx: bytes = b""  # the network, its hash compared
     inputs: tuple[ModelInput, ...]  # what the network takes, and
     features: FeatureSettings  # how that is made
     stream: Mapping[str, tuple[float, float]]  # least and most of each of `_STREAM_KEYS`
     classes: tuple[str, ...]  # order of the network's outputs
-    temperature: float  # logits are divided by it
+    temperature: Annotated[float, Field(gt=0)]  # logits are divided by it
     pet_limit: float  # no alarm above this p(pet) + p(other)
-    policy: str  # 'window' or 'fused'
-    evidence: Mapping[str, Any]  # how windows are fused, see `EvidenceSettings`
-    n_hidden: int = 0  # values that a temporal head hands on to the next window; 0 without one
+    policy: Literal["window", "fused"]
+    evidence: Mapping[str, Any] = field(default_factory=dict)
+    """How windows are fused, see `EvidenceSettings`."""
+    n_hidden: Annotated[int, Field(ge=0, le=_MAX_HIDDEN, alias="hidden")] = 0
+    """Values that a temporal head hands on to the next window; 0 without one."""
 
     @property
     def sha256(self) -> str:
@@ -153,23 +157,12 @@ def _read(name: str, sidecar: Any, weights: Any) -> Bundle:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Sidecar:
-    """What is read of NAME.json."""
-
-    __pydantic_config__ = LOOSE
+class _Sidecar(Bundle):
+    """What is read of NAME.json: all but the network."""
 
     schema: Literal[1]
-    name: str
     onnx_sha256: str
-    inputs: tuple[ModelInput, ...]
-    features: dict[str, Any]
-    stream: dict[str, tuple[float, float]]
     classes: tuple[Literal["human", "pet", "other"], ...]
-    temperature: Annotated[float, Field(gt=0)]
-    pet_limit: float
-    policy: Literal["window", "fused"]
-    evidence: dict[str, Any] = field(default_factory=dict)
-    hidden: Annotated[int, Field(ge=0, le=_MAX_HIDDEN)] = 0
 
 
 def _parse(sidecar: bytes, onnx: bytes) -> Bundle:
@@ -186,23 +179,10 @@ def _parse(sidecar: bytes, onnx: bytes) -> Bundle:
     if set(made.stream) != set(_STREAM_KEYS):
         msg = f"stream needs the keys {', '.join(_STREAM_KEYS)}"
         raise ValueError(msg)
-    features = FeatureSettings.from_mapping(made.features)
     EvidenceSettings.from_mapping(made.evidence)
     for item in made.inputs:
-        shape = feature_shape(item.feature, features)
+        shape = feature_shape(item.feature, made.features)
         if item.shape != shape:
             msg = f"input {item.name} is {item.shape}, {item.feature} is {shape}"
             raise ValueError(msg)
-    return Bundle(
-        made.name,
-        onnx,
-        made.inputs,
-        features,
-        made.stream,
-        made.classes,
-        made.temperature,
-        made.pet_limit,
-        made.policy,
-        made.evidence,
-        made.hidden,
-    )
+    return replace(made, onnx=onnx)
