@@ -21,7 +21,7 @@ from radard.commands.fleet import Fleet, table
 from radard.config.sink_table import MqttSection
 from radard.errors import ConfigError
 from radard.outputs.mqtt.sink import CommandReader
-from radard.outputs.mqtt.topics import discovery
+from radard.outputs.mqtt.topics import MqttTopics
 from tests import sink_helpers
 from tests.dashboard_helpers import maker
 from tests.web_helpers import decision, event
@@ -202,11 +202,12 @@ def announce(_folder: Path, data: bytes) -> None:
         return
     if not all(isinstance(hello.get(key), kind) for key, kind in known.items()):
         return
-    options = MqttSection()
-    for topic, payload in discovery("hall", "radard/hall", hello, options, takes_commands=True):
-        topic.encode()
-        if payload:
-            json.loads(payload)
+    topics = MqttTopics("hall", "radard", MqttSection(), takes_commands=True)
+    topics.on_record({**hello, "type": "hello"}, 0.0)
+    for each in topics.discovery():
+        each.topic.encode()
+        if each.payload:
+            json.loads(each.payload)
 
 
 def announce_seeds(_folder: Path) -> list[bytes]:

@@ -10,8 +10,7 @@ from types import MappingProxyType
 
 import pytest
 
-from radard.judge.bundle import load_bundle
-from radard.judge.card import sidecar_path
+from radard.judge.bundle import load_bundle, sidecar_path
 from x2train.bundle import recipes
 from x2train.bundle.recipes import RECIPES, Recipe, arguments, recipe_of
 from x2train.cli import main

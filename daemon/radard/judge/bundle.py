@@ -121,30 +121,28 @@ def bundle_names() -> tuple[str, ...]:
     return tuple(sorted(f.name[:-5] for f in folder.iterdir() if f.name.endswith(".onnx")))
 
 
+def sidecar_path(model: str) -> Path:
+    """Return where the sidecar of a bundle is, by its name or the path of one of its files."""
+    if model in bundle_names():
+        return Path(str(resources.files("radard.models") / f"{model}.json"))
+    return Path(model).with_suffix(".json")
+
+
 def load_bundle(name: str) -> Bundle:
     """Read a bundle by name, or by the path of its .onnx or .json file.
 
     Raises BundleError if a file is missing or unreadable, ModelMismatch if the sidecar makes no
     sense or the weights are not those it names.
     """
-    if name in bundle_names():
-        folder = resources.files("radard.models")
-        return _read(
-            name, (folder / f"{name}.json").read_bytes, (folder / f"{name}.onnx").read_bytes
-        )
-    path = Path(name)
-    if path.suffix not in {".onnx", ".json"}:
-        known = ", ".join(bundle_names()) or "none"
-        msg = f"no model '{name}'; installed are {known}; a file must end in .onnx"
+    known = bundle_names()
+    if name not in known and Path(name).suffix not in {".onnx", ".json"}:
+        msg = f"no model '{name}'; installed are {', '.join(known) or 'none'}; "
+        msg += "a file must end in .onnx"
         raise BundleError(msg)
-    return _read(
-        path.stem, path.with_suffix(".json").read_bytes, path.with_suffix(".onnx").read_bytes
-    )
-
-
-def _read(name: str, sidecar: Any, weights: Any) -> Bundle:
+    path = sidecar_path(name)
+    name = path.stem
     try:
-        return _parse(sidecar(), weights())
+        return _parse(path.read_bytes(), path.with_suffix(".onnx").read_bytes())
     except OSError as err:
         msg = f"model '{name}': cannot read {err.filename}: {err.strerror}"
         raise BundleError(msg) from err

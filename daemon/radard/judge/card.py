@@ -1,13 +1,11 @@
 """Card: what a bundle's sidecar says of its quality; for people, nothing is decided by it."""
 
 from dataclasses import dataclass, field, replace
-from importlib import resources
-from pathlib import Path
 from typing import Any
 
 from radard.config.json_file import LOOSE, parse_json
 from radard.errors import ModelMismatch
-from radard.judge.bundle import bundle_names
+from radard.judge.bundle import sidecar_path
 
 Three = tuple[float | None, float | None, float | None]
 
@@ -43,13 +41,6 @@ class Card:
     sensitivities: dict[str, Passing]  # what each made of them
     gate: dict[str, Any] = field(default_factory=dict)  # its settings then; empty: not known
     metrics: dict[str, Any] = field(default_factory=dict)  # of single windows, by name
-
-
-def sidecar_path(model: str) -> Path:
-    """Return where the sidecar of a bundle is, by its name or the path of one of its files."""
-    if model in bundle_names():
-        return Path(str(resources.files("radard.models") / f"{model}.json"))
-    return Path(model).with_suffix(".json")
 
 
 def read_card(model: str) -> Card:

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radard.errors import RadardError
-from radard.judge.bundle import Bundle, EvidenceSettings, load_bundle
-from radard.judge.card import sidecar_path
+from radard.judge.bundle import Bundle, EvidenceSettings, load_bundle, sidecar_path
 from x2train.bundle.export import DIFFERENCE, checked
 from x2train.bundle.metrics import (
     NOTES,

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from radard.errors import UsageError
-from radard.judge.bundle import SCHEMA, Bundle, load_bundle
-from radard.judge.card import sidecar_path
+from radard.judge.bundle import SCHEMA, Bundle, load_bundle, sidecar_path
 from x2radar.command import installed_version
 from x2train.bundle.recipes import recipe_of
 from x2train.judge.estimates import Estimate

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from radard.errors import UsageError
-from radard.judge.bundle import CLASSES, Bundle, ModelInput, load_bundle
-from radard.judge.card import sidecar_path
+from radard.judge.bundle import CLASSES, Bundle, ModelInput, load_bundle, sidecar_path
 from radard.judge.features import FeatureSettings, feature_shape
 from x2radar.commands import add_command
 from x2train.commands import Commands, check_least, followed, tell_bundle, told
