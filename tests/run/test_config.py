@@ -3,6 +3,7 @@ from pathlib import Path
 
 import pytest
 
+from radard.commands.config import run as run_config
 from radard.commands.setup.files import first_config
 from radard.config.config import Config, load_config
 from radard.config.credentials import read_secret
@@ -27,6 +28,13 @@ def test_built_in_values_without_any_file_and_with_an_empty_one():
     assert load_config(environ={}) == Config()
     write("")
     assert load_config(environ={}) == Config()
+
+
+def test_a_file_that_is_named_and_not_there_is_said(capsys):
+    write("", "ca.pem")
+    write("mqtt: {password_file: gone, ca_file: ca.pem}\nweb: {labels_file: new.jsonl}\n")
+    assert run_config(["check"]) == 0
+    assert capsys.readouterr().err == "radard: mqtt.password_file: gone: no such file\n"
 
 
 def test_the_documented_default_is_the_built_in_one():

@@ -4,6 +4,7 @@ import contextlib
 import json
 import sys
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 import yaml
@@ -47,6 +48,13 @@ def _warnings(config: Config) -> Iterator[str]:
         with contextlib.suppress(RadardError):
             if name != "none" and (text := hop_warning(load_bundle(name), each.decision.hop_s)):
                 yield text
+    for section, values in config.model_dump().items():
+        for key, value in values.items() if isinstance(values, dict) else ():
+            # Labels' file is made; what another user's folder holds is not known here.
+            if isinstance(value, Path) and key.endswith("_file") and key != "labels_file":
+                with contextlib.suppress(PermissionError):
+                    if not value.exists():
+                        yield f"{section}.{key}: {value}: no such file"
 
 
 def make_parser() -> Parser:

@@ -70,7 +70,8 @@ def read_map(path: Path) -> JointMap:
     try:
         raw: Any = load_yaml(path.read_text("utf-8"))
     except (OSError, UnicodeDecodeError, YamlError) as err:
-        msg = f"{path}: no map that can be read: {err}"
+        why = err.strerror if isinstance(err, OSError) else err
+        msg = f"{path}: no map that can be read: {why}"
         raise SceneError(msg) from err
     if not isinstance(raw, dict) or raw.get("kind") not in KINDS:
         msg = f"{path}: kind: must be one of {', '.join(KINDS)}"
