@@ -3,17 +3,19 @@
 Every connection is a new client of the library with a clean session: what must survive is in
 the log, and nothing else may be sent a second time.
 
-A broker that takes no packet of some size drops the line, and says nothing: then the largest
-message in flight is to blame, and after the second time no large one of its topic is sent.
+MQTT 5 lets a broker state its largest packet. One of 3.1.1 drops the line instead, and says
+nothing: then the largest message in flight is to blame, and after the second time it is left out
+(`PacketLimits`).
 """
 
 import contextlib
 import socket
 import threading
 import time
-from collections import Counter
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import paho.mqtt.client as paho
@@ -32,9 +34,12 @@ _POLL_S = 0.1  # how soon a lost connection is noticed
 _SHORT_S = 5.0  # a connection as short as this hints at a second client of this id
 _MAX_UNSENT = 50  # messages of QoS 0: a minute of decisions
 _STANDS_STILL = "the output's own thread stands still"
+_UNSUPPORTED = "Unsupported protocol version"
 _NO_ANSWER = "no answer; is it an MQTT broker?"
-_MIN_LARGE = 1024  # no broker limits packets to less; events and states are below it
+_HEAD = 12  # bytes of a packet beside topic and payload, at most
+_MIN_SUSPECT = 1024  # no broker limits packets to less; events and states are below it
 _BREAKS = 2  # one may have had another cause
+_FORGOTTEN_S = 86_400.0  # a broker may have been set right since
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,12 +51,71 @@ class Publication:
     qos: int = 1
     is_retained: bool = True
 
+
+@dataclass(slots=True)
+class _Suspect:
+    """The largest message of a topic that was in flight when a line broke."""
+
+    size: int
+    n: int
+    at_s: float
+
+
+class PacketLimits:
+    """Learn what a broker takes; any thread may ask. `say` is told what is left out, once."""
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self._say = say
+        self._flying: list[tuple[str, int, Callable[[], bool]]] = []
+        self._suspects: dict[str, _Suspect] = {}
+        self._said: set[str] = set()
+        self.max_bytes: int | None = None
+        """The largest packet that the broker states; None: it states none."""
+
     @property
-    def size(self) -> int:
-        """Bytes of topic and payload."""
-        payload = self.payload
-        n = len(payload.encode() if isinstance(payload, str) else payload)
-        return len(self.topic.encode()) + n
+    def is_idle(self) -> bool:
+        """Whether everything that was sent is confirmed."""
+        self._flying = [each for each in self._flying if not each[2]()]
+        return not self._flying
+
+    def takes(self, message: Publication) -> bool:
+        """Return whether to send a message."""
+        size, suspect = _size_of(message), self._suspects.get(message.topic)
+        if self.max_bytes is not None and size > self.max_bytes:
+            self._leave_out(message.topic, f"{size} bytes, and the broker takes {self.max_bytes}")
+            return False
+        is_bad = suspect is not None and suspect.n >= _BREAKS and size >= suspect.size
+        return not is_bad
+
+    def sent(self, message: Publication, is_done: Callable[[], bool]) -> None:
+        """Note a message in flight, until `is_done` says that it is confirmed."""
+        self._flying = [each for each in self._flying if not each[2]()]
+        self._flying.append((message.topic, _size_of(message), is_done))
+
+    def broke(self) -> bool:
+        """Note that the line broke; return whether a message is to blame."""
+        flying, self._flying = [each for each in self._flying if not each[2]()], []
+        topic, size, _ = max(flying, key=lambda each: each[1], default=("", 0, None))
+        if size < _MIN_SUSPECT:
+            return False
+        now_s, before = time.monotonic(), self._suspects.get(topic)
+        is_again = before is not None and now_s - before.at_s < _FORGOTTEN_S
+        n = before.n + 1 if before is not None and is_again else 1
+        self._suspects[topic] = _Suspect(size, n, now_s)
+        if n >= _BREAKS:
+            self._leave_out(topic, f"the line broke {n} times while its {size} bytes were sent")
+        return True
+
+    def _leave_out(self, topic: str, why: str) -> None:
+        if topic not in self._said:
+            self._said.add(topic)
+            self._say(f"{topic} is left out: {why}")
+
+
+def _size_of(message: Publication) -> int:
+    payload = message.payload
+    n = len(payload.encode() if isinstance(payload, str) else payload)
+    return len(message.topic.encode()) + n + _HEAD
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,10 +163,11 @@ class MqttLink:
         self._on_down = on_down
         self._on_message = on_message
         self._is_alive = is_alive
-        self._say = say
+        self._limits = PacketLimits(say)
+        self._protocol = paho.MQTTv5
+        self._is_unanswered = False
         self._client: paho.Client | None = None
-        self._flying: list[tuple[Publication, paho.MQTTMessageInfo]] = []
-        self._breaks: Counter[str] = Counter()
+        self._unsent: deque[paho.MQTTMessageInfo] = deque()
         self._halt = threading.Event()
         self._lost = threading.Event()
         self._reason = self._last_reason = ""
@@ -121,31 +186,39 @@ class MqttLink:
     @property
     def is_idle(self) -> bool:
         """Whether there is a connection, and everything that was sent is confirmed."""
-        return self.is_up and not self._in_flight()
+        return self.is_up and self._limits.is_idle
 
     def publish(self, message: Publication) -> bool:
         """Publish without waiting, from one thread; return False if that cannot be done now."""
         client = self._client
         if client is None:
             return False
-        if self._is_left_out(message):
+        if not self._limits.takes(message):
             return True
-        n_unsent = sum(each.qos == 0 for each, _ in self._in_flight())
-        if message.qos == 0 and n_unsent >= _MAX_UNSENT:
-            return False
-        return self._send(client, message).rc == MQTTErrorCode.MQTT_ERR_SUCCESS
+        if message.qos == 0:
+            while self._unsent and _is_over(self._unsent[0]):
+                self._unsent.popleft()
+            if len(self._unsent) >= _MAX_UNSENT:
+                return False
+        info = _publish(client, message)
+        self._limits.sent(message, partial(_is_over, info))
+        is_taken = info.rc == MQTTErrorCode.MQTT_ERR_SUCCESS
+        if message.qos == 0 and is_taken:
+            self._unsent.append(info)
+        return is_taken
 
     def publish_confirmed(self, message: Publication) -> None:
         """Publish and wait for the broker's confirmation; raises DeliveryError without it."""
         client = self._client
         if client is None:
             raise DeliveryError(self._last_reason or "not connected yet")
-        if self._is_left_out(message):
-            msg = f"larger than the broker takes: {message.size} bytes"
+        if not self._limits.takes(message):
+            msg = f"larger than the {self._limits.max_bytes} bytes that the broker takes"
             raise DeliveryError(msg, is_refusal=True)
         end_s = time.monotonic() + _CONFIRM_S
         try:
-            info = self._send(client, message)
+            info = _publish(client, message)
+            self._limits.sent(message, partial(_is_over, info))
             while not info.is_published():
                 if client is not self._client:
                     raise DeliveryError(self._reason or "connection lost")
@@ -176,11 +249,12 @@ class MqttLink:
                 continue
             began_s = time.monotonic()
             was_up = self._connect_once()
-            is_to_blame = self._blame()
+            is_to_blame = self._limits.broke()
             if self._halt.is_set():
                 return
-            is_short = time.monotonic() - began_s < _SHORT_S and self._is_alive()
-            if was_up and not is_to_blame and is_short:
+            if self._is_unanswered and self._other_protocol() == paho.MQTTv311:
+                continue
+            if was_up and not is_to_blame and self._is_short(began_s):
                 self._reason += f"; is another client called '{self._broker.client_id}'?"
             elif was_up:
                 self._backoff.reset()
@@ -191,11 +265,12 @@ class MqttLink:
     def _connect_once(self) -> bool:
         """Connect, and wait until the connection is lost; return whether there was one."""
         self._lost.clear()
-        self._reason = ""
+        self._reason, self._is_unanswered = "", False
         client: paho.Client | None = None
         try:
             client = self._new_client()
             client.connect(self._broker.host, self._broker.port, self._options.keepalive_s)
+            self._is_unanswered = True
             client.loop_start()
             self._wait(client)
         except (OSError, ValueError, ConfigError) as err:
@@ -205,31 +280,14 @@ class MqttLink:
             _end(client, is_clean=self._is_alive())
         return was_up
 
-    def _send(self, client: paho.Client, message: Publication) -> paho.MQTTMessageInfo:
-        payload = message.payload
-        payload = payload.encode() if isinstance(payload, str) else payload
-        info = client.publish(message.topic, payload, message.qos, message.is_retained)
-        self._flying.append((message, info))
-        return info
+    def _is_short(self, began_s: float) -> bool:
+        return time.monotonic() - began_s < _SHORT_S and self._is_alive()
 
-    def _in_flight(self) -> list[tuple[Publication, paho.MQTTMessageInfo]]:
-        self._flying = flying = [each for each in self._flying if not _is_over(each[1])]
-        return flying
-
-    def _is_left_out(self, message: Publication) -> bool:
-        return self._breaks[message.topic] >= _BREAKS and message.size >= _MIN_LARGE
-
-    def _blame(self) -> bool:
-        """Note that the line broke; return whether a message is to blame."""
-        flying, self._flying = [each for each, _ in self._in_flight()], []
-        largest = max(flying, key=lambda each: each.size, default=None)
-        if largest is None or largest.size < _MIN_LARGE:
-            return False
-        self._breaks[largest.topic] += 1
-        if (n := self._breaks[largest.topic]) == _BREAKS:
-            why = f"the line broke {n} times while its {largest.size} bytes were sent"
-            self._say(f"{largest.topic} is left out: {why}")
-        return True
+    def _other_protocol(self) -> int:
+        """Change to the other one: a broker that knows MQTT 3.1.1 alone does not answer to 5."""
+        is_5 = self._protocol == paho.MQTTv5
+        self._protocol = paho.MQTTv311 if is_5 else paho.MQTTv5
+        return int(self._protocol)
 
     def _wait(self, client: paho.Client) -> None:
         """Wait until the connection is lost; an answer must come within the keep-alive."""
@@ -250,7 +308,8 @@ class MqttLink:
         client = paho.Client(
             CallbackAPIVersion.VERSION2,
             client_id=broker.client_id,
-            clean_session=True,
+            clean_session=True if self._protocol == paho.MQTTv311 else None,
+            protocol=self._protocol,
             reconnect_on_failure=False,
         )
         password = read_secret("mqtt.password", o.password_file, o.password_env)
@@ -270,12 +329,18 @@ class MqttLink:
         client.on_message = self._received
         return client
 
-    def _connected(self, client: paho.Client, _d: Any, _f: Any, code: ReasonCode, _p: Any) -> None:
+    def _connected(self, client: paho.Client, _d: Any, _f: Any, code: ReasonCode, p: Any) -> None:
+        if str(code) == _UNSUPPORTED and self._protocol == paho.MQTTv5:
+            self._lose(client, _NO_ANSWER)
+            return
+        self._is_unanswered = False
+        self._limits.max_bytes = getattr(p, "MaximumPacketSize", None)
         if code.is_failure:
             self._lose(client, f"the broker refuses: {code}")
             return
         if self._subscriptions:
             client.subscribe([(topic, 1) for topic in self._subscriptions])
+        self._unsent.clear()
         self._client = client
         self._on_up()
 
@@ -296,6 +361,12 @@ def _is_over(info: paho.MQTTMessageInfo) -> bool:
     except (RuntimeError, ValueError):
         # So it says of one for which there was no connection, or no room.
         return True
+
+
+def _publish(client: paho.Client, message: Publication) -> paho.MQTTMessageInfo:
+    payload = message.payload
+    payload = payload.encode() if isinstance(payload, str) else payload
+    return client.publish(message.topic, payload, message.qos, message.is_retained)
 
 
 def _end(client: paho.Client, *, is_clean: bool) -> None:
