@@ -15,7 +15,7 @@ from x2radar.sim.place.antenna import Antenna
 
 RATE_HZ, N_CPI = 500.0, 64
 X2 = RadarSettings()
-AXIS = axis_with("baseband", 400, 8 * X2.bin_length_m, 1.0)
+AXIS = axis_with("baseband", 400, 8 * X2.axis.bin_length_m, 1.0)
 
 
 def spectrogram(speed_mps, seed):

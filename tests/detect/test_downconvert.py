@@ -12,14 +12,16 @@ from tests.sim_helpers import axis_with
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS, RadarSettings
 
 S = RadarSettings()
-SIGMA_S = np.sqrt(np.log(10)) / (np.pi * S.bandwidth_hz)
+SIGMA_S = np.sqrt(np.log(10)) / (np.pi * S.axis.bandwidth_hz)
 
 
 def echo(range_m, amplitude=1.0):
     """One RF frame with one point echo, float64."""
     delay_s = 2 * range_m / SPEED_OF_LIGHT_MPS
-    t = S.sample_delay_s + np.arange(S.n_range) / S.sample_rate_hz - delay_s
-    return amplitude * np.exp(-0.5 * (t / SIGMA_S) ** 2) * np.cos(2 * np.pi * S.carrier_hz * t)
+    t = S.sample_delay_s + np.arange(S.axis.n_range) / S.sample_rate_hz - delay_s
+    return (
+        amplitude * np.exp(-0.5 * (t / SIGMA_S) ** 2) * np.cos(2 * np.pi * S.axis.carrier_hz * t)
+    )
 
 
 @pytest.mark.parametrize("range_m", [0.9, 1.7, 2.5, 3.2])
@@ -27,9 +29,9 @@ def echo(range_m, amplitude=1.0):
 def test_a_point_keeps_amplitude_range_and_phase(range_m, amplitude):
     out = DownConverter(RF).convert((50 + echo(range_m, amplitude)).astype(np.float32))
     k = int(np.abs(out).argmax())
-    assert RF.range_m[k] == pytest.approx(range_m, abs=S.bin_length_m)
+    assert RF.range_m[k] == pytest.approx(range_m, abs=S.axis.bin_length_m)
     assert np.abs(out[k]) == pytest.approx(amplitude, rel=2e-3)
-    wanted = np.exp(-4j * np.pi * range_m * S.carrier_hz / SPEED_OF_LIGHT_MPS)
+    wanted = np.exp(-4j * np.pi * range_m * S.axis.carrier_hz / SPEED_OF_LIGHT_MPS)
     assert np.angle(out[k] / wanted) == pytest.approx(0, abs=2e-3)
 
 
