@@ -1,4 +1,4 @@
-"""How many radars one process carries: recorded streams, replayed in real time on a few cores.
+"""How many radars a computer carries: recorded streams, replayed in real time on a few cores.
 
 Four in ten radars replay somebody who walks, so that their gate is open; the others an empty
 room. Streams are recorded first, so that simulating bodies is not what is measured. The last line
@@ -7,6 +7,7 @@ a dwell's last frame to its decision), `dropped` (decisions that streams in real
 brought, and that did not come), `mib_per_radar` (beyond the first).
 
     python benchmarks/bench_fleet.py --radars 100 --seconds 60
+    python benchmarks/bench_fleet.py --radars 100 --seconds 60 --services 2
 """
 
 import argparse
@@ -19,6 +20,7 @@ import sys
 import tempfile
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 _FIRST_S = 2.45
@@ -32,7 +34,8 @@ def main() -> None:
     """Measure one radar and many, each in a process of its own, and print both."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     add = parser.add_argument
-    add("--radars", type=int, default=100, help="in one process")
+    add("--radars", type=int, default=100, help="of all services together")
+    add("--services", type=int, default=1, help="processes that share the radars and the cores")
     add("--seconds", type=float, default=60.0, help="that are measured")
     add("--cores", type=int, default=2, help="that the process may use")
     add("--model", default="accurate", help="bundle of every radar")
@@ -45,9 +48,18 @@ def main() -> None:
         folder = Path(name)
         for scene in ("human", "empty"):
             record(folder / f"{scene}.h5", scene)
-        first, all_of_them = (run(folder, n, args) for n in (1, args.radars))
-    extra_mib = (all_of_them["mib"] - first["mib"]) / max(1, args.radars - 1)
-    result = {key: all_of_them[key] for key in ("radars", "cpu_fraction", "p99_ms", "dropped")}
+        first = run(folder / "first", 1, args)
+        shares = [len(range(k, args.radars, args.services)) for k in range(args.services)]
+        with ThreadPoolExecutor() as pool:
+            each = list(
+                pool.map(lambda k: run(folder / str(k), shares[k], args), range(args.services))
+            )
+    extra_mib = (sum(one["mib"] for one in each) - first["mib"]) / max(1, args.radars - 1)
+    result = {
+        **{key: round(sum(one[key] for one in each), 3) for key in ("radars", "cpu_fraction")},
+        "p99_ms": max(one["p99_ms"] for one in each),
+        "dropped": sum(one["dropped"] for one in each),
+    }
     print(json.dumps({**result, "mib_per_radar": round(extra_mib, 2)}))
 
 
@@ -58,7 +70,8 @@ def record(path: Path, scene: str) -> None:
 
 
 def run(folder: Path, n_radars: int, args: argparse.Namespace) -> dict[str, float]:
-    """Measure so many radars in a process of their own."""
+    """Measure so many radars in a process and folder of their own."""
+    folder.mkdir()
     argv = ["--one", str(folder), "--radars", str(n_radars), "--seconds", str(args.seconds)]
     argv += ["--cores", str(args.cores), "--model", args.model]
     done = subprocess.run(
@@ -78,12 +91,10 @@ def measure(folder: Path, n_radars: int, args: argparse.Namespace) -> dict[str, 
     from radard.run.process import Process, RunOptions  # noqa: PLC0415
 
     lines = folder / f"{n_radars}.jsonl"
+    scenes = ["human" if k % 10 < _OPEN_IN_TEN else "empty" for k in range(n_radars)]
     sensors = {
-        f"r{k}": {
-            "port": f"replay:{folder / ('human' if k % 10 < _OPEN_IN_TEN else 'empty')}.h5?loop=1",
-            "speed": "realtime",
-        }
-        for k in range(n_radars)
+        f"r{k}": {"port": f"replay:{folder.parent / scene}.h5?loop=1", "speed": "realtime"}
+        for k, scene in enumerate(scenes)
     }
     service = {"runtime_dir": folder / "run", "state_dir": folder / "state"}
     options = {"model": {"name": args.model}, "service": service, "output": [f"json:{lines}"]}

@@ -76,6 +76,12 @@ def test_disk():
 
 
 @pytest.mark.integration
+def test_machines():
+    found = run("machines", "--steps", "100")
+    assert list(found["seconds"]) == ["log", "health", "panel", "ring", "calibration"]
+
+
+@pytest.mark.integration
 def test_fuzz(tmp_path):
     found = run("fuzz", "--inputs", "40", "--keep", str(tmp_path / "found"))
     assert found["inputs"] == 40 * len(TARGETS)

@@ -80,6 +80,61 @@ def test_an_output_with_another_filter_keeps_what_it_is_owed(opened):
     assert ids(cursor) == []
 
 
+def test_a_cursor_says_what_waits_in_order_and_up_to_a_record(opened):
+    log = opened()
+    cursor = log.cursor("a", everything)
+    filled(log, 4)
+    first, second, third, _ = cursor.waiting()
+    assert (len(cursor), cursor.first()) == (4, first)
+    cursor.defer(first)
+    waiting = [entry.record["id"] for entry in cursor.waiting()]
+    assert (len(cursor), waiting) == (4, [ulid(k) for k in (2, 3, 4, 1)])
+    assert cursor.waiting(event(3)) == [second, third]
+    assert cursor.waiting(event(2)) == [second]
+    cursor.done(third)
+    cursor.done(third)
+    cursor.defer(third)
+    assert cursor.waiting(event(3)) == []
+    assert [entry.record["id"] for entry in cursor.waiting(event(4))] == [ulid(2), ulid(4)]
+    assert len(cursor) == 3
+
+
+def test_a_cursor_is_called_for_what_it_wants_alone(opened):
+    log, calls = opened(), []
+    cursor = log.cursor("a", lambda record: record["kind"] == "alarm")
+    cursor.on_put = lambda: calls.append(len(cursor))
+    log.append(event(1))
+    log.append(event(2, kind="fault"))
+    log.append(event(3))
+    assert calls == [1, 2]
+
+
+@pytest.mark.parametrize("act", ["done", "defer"])
+def test_what_a_cursor_does_alone_is_written(opened, path, act):
+    """Also when nothing is appended that would be written with it."""
+    log = opened()
+    cursor = log.cursor("a", everything)
+    filled(log, 3)
+    log.keep("word", "before")
+    getattr(cursor, act)(cursor.first())
+    rest = [ulid(2), ulid(3), *[ulid(1)] * (act == "defer")]
+    place = "SELECT done, seen, deferred FROM cursors WHERE name = 'a'"
+    expected = (1, 3, "[1]" if act == "defer" else "[]")
+    with closing(sqlite3.connect(path)) as db:
+        wait_for(lambda: db.execute(place).fetchone() == expected)
+    assert ids(opened().cursor("a", everything)) == rest
+
+
+def test_what_an_output_never_had_is_nothing_that_was_lost(opened):
+    log = opened(max_events=2)
+    cursor = log.cursor("a", lambda record: record["kind"] == "alarm")
+    log.append(event(1, kind="fault"))
+    log.append(event(2))
+    cursor.defer(cursor.first())
+    filled(log, 2)
+    assert (cursor.n_lost, ids(cursor)) == (1, [ulid(1), ulid(2)])
+
+
 def test_numbers_and_keys_are_never_given_twice_also_when_nothing_is_left(opened, path):
     log, keys, numbers = opened(), set(), []
     for _ in range(3):
@@ -205,14 +260,17 @@ def test_a_file_that_goes_while_it_is_looked_at_is_written_whole_again(path, ope
     log = opened()
     filled(log)
 
+    whole = log_module.check_pages
+
     def check(_path):
-        monkeypatch.undo()
+        monkeypatch.setattr(log_module, "check_pages", whole)
         path.unlink()
         msg = "unable to open database file"
         raise sqlite3.OperationalError(msg)
 
     monkeypatch.setattr(log_module, "check_pages", check)
     monkeypatch.setattr(log_module, "_CHECK_S", 0.0)
+    monkeypatch.setattr(log_module, "_WAIT_S", 60.0)
     log.append(event(4))
     assert "in memory only" in log.fault
     log.append(event(5))

@@ -2,7 +2,7 @@
 
 What is delivered is exactly what was put, in order, each at least once, none skipped: over
 refusals, kills, restarts, disks that are full, files that are damaged or taken away, and a clock
-that is set. `RADARD_LOG_STEPS` asks for more steps than the thousand of every run.
+that is set.
 """
 
 import errno
@@ -15,18 +15,16 @@ from contextlib import closing
 from pathlib import Path
 from unittest.mock import patch
 
-from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition, rule
 
 from radard import log as log_module
 from radard.log import EventLog
 from radard.log_file import open_log_file
+from tests.machine_helpers import machine_settings
 from tests.sink_helpers import event, ulid
 from tests.waiting import wait_for
 
-STEPS = int(os.environ.get("RADARD_LOG_STEPS", "1000"))
-PER_EXAMPLE = 50
 MOST = 20  # events that the log holds
 MEMORY = Path("/dev/shm")  # noqa: S108 - a disk would be all that is measured
 CURSORS = {"all": ("alarm", "fault"), "alarms": ("alarm",)}
@@ -256,9 +254,4 @@ class LogMachine(RuleBasedStateMachine):
 
 
 TestLog = LogMachine.TestCase
-TestLog.settings = settings(
-    max_examples=max(1, STEPS // PER_EXAMPLE),
-    stateful_step_count=PER_EXAMPLE,
-    deadline=None,
-    suppress_health_check=list(HealthCheck),
-)
+TestLog.settings = machine_settings()

@@ -1,15 +1,20 @@
 """Room calibrations that wait, are too slow, break off: each ends, and leaves no thread behind."""
 
+import tempfile
 import threading
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from radard.config.config import load_config
 from radard.detect.calibration import Provenance
 from radard.detect.survey import RoomSurvey
 from radard.errors import RadardError
 from radard.run.room_calibration import RoomCalibration
+from tests.machine_helpers import machine_settings
 from tests.radar_helpers import dwell_of, noise
 from tests.waiting import wait_for
 
@@ -49,9 +54,8 @@ class Survey:
         return Made()
 
 
-@pytest.fixture
-def room(monkeypatch, tmp_path):
-    """A function that makes a calibration of so many dwells, whose survey waits."""
+def survey_that_waits(monkeypatch, folder):
+    """Return what makes a calibration of so many dwells, whose survey waits."""
     for name, what in vars(Survey).items():
         if not name.startswith("__") or name == "__init__":
             monkeypatch.setattr(RoomSurvey, name, what, raising=False)
@@ -60,13 +64,18 @@ def room(monkeypatch, tmp_path):
 
     def make(n_dwells):
         gate = {"calibrate_after_s": 0, "calibrate_s": float(n_dwells)}
-        options = {"gate": gate, "service": {"state_dir": tmp_path}}
+        options = {"gate": gate, "service": {"state_dir": folder}}
         config = load_config(environ={}, options=options)
         return RoomCalibration(config, lambda: Provenance(made_utc="now"), 0.0, made.append)
 
     make.made = made
     make.survey = RoomSurvey
-    yield make
+    return make
+
+
+@pytest.fixture
+def room(monkeypatch, tmp_path):
+    yield survey_that_waits(monkeypatch, tmp_path)
     RoomSurvey.may.set()
     wait_for(lambda: not threads())
 
@@ -129,3 +138,56 @@ def test_before_anybody_listens_nothing_is_left(room):
     hear(calibration, 3)
     assert calibration.progress.phase == "failed"
     assert threads() == []
+
+
+class CalibrationMachine(RuleBasedStateMachine):
+    """Dwells, a survey that is slow or fails, and somebody who stops it, in any order."""
+
+    @initialize(n=st.integers(1, 45), fails_at=st.none() | st.integers(1, 30))
+    def begin(self, n, fails_at):
+        self.folder = tempfile.TemporaryDirectory()
+        self.patch = pytest.MonkeyPatch()
+        self.room = survey_that_waits(self.patch, Path(self.folder.name))
+        self.patch.setattr(RoomSurvey, "fails_at", fails_at)
+        self.calibration, self.n, self.n_heard, self.stopped = self.room(n), n, 0, False
+        self.word = ""
+
+    @rule(n=st.integers(1, 20))
+    def listen(self, n):
+        hear(self.calibration, n, first=self.n_heard + 1)
+        self.n_heard += n
+
+    @rule()
+    def go_on(self):
+        RoomSurvey.may.set()
+
+    @rule()
+    def stop(self):
+        self.stopped = self.stopped or self.n_heard < self.n
+        self.calibration.stop("it was stopped")
+
+    @invariant()
+    def the_end_is_the_last_word(self):
+        progress = self.calibration.progress
+        assert not self.word or progress.text == self.word
+        self.word = progress.text if progress.is_over else ""
+
+    def teardown(self):
+        if not hasattr(self, "room"):
+            return
+        try:
+            RoomSurvey.may.set()
+            if self.stopped or self.n_heard >= self.n:
+                wait_for(lambda: self.calibration.progress.is_over)
+            self.calibration.stop("at the end")
+            wait_for(lambda: not threads())
+            is_made = self.calibration.progress.phase == "made"
+            assert [made.provenance.n_dwells for made in self.room.made] == [self.n] * is_made
+            assert not (is_made and self.stopped)
+        finally:
+            self.patch.undo()
+            self.folder.cleanup()
+
+
+TestCalibrationMachine = CalibrationMachine.TestCase
+TestCalibrationMachine.settings = machine_settings(20)

@@ -3,13 +3,13 @@
 from itertools import pairwise
 
 import pytest
-from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from radard.health.health import START_S, Health, Status, may_feed_all, overall
 from radard.stream.ring import Notice
 from tests.alarm_helpers import decision
+from tests.machine_helpers import machine_settings
 
 STALE_S = 5.0
 
@@ -152,7 +152,7 @@ class HealthMachine(RuleBasedStateMachine):
 
 
 TestHealthMachine = HealthMachine.TestCase
-TestHealthMachine.settings = settings(max_examples=40, stateful_step_count=25)
+TestHealthMachine.settings = machine_settings(25)
 
 
 @pytest.mark.parametrize(

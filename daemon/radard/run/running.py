@@ -5,6 +5,7 @@ pool take what the ring completes to the worker, one item a turn. A recording ne
 frames are there, so the pool reads it, too (a disk that hangs holds one of its threads).
 """
 
+import math
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ from radard.stream.ring import FrameRing
 from radard.stream.source import FrameSource, ReplaySource
 from x2radar.frame import Frame
 
+_MAX_REST_S = 1.0  # who looks on anew sees the stream go on within it
 _JOIN_S = 1.5  # for each thread: all of them within the 4.5 s of a forced end
 
 
@@ -142,7 +144,7 @@ class RunningSensor:
         """Read what is due, and work on the first item of it; return whether there is more."""
         for found in items:
             if not isinstance(found, Frame):
-                self._turns.ask_in(found)
+                self._turns.ask_in(found + self._rest_s())
                 return False
             if not self._keep(found):
                 break
@@ -154,6 +156,16 @@ class RunningSensor:
                 return True
         self.ring.end()
         return True
+
+    def _rest_s(self) -> float:
+        """Return how much later the next dwell is whole than the next frame is due.
+
+        Until then frames only wait, and to wake for each of them costs more than to read them.
+        """
+        source = self.opened.source
+        speed = source.playback.state.speed if isinstance(source, ReplaySource) else None
+        rest_s = (self.ring.n_left - 1) / source.stream.frame_rate_hz / (speed or math.inf)
+        return min(rest_s, _MAX_REST_S)
 
     def _step(self) -> bool:
         """Work on one item; return whether there may be another."""

@@ -136,6 +136,11 @@ class FrameRing:
         """Return when the next dwell's last frame should arrive, by `FrameTiming`."""
         return self._timing.arrival_s(self._due)
 
+    @property
+    def n_left(self) -> int:
+        """Frames until the next dwell is whole; 1 while somebody looks on, who waits for each."""
+        return max(1, self._due - self._taken) if self._taken >= self._watched_to else 1
+
     def recent(self, after: int = 0, *, is_live: bool = True) -> Recent:
         """Return the rows behind number `after`, or as many of them as are still there.
 
