@@ -290,7 +290,7 @@ def is_killed(path: Path, k: int, line: int, rows: Sequence[tuple[str, set[int],
 def main() -> int:
     """Run; returns 1 if a module as it is fails its tests."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("modules", nargs="*", choices=[*MODULES, []], default=list(MODULES))
+    parser.add_argument("modules", nargs="*", choices=[*MODULES, []], default=[])
     parser.add_argument("--share", type=float, default=1.0, help="of the mutants")
     parser.add_argument("--seed", type=int, default=0, help="of the choice")
     parser.add_argument("--line", type=int, help="only mutants of this line")
@@ -300,7 +300,7 @@ def main() -> int:
         importlib.import_module(library)
     report: dict[str, dict[str, int]] = {}
     left: list[str] = []
-    for name in args.modules:
+    for name in args.modules or MODULES:
         file, tests = MODULES[name]
         path = ROOT / file
         found = mutants(path)
