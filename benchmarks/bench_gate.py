@@ -3,13 +3,12 @@
 `--weak N`: N people each walk, stroll, sneak or run into the view of an X2 in rooms of their own
 after six seconds of nobody, at strengths of -2 to 14 dB over the noise of a bin (mean over the
 three seconds after they come in). Printed is the share
-for whom the gate opened within 1, 2 and 3 s of the first half second at the strength of the noise.
+for whom the gate opened within 1, 2 and 3 s of the first half second at the strength of the noise,
+at every rate of `gate.false_alarms_per_day`, whose thresholds are printed too.
 
 `--rooms H`: H hours of rooms of each kind: empty, drifting (three times the drift), rain on a
 window, each in stretches of five minutes with a room of its own. Printed are openings a day,
-with a 95 % interval (exact, Poisson), at the default and at rates that can be counted.
-
-The gate before (mean power of 0.4 m and 2 s, 5 dB over its floor) judges the same dwells.
+with a 95 % interval (exact, Poisson), at the same rates.
 """
 
 import argparse
@@ -18,7 +17,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from scipy.stats import chi2
 
 from radard.config.sections import GateSettings
@@ -34,7 +32,7 @@ STYLES = ("walk", "stroll", "stealth", "run")
 LEAD_S, SEEN_S = 6.0, 6.0
 STRETCH_S = 300.0
 STRENGTHS_DB = (-2, 2, 6, 10, 14)
-RATES_PER_DAY = (0.01, 1000.0, 10000.0)
+RATES_PER_DAY = (0.01, 1.0, 1000.0, 10000.0)
 WITHIN_S = (1, 2, 3)
 
 
@@ -52,20 +50,6 @@ def dwells(passage: Passage) -> Iterator[Dwell]:
             frames, np.ones(n, np.bool_), radar.axis(), rate_hz, end / rate_hz, end_frame=end
         )
         yield remover.remove(dwell)
-
-
-def opened_before(gate: Gate) -> bool:
-    """Return what the gate of before says of the dwell that `gate` has just judged."""
-    n_bins = max(1, round(0.4 / gate.bin_length_m))
-    over = 10**0.5
-    means = [
-        sliding_window_view(row, n_bins).mean(axis=-1)
-        for row in (
-            gate.power,
-            np.minimum(gate.power, over * gate.background) + (over - 1) * gate.floor,
-        )
-    ]
-    return bool((means[0] > means[1]).any())
 
 
 def coming(number: int, strength_db: float, radar: Radar) -> tuple[Passage, float] | None:
@@ -93,29 +77,45 @@ def coming(number: int, strength_db: float, radar: Radar) -> tuple[Passage, floa
     return (passage, float(reached[0]) / radar.frame_rate_hz) if len(reached) else None
 
 
+def gates() -> dict[str, Gate]:
+    """Return a gate for every rate."""
+    return {
+        f"{rate:g} a day": Gate(GateSettings(false_alarms_per_day=rate)) for rate in RATES_PER_DAY
+    }
+
+
 def weak(n: int, radar: Radar) -> dict[str, dict[str, list[float]]]:
     """Return for every strength the shares that opened the gates within 1, 2 and 3 s."""
     found: dict[str, dict[str, list[float]]] = {}
     for strength_db in STRENGTHS_DB:
-        waits: dict[str, list[float]] = {"before": [], "now": []}
+        waits: dict[str, list[float]] = {}
         for number in range(n):
             came = coming(number, strength_db, radar)
             if came is None:
                 continue
             passage, since_s = came
-            gate, first = Gate(GateSettings()), {"before": np.inf, "now": np.inf}
+            judging = gates()
+            first = dict.fromkeys(judging, np.inf)
             for dwell in dwells(passage):
-                is_open = gate.read(dwell).is_open
-                for name, opens in (("now", is_open), ("before", opened_before(gate))):
-                    if opens and dwell.t_s > LEAD_S:
+                for name, gate in judging.items():
+                    if gate.read(dwell).is_open and dwell.t_s > LEAD_S:
                         first[name] = min(first[name], dwell.t_s - since_s)
             for name, wait_s in first.items():
-                waits[name].append(wait_s)
+                waits.setdefault(name, []).append(wait_s)
         found[f"{strength_db} dB"] = {
             name: [len(each), *(round(float(np.mean(np.array(each) <= s)), 3) for s in WITHIN_S)]
             for name, each in waits.items()
         }
     return found
+
+
+def thresholds(radar: Radar) -> dict[str, float]:
+    """Return what every gate asks of a cell, in dB over the noise of an empty room."""
+    rng = np.random.default_rng(0)
+    room = play(rng, draw_site(rng, radar), (), duration_s=6.0)
+    (first, *_) = dwells(room)
+    read = {name: gate.read(first) for name, gate in gates().items()}
+    return {name: round(r.threshold_db - r.noise_floor_db, 2) for name, r in read.items()}
 
 
 def room_of(rng: np.random.Generator, kind: str, radar: Radar) -> Site:
@@ -132,18 +132,17 @@ def rooms(hours: float, radar: Radar) -> dict[str, dict[str, str]]:
     found: dict[str, dict[str, str]] = {}
     for kind in ("empty", "drifting", "rain"):
         n_stretches = max(1, round(hours * 3600 / STRETCH_S))
-        names = ["before", *(f"{rate:g} a day" for rate in RATES_PER_DAY)]
-        openings, heard_s = dict.fromkeys(names, 0), 0.0
+        openings, heard_s = dict.fromkeys(gates(), 0), 0.0
         for number in range(n_stretches):
             rng = np.random.default_rng([78, number])
             cast = (family("rain"),) if kind == "rain" else ()
             passage = play(rng, room_of(rng, kind, radar), cast, duration_s=STRETCH_S)
-            gates = [Gate(GateSettings(false_alarms_per_day=rate)) for rate in RATES_PER_DAY]
-            was_open = dict.fromkeys(names, False)
+            judging = gates()
+            was_open = dict.fromkeys(judging, False)
             heard_s += STRETCH_S
             for dwell in dwells(passage):
-                now = [gate.read(dwell).is_open for gate in gates]
-                for name, is_open in zip(names, [opened_before(gates[0]), *now], strict=True):
+                for name, gate in judging.items():
+                    is_open = gate.read(dwell).is_open
                     openings[name] += is_open and not was_open[name]
                     was_open[name] = is_open
         found[kind] = {name: per_day(n, heard_s) for name, n in openings.items()}
@@ -161,15 +160,19 @@ def per_day(n: int, heard_s: float) -> str:
 def main() -> None:
     """Print one JSON object."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--weak", type=int, default=100, metavar="N", help="people a strength")
-    parser.add_argument("--rooms", type=float, default=2.0, metavar="H", help="hours a kind")
-    parser.add_argument("--radar", choices=("x2", "x4m03"), default="x2")
-    parser.add_argument("--rate", type=float, default=60.0, help="frames a second")
+    add = parser.add_argument
+    add("--weak", type=int, default=100, metavar="N", help="people a strength")
+    add("--rooms", type=float, default=2.0, metavar="H", help="hours a kind; 0: none")
+    add("--radar", choices=("x2", "x4m03"), default="x2")
+    add("--rate", type=float, default=60.0, help="frames a second")
     args = parser.parse_args()
     radar = replace({"x2": X2, "x4m03": X4M03}[args.radar], frame_rate_hz=args.rate)
-    print(
-        json.dumps({"weak": weak(args.weak, radar), "rooms": rooms(args.rooms, radar)}, indent=1)
-    )
+    found = {
+        "threshold over the noise, dB": thresholds(radar),
+        "weak": weak(args.weak, radar),
+        "rooms": rooms(args.rooms, radar) if args.rooms else {},
+    }
+    print(json.dumps(found, indent=1))
 
 
 if __name__ == "__main__":

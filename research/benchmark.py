@@ -19,6 +19,7 @@ _EXAMPLES = """\
 --entry mine.py:my_scores --elements 1000
 --entry models/mine.onnx
 --tasks accept-3 --share 0.1 --entry models/mine.onnx --entry mine.py"""
+_SHORT = "--share 0.01 --elements 80 --fresh 40 --folder build --workers 1"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -54,7 +55,7 @@ def _run(args: argparse.Namespace) -> None:
             words += ["--entry", entry]
         words += ["--tasks", args.tasks] if args.tasks else []
         words += [] if args.kept else [size]
-        publish(args.publish, marks, lines, " ".join(words))
+        publish(args.publish, marks, lines, " ".join(words), _SHORT)
 
 
 def _alarm_lines(args: argparse.Namespace) -> list[str]:

@@ -5,13 +5,10 @@ every motion and skin, no domain randomization. A case changes one setting and l
 usual; passage k is drawn alike in every case, and judged by the daemon's own pipeline.
 """
 
-import argparse
-import sys
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -21,21 +18,10 @@ from radard.config.config import Config
 from radard.judge.bundle import load_bundle
 from radard.judge.classifier import Classifier
 from radard.pipeline import Pipeline
-from study import (
-    RESULTS,
-    check_picture,
-    check_within,
-    publish,
-    run_script,
-    save,
-    say,
-    script_parser,
-)
 from x2radar.frame import StreamInfo
 from x2radar.sim.bodies.motion import MOTIONS
 from x2radar.sim.bodies.skins.draw import SKINS
 from x2radar.sim.points import Label
-from x2train.commands import counted
 from x2train.judge.acceptance import Setting, site_of
 from x2train.judge.estimates import Estimate, share
 from x2train.judge.judging import KNOWS, Knows, dwells, from_decisions, in_view, installed
@@ -57,6 +43,8 @@ _MOUNTS = (
 _RATES_HZ = (30.0, 60.0, 100.0, 200.0)
 _WITHIN_S = (0.0, 3.0, 5.0, 8.0)
 _HOPS_S = (0.5, 1.0, 2.0)
+MODELS = ("accurate", "balanced", "fast")
+"""Bundles; the first is the usual one."""
 _SEED = 70  # of no other suite
 _LASTS_S: dict[Label, float] = {"human": 14.0, "pet": 20.0}  # as visits of the acceptance test
 _LEAD_S = (2.6, 4.0)
@@ -88,40 +76,6 @@ class Figures:
     slow_s: float  # nine in ten alarm within it
     cpu_ms: float  # of decisions with an open gate, a second of stream
     kib_per_s: float  # of baseband, as this swath is made
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Measure every case; print the table."""
-    parser = script_parser(
-        "levers", "Measure what frame rate, mount, waiting, hop and bundle cost.", "--passages 100"
-    )
-    add = parser.add_argument
-    add("--passages", type=int, default=100, help="people, and as many pets, in every row (100)")
-    add(
-        "--models",
-        nargs="+",
-        default=["accurate", "balanced", "fast"],
-        metavar="NAME",
-        help="bundles; the first is the usual one (accurate balanced fast)",
-    )
-    add("--page", type=Path, metavar="FILE", help="a page whose results are replaced")
-    add("--plot", type=Path, metavar="FILE", help="PNG")
-    return run_script(parser, _run, argv)
-
-
-def _run(args: argparse.Namespace) -> None:
-    check_within(args, passages=(1, 1e6))
-    check_picture(args.plot)
-    with counted("passages") as tell:
-        figures = measure(tuple(cases(tuple(args.models))), args.passages, tell)
-    lines = list(table(figures, args.passages))
-    say("\n".join(lines))
-    models = " ".join(args.models)
-    command = f"python research/levers.py --passages {args.passages} --models {models}"
-    if args.page:
-        publish(args.page, RESULTS, lines, command)
-    if args.plot:
-        save(drawn(figures), args.plot, 110)
 
 
 def cases(models: tuple[str, ...]) -> Iterator[Case]:
@@ -184,20 +138,25 @@ def _played(setting: Setting, label: Label, k: int) -> Passage:
 
 
 @lru_cache(maxsize=8)
-def _classifier(model: str) -> Classifier:
+def classifier(model: str) -> Classifier:
+    """Return what judges by a bundle; one for all rows."""
     return Classifier(load_bundle(model))
+
+
+def config_of(case: Case) -> Config:
+    """Return a case's configuration, without what it knows of the installation."""
+    config = Config()
+    asked = {"decide_within_s": case.within_s, "hop_s": case.hop_s}
+    decision = config.decision.model_copy(update=asked)
+    return config.model_copy(update={"decision": decision})
 
 
 def _judged(case: Case, played: Passage, k: int) -> tuple[Columns, float, float]:
     """Return a judged passage, CPU time with the gate open, and for how much of the stream."""
-    config = Config()
-    asked = {"decide_within_s": case.within_s, "hop_s": case.hop_s}
-    decision = config.decision.model_copy(update=asked)
-    config = config.model_copy(update={"decision": decision})
-    config = installed(config, played.site, case.knows, np.random.default_rng([_SEED, k]))
+    config = installed(config_of(case), played.site, case.knows, np.random.default_rng([_SEED, k]))
     radar = played.site.radar
     stream = StreamInfo(radar.axis(), radar.frame_rate_hz, radar.name)
-    pipeline = Pipeline(stream, config, _classifier(case.model), judges_tracks=False)
+    pipeline = Pipeline(stream, config, classifier(case.model), judges_tracks=False)
     made, taken_s, lasted_s = [], 0.0, 0.0
     for dwell in dwells(pipeline, played):
         began_s = time.process_time()
@@ -278,7 +237,3 @@ def drawn(figures: Sequence[Figures]) -> Figure:
     of_people.set_yticks(range(len(figures)), names)
     of_people.invert_yaxis()
     return figure
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,6 +1,8 @@
 """What the studies share: the frame of a script, pictures, tables between the marks of a page."""
 
 import argparse
+import os
+import platform
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -17,7 +19,7 @@ from x2radar.command import Parser, new_parser, run_command
 Marks = tuple[str, str]
 RESULTS: Marks = ("<!-- results -->", "<!-- end of results -->")
 # The pages' tests heed this mark: results take minutes, or hours.
-_NOT_RUN = "<!-- not run: minutes of simulation -->\n"
+_NOT_RUN = "<!-- not run: minutes of simulation; tried with {} -->\n"
 
 
 def script_parser(name: str, text: str, examples: str) -> Parser:
@@ -60,10 +62,11 @@ def save(figure: Figure, path: Path, dpi: int) -> None:
     say(str(path))
 
 
-def publish(path: Path, marks: Marks, table: Iterable[str], command: str) -> None:
+def publish(path: Path, marks: Marks, table: Iterable[str], command: str, short: str) -> None:
     """Put a table and the command that made it into a page, in the place of what is there.
 
-    Raises UsageError if the page lacks the marks.
+    `short` are options with which the pages' tests try the command. Raises UsageError if the page
+    lacks the marks.
     """
     text = path.read_text("utf-8") if path.is_file() else ""
     before, begin, rest = text.partition(marks[0])
@@ -71,10 +74,28 @@ def publish(path: Path, marks: Marks, table: Iterable[str], command: str) -> Non
     if not begin or not end:
         msg = f"{path}: lacks the marks {marks[0]} and {marks[1]}"
         raise UsageError(msg)
-    body = "\n".join(("", "", _NOT_RUN, f"    {command}", "", *table, "", ""))
+    script = next(word for word in command.split() if word.endswith(".py"))
+    mark = _NOT_RUN.format(f"{Path(script).name}: {short}")
+    body = "\n".join(("", "", mark, f"    {command}", "", *table, "", ""))
     path.write_text(f"{before}{begin}{body}{end}{behind}", "utf-8")
 
 
 def say(text: str) -> None:
     """Print a result."""
     sys.stdout.write(f"{text}\n")
+
+
+def processor() -> str:
+    """Return the processor's name, as far as the system tells it."""
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text(encoding="utf-8").splitlines() if info.is_file() else []
+    names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(names, platform.processor() or platform.machine())
+
+
+def one_thread() -> None:
+    """Begin the script again in one thread, as the daemon runs, unless the environment says so."""
+    if "OMP_NUM_THREADS" not in os.environ:
+        # Libraries have read the variable by now.
+        environ = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+        os.execve(sys.executable, [sys.executable, *sys.argv], environ)  # noqa: S606

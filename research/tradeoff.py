@@ -4,7 +4,6 @@ Settings of an installation are in the same page, by `levers.py`.
 """
 
 import argparse
-import platform
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -18,6 +17,7 @@ from study import (
     Marks,
     check_picture,
     check_within,
+    processor,
     publish,
     run_script,
     save,
@@ -46,10 +46,11 @@ _PICTURES = {
     "velocity_time_long": "long CPI",
     "range_time": "range-time",
 }
+_SHORT = "--scenes human --draws 1 --duration 6 --rounds 1 --passages 12"
 _MIN_LOSS_DB = 1e-3  # drawn for none
 _MARKS = {3: "o", 2: "s", 1: "^"}  # of combinations, by their CPIs
 _RING: Any = {"marker": "o", "ms": 10, "mfc": "none", "mec": "k", "ls": "none"}
-_NEARBY = ((4, 3), (4, -9), (-4, 3), (-4, -9), (0, 6))
+_NEARBY = ((4, -10), (6, 4), (-7, -3), (6, -10), (-7, 3))
 """Where a switch's values stand beside their points, in points: switches share some points."""
 
 
@@ -111,7 +112,7 @@ def _run(args: argparse.Namespace) -> None:
     lines = [_how(args), "", *table(rows), "", *grid]
     say("\n".join(lines))
     if args.page:
-        publish(args.page, MARKS, lines, _command(args))
+        publish(args.page, MARKS, lines, _command(args), _SHORT)
     if args.plot:
         save(drawn(rows, made), args.plot, 110)
 
@@ -119,15 +120,7 @@ def _run(args: argparse.Namespace) -> None:
 def _how(args: argparse.Namespace) -> str:
     scenes = ", ".join(args.scenes)
     draws = f"{args.draws} draws of {args.duration:g} s each, X2 at {args.rate:g} Hz"
-    return f"Scenes {scenes} ({draws}), one thread of {_processor()}."
-
-
-def _processor() -> str:
-    """Return the processor's name, as far as the system tells it."""
-    info = Path("/proc/cpuinfo")
-    lines = info.read_text(encoding="utf-8").splitlines() if info.is_file() else []
-    names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    return next(names, platform.processor() or platform.machine())
+    return f"Scenes {scenes} ({draws}), one thread of {processor()}."
 
 
 def _command(args: argparse.Namespace) -> str:
@@ -187,7 +180,8 @@ def drawn(rows: Sequence[SwitchRow], combined: Sequence[Combination]) -> Figure:
     A ring is what the shipped bundles have, in all of them.
     """
     figure = Figure(figsize=(14.4, 8.8), layout="constrained")
-    axes = figure.subplots(2, 3).ravel()
+    # The first is twice as wide: all switches change it.
+    axes = list(figure.subplot_mosaic("aab;cde").values())
     for axis, name in zip(axes, _PICTURES, strict=False):
         _draw_losses(axis, rows, name)
     if combined:
@@ -224,6 +218,7 @@ def _draw_losses(axis: Axes, rows: Sequence[SwitchRow], name: str) -> None:
         xlabel="CPU per hop, ms",
         ylabel="loss, dB rms (1e-3: none)",
         title=f"{_PICTURES[name]} picture",
+        xmargin=0.18,
         yscale="log",
         ylim=(_MIN_LOSS_DB / 2, 3 * max(row.loss_db.get(name, 0.0) for row in rows)),
     )

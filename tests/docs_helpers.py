@@ -28,7 +28,11 @@ _MARK = re.compile(r"<!-- not run: (.+) -->")
 
 @dataclass(frozen=True)
 class Block:
-    """A block of code; `reason` is why it is not run, empty where it is."""
+    """A block of code; `reason` is why it is not run as it is, empty where it is.
+
+    A reason may say how it is tried instead: "takes hours; tried with accept: --share 0.01" gives
+    every command with the word `accept` these options as well. Others are then left out.
+    """
 
     page: str
     line: int
@@ -39,6 +43,15 @@ class Block:
     @property
     def name(self):
         return f"{self.page}:{self.line}"
+
+    def tried(self):
+        """Commands with what makes them short; none if the reason names nothing."""
+        _, _, how = self.reason.partition("; tried with ")
+        options = dict(part.split(": ", 1) for part in how.split("; ")) if how else {}
+        for command in self.commands():
+            more = [given for word, given in options.items() if word in command]
+            if more:
+                yield " ".join([command, *more])
 
     def commands(self):
         """Commands of a shell block: continued lines joined, comments left out."""

@@ -25,7 +25,7 @@ usage: radard --port PORT [options]    watch a radar; alarm for people, not pets
 
   --port /dev/ttyACM0 | auto | URL | sim:SCENE | replay:FILE
 {outputs}
-  --model NAME | FILE | none     --profile fast | balanced | accurate
+  --model NAME | FILE | none     --profile eco | fast | balanced | accurate
   --sensitivity low|normal|high  --config FILE  --duration S  --speed max
   --record FILE --state DIR --wait --on-device-loss wait|quit --log-format json
   --help-all: all  --version  --debug  --print-man  --print-completion zsh -v -q

@@ -191,7 +191,8 @@ class Pipeline:
         gate = self.gate
         reading = gate.read(moving)
         tracks: tuple[Track, ...] = ()
-        if reading.is_open or self._tracker.is_following:
+        is_followed = self._config.decision.bodies != "unfollowed"
+        if is_followed and (reading.is_open or self._tracker.is_following):
             tracks = self._tracker.update(moving, gate.background)
         window = fused = None
         verdicts: tuple[TrackVerdict, ...] = ()
@@ -250,13 +251,14 @@ class Pipeline:
     ) -> tuple[TrackVerdict, ...]:
         """Judge every body by itself, by what its own range gate lets through.
 
-        Of one that is alone the window says as much, at no cost. Without `decision.each_body`
-        nothing is said of each of several.
+        Of one that is alone the window says as much, at no cost. Unless `decision.bodies` is
+        'apart' nothing is said of each of several.
         """
         if not tracks or not self._judges_tracks:
             return ()
         gates = None
-        if self.classifier is not None and len(tracks) > 1 and self._config.decision.each_body:
+        is_apart = len(tracks) > 1 and self._config.decision.bodies == "apart"
+        if self.classifier is not None and is_apart:
             paths_m = np.stack([track.path_m for track in tracks])
             gates = range_gates(paths_m, moving.axis.range_m)
         verdicts = []

@@ -10,6 +10,7 @@ import json
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -96,6 +97,37 @@ def test_the_page_runs(path, tmp_path, monkeypatch, capfd):
             continue
         for command in block.commands():
             assert run(command) == 0, (block.name, command, capfd.readouterr().err)
+
+
+WITH_TRIALS = [path for path in PAGES if any(b.reason and any(b.tried()) for b in BLOCKS[path])]
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("path", WITH_TRIALS, ids=lambda path: str(path.relative_to(ROOT)))
+def test_what_takes_long_runs_when_it_is_made_short(path, tmp_path, monkeypatch, capfd):
+    """The page's own commands come before, since they may make what is needed."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    for name in ("benchmarks", "research", "tools"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    # What pages call the reader's own.
+    (tmp_path / "models").mkdir()
+    for file in (ROOT / "models").glob("fast.*"):
+        shutil.copy(file, tmp_path / "models" / f"mine{file.suffix}")
+    mine = [b.text for b in BLOCKS[path] if b.kind == "python" and "\ndef " in b.text]
+    (tmp_path / "mine.py").write_text("\n\n".join(mine))
+    for block in BLOCKS[path]:
+        if block.kind == "python" and not block.reason:
+            exec(compile(block.text, block.name, "exec"), {"__name__": "page"})  # noqa: S102
+        if block.kind == "sh":
+            for command in block.tried() if block.reason else block.commands():
+                assert run(command) == 0, (block.name, command, capfd.readouterr().err)
+
+
+def test_what_takes_long_says_how_it_is_tried():
+    """Nothing is passed over for its length alone."""
+    long = [b for b in ALL if re.search(r"minute|hour|a while", b.reason)]
+    assert [b.name for b in long if not any(b.tried())] == []
 
 
 def run(command):

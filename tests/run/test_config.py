@@ -67,7 +67,10 @@ def test_named_file_wins_over_the_one_that_lies_here():
             "did you mean 'false_alarms_per_day'",
         ),
         ("gates: {}\n", "config.yaml:1: unknown key 'gates'; did you mean 'gate'"),
-        ("\nmodel:\n  xyzzy: 1\n", "config.yaml:3: unknown key 'model.xyzzy'; known: name"),
+        (
+            "\nmodel:\n  xyzzy: 1\n",
+            "config.yaml:3: unknown key 'model.xyzzy'; known: name, profile",
+        ),
         ("gate: {false_alarms_per_day: high}", "config.yaml:1: gate.false_alarms_per_day"),
         ("gate: {false_alarms_per_day: -1}", "greater than 0"),
         ("decision: {pet_limit: 0.2}", "decision.pet_limit"),

@@ -2,17 +2,23 @@
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import levers
+import profiles
 import scene
 from leave_one_out import main as leave_one_out
 from leave_one_out import sources_of
 from levers import USUAL, cases
+from profiles_measure import Candidate
+from radard.config.json_file import parse_json
+from radard.config.profiles import Front, front
 from radard.errors import UsageError
 from tests.processes import ROOT, ran
+from x2radar.cli import main as x2radar
 from x2train.cli import main
 
 pytestmark = pytest.mark.nightly
@@ -55,22 +61,67 @@ def test_cases_are_judged_on_the_same_passages(few):
     assert all(f.cpu_ms > 0 and math.isfinite(f.kib_per_s) for f in figures)
 
 
+def test_profiles_are_the_best_of_their_price_and_none_is_beaten():
+    (like,) = front().profiles[-1:]
+    shares = (like.missed[1:], like.pets[1:])
+
+    def made(cpu, missed, pets):
+        (m, p) = shares
+        return replace(
+            like, name="", cpu_open=cpu, missed=(missed, *m), pets=(pets, *p), slow_s=5.0
+        )
+
+    tried = [made(0.2, 0.0, 0.5), made(0.24, 0.0, 0.3), made(0.24, 0.1, 0.1)]
+    tried += [made(0.38, 0.0, 0.3), made(0.6, 0.0, 0.25), made(1.0, 0.0, 0.2)]
+    chosen = profiles.choose(tried)
+    named = {p.name: (p.cpu_open, p.pets[0]) for p in chosen if p.name}
+    assert named == {"eco": (0.24, 0.3), "balanced": (0.6, 0.25), "accurate": (1.0, 0.2)}
+    told = list(profiles.table(replace(front(), measured=chosen)))
+    assert sum("**eco**" in line for line in told) == 1
+    assert len(told) == 4 + len(tried)
+
+
+def test_cpu_time_is_a_share_of_the_usual_settings():
+    cheap = profiles.Candidate("fast", 30.0, 2.0)
+    shares = profiles.cpu_shares((cheap, profiles.BEST), 5.0, 1, lambda *_: None)
+    assert shares[profiles.BEST]["open"] == 1.0
+    assert all(0 < share < 2 for cpu in shares.values() for share in cpu.values())
+    assert set(shares[cheap]) == {"open", "one", "closed"}
+
+
 @pytest.mark.usefixtures("few")
-def test_the_levers_table_goes_into_a_page(monkeypatch, tmp_path, capsys):
-    page, plot = tmp_path / "levers.md", tmp_path / "levers.png"
-    page.write_text("before\n\n<!-- results -->\nOLD\n<!-- end of results -->\nbehind\n")
+def test_all_that_was_measured_goes_into_a_page(monkeypatch, tmp_path, capsys):
+    page, plot, levers_plot = (tmp_path / name for name in ("page.md", "a.png", "b.png"))
+    marks = (profiles.MARKS, profiles.RESULTS)
+    page.write_text("".join(f"{begin}\nOLD\n{end}\n" for begin, end in marks) + "behind\n")
     monkeypatch.setattr(levers, "_HOPS_S", (1.0,))
-    argv = ["--passages", "1", "--models", *FEW]
-    assert levers.main([*argv, "--page", str(page), "--plot", str(plot)]) == 0
+    monkeypatch.setattr(levers, "MODELS", FEW)
+    monkeypatch.setattr(profiles, "candidates", lambda: (Candidate("fast"), profiles.BEST))
+    (tmp_path / "walks").mkdir()
+    truth = [{"file": "walk.h5", "label": "human"}]
+    (tmp_path / "walks" / "truth.json").write_text(json.dumps(truth))
+    walk = ["record", str(tmp_path / "walks" / "walk.h5"), "--port", "sim:human?kind=baseband"]
+    assert x2radar([*walk, "--duration", "6", "--speed", "max"]) == 0
+    file = tmp_path / "measured.json"
+    timed = ["--rounds", "1", "--duration", "5", "--file", str(file), "--page", str(page)]
+    argv = [*timed, "--passages", "1", "--recorded", str(tmp_path / "walks")]
+    argv += ["--plot", str(plot), "--levers-plot", str(levers_plot)]
+    assert profiles.main(argv) == 0
     text = page.read_text()
-    assert "    python research/levers.py --passages 1 --models fast\n" in text
+    assert text.count("    python research/profiles.py --passages 1\n") == 2
     assert "| hop | **1 s** |" in text
+    assert "1 of 1; 0 of 0" in text
     assert text.endswith("behind\n")
     assert "OLD" not in text
-    assert plot.stat().st_size > 1000
+    assert min(plot.stat().st_size, levers_plot.stat().st_size) > 1000
     assert "people missed" in capsys.readouterr().out
+    before = parse_json(Front, file.read_bytes())
+    assert profiles.main(["--cpu-only", *timed]) == 0
+    again = parse_json(Front, file.read_bytes())
+    kept = [{(p.model, p.missed, p.recorded) for p in f.measured} for f in (before, again)]
+    assert kept[0] == kept[1]
     page.write_text("no marks")
-    assert levers.main([*argv, "--page", str(page)]) == 2
+    assert profiles.main(["--cpu-only", *timed]) == 2
 
 
 @pytest.fixture(scope="module")

@@ -4,6 +4,7 @@ All is measured in one thread, over the same frames, round by round, each round 
 beside it: what another program takes, or a clock that changes its speed, falls out of the ratio.
 """
 
+import argparse
 import json
 import os
 import time
@@ -14,8 +15,10 @@ from statistics import median
 
 import numpy as np
 
+from radard.commands.explain_profile import basis, percent
 from radard.config.config import Config
 from radard.config.options import LISTENING, add_options, check_seconds, listening_config
+from radard.config.profiles import Profile, front
 from radard.detect.gate import DAY_S
 from radard.errors import RadardError, UsageError
 from radard.pipeline import Pipeline
@@ -35,7 +38,9 @@ examples:
   radard bench                         the shipped model, 60 frames a second
   radard bench --port 'sim:human?rate=200' --model none
   radard bench --port replay:night.h5 --json
+  radard bench --radars 40             which profile fits, and how often it errs
 """
+_MAX_RADARS = 10_000
 _SPARE = 0.7  # of the cores may go to radars; the rest is for outputs, clips and the system
 _FFT_LENGTH = 4096  # any machine has its numbers in a cache
 _N_FFTS = 200  # some ten milliseconds
@@ -49,6 +54,8 @@ def run(argv: Sequence[str]) -> int:
     if not 1 <= args.rounds <= 100:
         msg = f"--rounds {args.rounds}: must be 1 to 100"
         raise UsageError(msg)
+    if args.radars is not None:
+        return _fit(args)
     config = listening_config(args, default_port="sim:human")
     cost = measure(config, args.duration, args.rounds)
     n_cores = len(os.sched_getaffinity(0))
@@ -88,8 +95,75 @@ def make_parser() -> Parser:
     add = parser.add_argument
     add("--duration", type=float, default=15.0, metavar="S", help="seconds of stream (15)")
     add("--rounds", type=int, default=5, metavar="N", help="measurements of each (5)")
+    add("--radars", type=int, metavar="N", help="say which profile lets this computer carry N")
     add("--json", action="store_true", help="one JSON object")
     return parser
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """One profile on this computer."""
+
+    profile: Profile
+    cpu_s: float  # of one radar, a second of its stream, at the worst
+    load: float  # share of the computer that all the radars take then
+
+    @property
+    def fits(self) -> bool:
+        """Whether that leaves 30 % to spare."""
+        return self.load <= _SPARE
+
+
+def _fit(args: argparse.Namespace) -> int:
+    """Say which profile fits `args.radars` radars, errors beside it."""
+    if args.model or args.profile:
+        msg = "--radars measures every profile; leave out --model and --profile"
+        raise UsageError(msg)
+    if not 1 <= args.radars <= _MAX_RADARS:
+        msg = f"--radars {args.radars}: must be 1 to {_MAX_RADARS}"
+        raise UsageError(msg)
+    n_cores = len(os.sched_getaffinity(0))
+    fits = []
+    for profile in front().profiles:
+        own = argparse.Namespace(**{**vars(args), "profile": profile.name})
+        cost = measure(listening_config(own, default_port="sim:human"), args.duration, args.rounds)
+        fits.append(Fit(profile, cost.all_s, args.radars * cost.all_s / n_cores))
+    name = next((f.profile.name for f in reversed(fits) if f.fits), None)
+    if args.json:
+        rows = [
+            {
+                "profile": f.profile.name,
+                "cpu_s_per_stream_s": f.cpu_s,
+                "load": f.load,
+                "missed": f.profile.missed,
+                "visits_with_alarm": f.profile.pets,
+            }
+            for f in fits
+        ]
+        about = {"radars": args.radars, "cores": n_cores, "fits": name}
+        print(json.dumps({**about, "profiles": rows}))
+        return 0
+    print("\n".join(_fit_lines(fits, args.radars, n_cores, name)))
+    return 0
+
+
+def _fit_lines(fits: Sequence[Fit], n: int, n_cores: int, name: str | None) -> Iterator[str]:
+    cores = "1 core" if n_cores == 1 else f"{n_cores} cores"
+    yield f"{'profile':<11}{'CPU ms':>7}{f'{n} radars':>12}   {'people missed':<22}pets' visits"
+    yield f"{'':<11}{'a second':>8}{'take':>10}{'':<27}with an alarm"
+    for f in fits:
+        missed, pets = map(percent, (f.profile.missed, f.profile.pets))
+        yield (
+            f"{f.profile.name:<11}{1e3 * f.cpu_s:7.1f}{100 * f.load:10.0f} %   {missed:<22}{pets}"
+        )
+    yield ""
+    n_least = min(f.profile.passages for f in fits)
+    yield f"of this computer, {cores}, with gates that are always open; errors, at least of"
+    yield basis(n_least)
+    if name is None:
+        yield f"no profile lets it carry {n} radars with 30 % to spare"
+    else:
+        yield f"--profile {name} lets it carry {n} radars with 30 % to spare"
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +196,7 @@ def measure(config: Config, duration_s: float, rounds: int) -> Cost:
     Raises RadardError or X2RadarError if port or model are not to be had, or the stream is too
     short.
     """
-    heard = _listen(config.sensor.port or "", duration_s)
+    heard = listen(config.sensor.port or "", duration_s)
     rate_hz, heard_s = heard.stream.frame_rate_hz, heard.length_s
     classifier = classifier_for(heard.stream, config, make_classifier(config))
     open_gate = config.gate.model_copy(update={"false_alarms_per_day": DAY_S})
@@ -165,7 +239,7 @@ def measure(config: Config, duration_s: float, rounds: int) -> Cost:
 
 
 @dataclass(frozen=True, slots=True)
-class _Heard:
+class Heard:
     """Frames of a port, and what makes them of its bytes again; None for a recording."""
 
     stream: StreamInfo
@@ -174,9 +248,11 @@ class _Heard:
 
     @property
     def length_s(self) -> float:
+        """How long it is."""
         return len(self.frames) / self.stream.frame_rate_hz
 
     def dwells(self, pipeline: Pipeline) -> Iterator[Dwell]:
+        """Yield the dwells that a pipeline's ring cuts of it."""
         ring = pipeline.make_ring()
         for frame in self.frames:
             yield from (item for item in ring.items(frame) if isinstance(item, Dwell))
@@ -197,14 +273,15 @@ class _Tap:
         return data
 
 
-def _listen(port: str, duration_s: float) -> _Heard:
+def listen(port: str, duration_s: float) -> Heard:
+    """Return `duration_s` of a port's frames; raises as `measure`."""
     parsed = parse_port(port)
     if parsed.kind == "replay":
         source = open_source(port)
         n = max(1, round(duration_s * source.stream.frame_rate_hz))
         frames = list(islice(source.frames(), n))
         source.close()
-        return _Heard(source.stream, frames, None)
+        return Heard(source.stream, frames, None)
     radar = make_radar(parsed, speed=None)
     chunks: list[bytes] = []
     radar.wrap_transport(lambda connect: lambda: _Tap(connect(), chunks))
@@ -225,7 +302,7 @@ def _listen(port: str, duration_s: float) -> _Heard:
                 if isinstance(event, Received):
                     assembler.frame(event.message, 0.0)
 
-    return _Heard(stream, frames, decode)
+    return Heard(stream, frames, decode)
 
 
 def _reference(n: int) -> None:

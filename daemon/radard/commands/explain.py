@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 from radard.alarm.sensitivity import alarm_policy
+from radard.commands.explain_profile import profile_lines
 from radard.commands.explain_rates import passage_rates, window_rates
 from radard.config.config import Config, load_config
 from radard.config.options import add_options, config_options
@@ -71,6 +72,7 @@ def explained(config: Config, *, pass_s: float) -> Iterator[str]:
         yield f"judged every {hop_s:g} s on the evidence of all windows since motion began"
     if warning := hop_warning(bundle, hop_s):
         yield warning
+    yield from profile_lines(config, bundle)
     yield ""
     yield from _the_policy(config.alarm, decides)
     yield ""

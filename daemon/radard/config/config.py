@@ -1,7 +1,8 @@
 """Configuration: one validated object from built-in values, files, environment, options.
 
 Later ones win: built-in < /etc/radard/config.yaml < ./config.yaml < --config FILE <
-RADARD_SECTION__KEY < command line; what was saved on the dashboard (`radard.config.saved`) comes
+RADARD_SECTION__KEY < command line; a profile (`radard.config.profiles`) wins over what stands
+beside or before it; what was saved on the dashboard (`radard.config.saved`) comes
 after the file. Files do not add up: the first one found in the order
 --config, ./config.yaml, /etc/radard/config.yaml is the file. An unknown key is an error
 that names file, line and the nearest right key.
@@ -18,6 +19,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, PrivateAttr, StringConstraints, ValidationError, model_validator
 
+from radard.config import profiles
 from radard.config.directories import saved_file
 from radard.config.saved import SAVED, lay_over
 from radard.config.sections import NAME, OWN_SECTIONS, RadarSections, SensorEntry, SensorSection
@@ -28,6 +30,7 @@ from radard.errors import ConfigError, UsageError
 DEFAULT_FILES = (Path("config.yaml"), Path("/etc/radard/config.yaml"))
 
 
+_PROFILE = ("model", "profile")
 SensorName = Annotated[str, StringConstraints(pattern=NAME)]
 
 
@@ -145,20 +148,21 @@ def load_with_origins(
     path = file or next((p for p in DEFAULT_FILES if p.is_file()), None)
     if path is not None:
         tree, places = read_yaml(path)
-    for (section, key), value, place in read_environment(environ, Config):
-        put(tree, section, key, value)
-        _came_from(place, (section, key) if key else (section,), value, places)
+        profiles.lay_over_all(tree, places)
+    environment = sorted(read_environment(environ, Config), key=lambda e: e[0] != _PROFILE)
+    for (section, key), value, place in environment:
+        _take((section, key), value, place, tree, places)
     for name, values in (options or {}).items():
         if not isinstance(values, Mapping):
             tree[name] = values
             places[name,] = "command line"
             continue
         for key, value in values.items():
-            put(tree, name, key, value)
-            places[name, key] = "command line"
+            _take((name, key), value, "command line", tree, places)
     if ("sensor", "port") in places and places["sensor", "port"] == "command line":
         # One radar was asked for by hand: that is the whole run.
         tree.pop("sensors", None)
+    profiles.ask_for_rates(tree)
     config = _checked(tree, places)
     at = partial(saved_file, environ=environ, port=port)
     is_changed = lay_over(partial(at, config), tree, places)
@@ -200,6 +204,17 @@ def _checked(tree: Mapping[str, Any], places: Places) -> Config:
     except ValidationError as err:
         lines = [explain(fault, places, Config) for fault in err.errors()]
         raise ConfigError("; ".join(lines)) from err
+
+
+def _take(
+    where: tuple[str, str | None], value: Any, place: str, tree: dict[str, Any], places: Places
+) -> None:
+    """Put a value that came from a place; a profile brings its settings along."""
+    section, key = where
+    put(tree, section, key, value)
+    _came_from(place, (section, key) if key else (section,), value, places)
+    if where == _PROFILE:
+        profiles.lay_over(tree, places)
 
 
 def _came_from(place: str, where: tuple[str, ...], value: Any, places: Places) -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from radard.config.config import Config, load_config
+from radard.config.profiles import front, with_rate
 from radard.config.sink_table import FORMS
 from radard.errors import UsageError
 from x2radar.ports import KEYS, PORT_FORMS
@@ -14,7 +15,7 @@ _ROWS: dict[str, dict[str, Any]] = {
     "--port": {"help": PORTS},
     "--output": {"action": "append", "metavar": "OUTPUT", "help": f"{FORMS}; repeatable"},
     "--model": {"help": "installed bundle, .onnx file, none for the gate alone, or auto"},
-    "--profile": {"help": "fast, balanced or accurate: the bundle of that name"},
+    "--profile": {"help": "eco, fast, balanced or accurate: bundle and settings at one go"},
     "--sensitivity": {
         "choices": ["low", "normal", "high"],
         "help": "see radard explain (normal)",
@@ -26,7 +27,7 @@ _ROWS: dict[str, dict[str, Any]] = {
     "--on-device-loss": {"choices": ["wait", "quit"], "help": "when the device goes (wait)"},
     "--sensor": {"metavar": "NAME", "help": "one of the configuration's sensors"},
 }
-LISTENING = ("--port", "--sensor", "--model", "--speed", "--config")
+LISTENING = ("--port", "--sensor", "--model", "--profile", "--speed", "--config")
 """What says which port a command listens to."""
 JUDGING = ("--model", "--profile", "--sensitivity", "--config", "--sensor")
 """What says how a command judges recordings."""
@@ -44,20 +45,18 @@ def add_options(parser: argparse.ArgumentParser, *names: str) -> None:
 def config_options(args: argparse.Namespace) -> dict[str, Any]:
     """Return what was given, as `radard.config.config.load_config` takes it.
 
-    Raises UsageError if --model and --profile are both given.
+    What --model names judges in the place of a profile's bundle.
     """
     got = {name: value for name, value in vars(args).items() if value not in (None, False)}
-    if "model" in got and "profile" in got:
-        msg = "--model and --profile both name a model; give one"
-        raise UsageError(msg)
     keys = ("port", "speed", "on_device_loss", "wait")
     sensor: dict[str, Any] = {key: got[key] for key in keys if key in got}
     if "port" in got and "sensor" in got:
         sensor["name"] = got["sensor"]
-    model, alarm = got.get("model", got.get("profile")), got.get("sensitivity")
+    model = {"profile": got.get("profile"), "name": got.get("model")}
+    alarm = got.get("sensitivity")
     return {
         "sensor": sensor,
-        "model": {"name": model} if model else {},
+        "model": {key: name for key, name in model.items() if name},
         "alarm": {"sensitivity": alarm} if alarm else {},
         "service": {"state_dir": got["state"]} if "state" in got else {},
         **({"output": got["output"]} if "output" in got else {}),
@@ -79,7 +78,10 @@ def listening_config(args: argparse.Namespace, default_port: str | None = None) 
     """
     config = load_config(args.config, options=config_options(args))
     if args.port is None and default_port is not None and not args.sensor:
-        own = config.sensor.model_copy(update={"port": config.sensor.port or default_port})
+        port, profile = config.sensor.port or default_port, front().named(config.model.profile)
+        if profile is not None and profile.rate_hz is not None:
+            port = with_rate(port, profile.rate_hz)
+        own = config.sensor.model_copy(update={"port": port})
         return config.model_copy(update={"sensor": own, "sensors": {}})
     return config.of_sensor(args.sensor)
 

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
+from radard.config.profiles import Bodies, check_profile
 from radard.config.quiet_hours import parse_quiet, time_zone
 from x2radar.ports import Kind, parse_port
 
@@ -89,6 +90,9 @@ class ModelSection(Section):
     name: str = Field(
         AUTO_MODEL, description="installed bundle, file, none for the gate alone, or auto"
     )
+    profile: Annotated[str | None, AfterValidator(check_profile)] = Field(
+        None, description="bundle and settings at one go: eco, fast, balanced or accurate"
+    )
 
 
 class GateSettings(Section):
@@ -131,7 +135,9 @@ class DecisionSection(Section):
         3.0, ge=0, le=8, description="policy fused: wait for evidence at most so long"
     )
     hop_s: float = Field(1.0, ge=0.25, le=2, description="from one decision to the next")
-    each_body: bool = Field(True, description="of several bodies each is judged by itself, too")
+    bodies: Bodies = Field(
+        "apart", description="several: each judged by itself, too; followed alone; not even that"
+    )
 
 
 class AlarmChoices(Section):

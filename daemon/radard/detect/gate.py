@@ -15,7 +15,7 @@ in a bin, l the bin's level and k the factor that follows from `false_alarms_per
     open if  c > k level  somewhere, in two of three CPIs in a row
 
 The mean power over 2 s, the test of before, integrates all Doppler's noise and so needs
-10 dB more of a walker (benchmarks/bench_gate.py). Noise is per range bin: from the stream
+10 dB more of a walker. Noise is per range bin: from the stream
 (`radard.detect.noise_floor`) or, with a k for every bin, from a calibration file. Learned is what
 the dwells in place showed: the median of their usual cells, in units of what noise shows there.
 Powers are dB of 10 log10(power of the cells, scaled so that noise reads as its mean power per bin

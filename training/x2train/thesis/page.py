@@ -43,7 +43,7 @@ def page(
         "takes hours, and goes on where it was stopped. Recordings named `sim-` are simulated by "
         "those before it; in the thesis they are real:",
         "",
-        "<!-- not run: takes hours; the trial below is run -->",
+        "<!-- not run: its trial is, below -->",
         "",
         *_block(commands[0], 76),
         "Two of its sets in about a minute, on a hundredth of everything, to see that it works:",

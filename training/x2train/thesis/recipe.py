@@ -7,6 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from radard.errors import UsageError
 from x2train.thesis.cells import CELLS, Cell
 from x2train.thesis.elements import ElementSpec
@@ -40,6 +42,7 @@ class Variant:
     dwell_s: float = 2.0  # of spectrogram columns
     # train on all nine tenths, as the thesis did, and let the elements that evaluate stop it
     trains_on_all: bool = False
+    draws_classes: bool = False  # of training elements, by chance instead of in turn
 
 
 def variants(base: FitSettings) -> tuple[Variant, ...]:
@@ -60,6 +63,7 @@ def variants(base: FitSettings) -> tuple[Variant, ...]:
         Variant(label="trained at 200 Hz", fit=base, train_rate_hz=200),
         Variant(label="2 s of frames", fit=base, dwell_s=_SHORT_S),
         Variant(label="all 4500 train", fit=base, trains_on_all=True),
+        Variant(label="classes drawn", fit=base, draws_classes=True),
         row("single output", n_outputs=1),
         row("layers 200-100", layers=(200, 100)),
         row("layers 50-25", layers=(50, 25)),
@@ -159,7 +163,10 @@ class StudyRecipe:
         if theirs != cell:
             train = part(self.spec(theirs.frame_rate_hz, variant), theirs, 0, self.n_elements)
         fresh = part(own, cell, FRESH_FROM, self.n_fresh)
-        return train.part(0, n_train), whole.part(n_train, self.n_elements), fresh
+        train = train.part(0, n_train)
+        if variant.draws_classes:
+            train = drawn_classes(train, np.random.default_rng(self.seed))
+        return train, whole.part(n_train, self.n_elements), fresh
 
     def settings(self, variant: Variant, recordings: CellData | None) -> dict[str, Any]:
         """Return everything that a result depends on."""
@@ -260,6 +267,17 @@ def wanted_cells(
                 yield cell
             elif rate_hz not in {60, 200} and cell.frame_rate_hz == 60:
                 yield replace(cell, frame_rate_hz=rate_hz)
+
+
+def drawn_classes(data: CellData, rng: np.random.Generator) -> CellData:
+    """Return elements whose classes are drawn by chance, as far as either class reaches."""
+    wanted = rng.integers(2, size=len(data.y))
+    rank = np.where(wanted == 1, np.cumsum(wanted), np.cumsum(1 - wanted)) - 1
+    n = len(data.y) // 2
+    short = np.flatnonzero(rank >= n)
+    last = int(short[0]) if len(short) else len(wanted)
+    rows = (2 * rank + wanted)[:last]
+    return CellData(data.x[rows], data.y[rows], data.in_view[rows])
 
 
 def _last(steps: Iterator[Look | Fitted], cell: Cell, tell: Tell) -> Fitted:

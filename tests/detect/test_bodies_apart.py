@@ -1,4 +1,4 @@
-"""`decision.each_body`: several bodies judged apart or together, with the same verdict of all."""
+"""`decision.bodies`: judged apart, together or not followed, the same verdict."""
 
 import numpy as np
 
@@ -26,24 +26,26 @@ def two_bodies(n):
     return frames.astype(np.complex64)
 
 
-def test_bodies_judged_together_change_no_verdict():
+def test_what_is_made_of_bodies_changes_no_verdict():
     stream = StreamInfo(BASEBAND, 60.0, "module")
     frames = two_bodies(480)
     classifier = Classifier(load_bundle("fast"))
     made = {}
-    for each_body in (True, False):
+    for bodies in ("apart", "together", "unfollowed"):
         config = load_config(environ={})
-        decision = config.decision.model_copy(update={"each_body": each_body})
+        decision = config.decision.model_copy(update={"bodies": bodies})
         pipeline = Pipeline(stream, config.model_copy(update={"decision": decision}), classifier)
         ring = pipeline.make_ring()
-        made[each_body] = [
+        made[bodies] = [
             pipeline.decide(item)
             for frame in frames_of(frames)
             for item in ring.items(frame)
             if isinstance(item, Dwell)
         ]
-    apart, together = made[True], made[False]
+    apart, together, unfollowed = made.values()
     assert [d.fused for d in apart] == [d.fused for d in together]
+    assert [d.fused for d in apart] == [d.fused for d in unfollowed]
+    assert not any(d.tracks for d in unfollowed)
     several = [k for k, d in enumerate(apart) if len(d.tracks) > 1]
     assert several
     for k in several:

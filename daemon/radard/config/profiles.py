@@ -1,0 +1,179 @@
+"""Profiles: points of the measured front of speed against accuracy, each a bundle and settings.
+
+`radard/profiles.json` is written by `research/profiles.py`, which measures them; docs/tradeoff.md
+tells of them.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib import resources
+from typing import Any, Literal, get_args
+
+from radard.config.json_file import STRICT, parse_json
+from x2radar.errors import PortUrlError, SettingsError
+from x2radar.ports import parse_port
+
+USUAL_HZ = 60.0
+"""Frames a second where nobody asks for another rate."""
+Three = tuple[float, float, float]
+Bodies = Literal["apart", "together", "unfollowed"]
+"""How much is made of several bodies, from most to least."""
+_BODIES: tuple[Bodies, ...] = get_args(Bodies)
+_Where = tuple[str, ...]
+_Places = dict[_Where, str]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Profile:
+    """One point that was measured; most have no name.
+
+    A `Three` is a share with the low and high end of its 95 % interval.
+    """
+
+    __pydantic_config__ = STRICT
+
+    name: str
+    model: str  # `model.name`
+    hop_s: float  # `decision.hop_s`
+    bodies: Bodies  # `decision.bodies`
+    rate_hz: float | None  # frames a second that a module is asked for; None: as usual
+    # CPU time of a second of the stream, as a share of the dearest profile's with a gate that is
+    # always open: so open, with one body in view, and of an empty room
+    cpu_open: float
+    cpu_one: float
+    cpu_closed: float
+    passages: int  # people, and as many visits of pets, that it was judged by
+    missed: Three  # of people who come in
+    pets: Three  # visits of pets with an alarm
+    half_s: float  # from coming into view to the alarm, for half of the people
+    slow_s: float  # and for nine in ten
+    # Of recorded motion: people with an alarm, people, pets with one, pets; None: not judged
+    recorded: tuple[int, int, int, int] | None = None
+
+    @property
+    def settings(self) -> Mapping[_Where, Any]:
+        """What it sets, by section and key."""
+        return {
+            ("model", "name"): self.model,
+            ("decision", "hop_s"): self.hop_s,
+            ("decision", "bodies"): self.bodies,
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Front:
+    """All that was measured, the cheapest first, and how."""
+
+    __pydantic_config__ = STRICT
+
+    command: str
+    timed_on: str  # the processor, and how busy it was
+    bundles: dict[str, str]  # hash of the weights of every bundle that judged, by name
+    measured: tuple[Profile, ...]
+    untimed: tuple[Profile, ...] = ()  # errors are known, CPU time (here 0) is not yet
+
+    @property
+    def profiles(self) -> tuple[Profile, ...]:
+        """Those that have a name."""
+        return tuple(p for p in self.measured if p.name)
+
+    def named(self, name: str | None) -> Profile | None:
+        """Return a profile; None if there is none of the name."""
+        return next((p for p in self.profiles if p.name == name), None)
+
+
+@lru_cache(maxsize=1)
+def front() -> Front:
+    """Return the front that came with this installation."""
+    return parse_json(Front, (resources.files("radard") / "profiles.json").read_bytes())
+
+
+def profile_names() -> str:
+    """Return the names, for people."""
+    *names, last = (p.name for p in front().profiles)
+    return f"{', '.join(names)} or {last}" if names else last
+
+
+def check_profile(name: str | None) -> str | None:
+    """Raise ValueError unless there is such a profile; for pydantic."""
+    if name is not None and front().named(name) is None:
+        msg = f"no profile '{name}'; there are {profile_names()}"
+        raise ValueError(msg)
+    return name
+
+
+def lay_over(tree: dict[str, Any], places: _Places, at: _Where = ()) -> None:
+    """Put what a radar's profile sets into its sections, over what is there."""
+    profile = front().named(_name_in(tree))
+    for (section, key), value in profile.settings.items() if profile else ():
+        tree[section] = {**_section(tree, section), key: value}
+        places[(*at, section, key)] = f"profile {profile.name}" if profile else ""
+
+
+def lay_over_all(tree: dict[str, Any], places: _Places) -> None:
+    """Do so for the common sections and for every entry of `sensors`."""
+    lay_over(tree, places)
+    entries = {
+        name: dict(entry) if isinstance(entry, Mapping) else entry
+        for name, entry in _section(tree, "sensors").items()
+    }
+    for name, entry in entries.items():
+        if isinstance(entry, dict):
+            lay_over(entry, places, ("sensors", name))
+    if entries:
+        tree["sensors"] = entries
+
+
+def ask_for_rates(tree: dict[str, Any]) -> None:
+    """Give ports the frame rate of their radar's profile."""
+    common = front().named(_name_in(tree))
+    sensor = _section(tree, "sensor")
+    if sensor and common is not None:
+        tree["sensor"] = _with_rate(sensor, common)
+    entries = _section(tree, "sensors")
+    if entries:
+        tree["sensors"] = {
+            name: _with_rate(e, front().named(_name_in(e)) or common)
+            for name, e in entries.items()
+        }
+
+
+def _with_rate(radar: Any, profile: Profile | None) -> Any:
+    port = radar.get("port") if isinstance(radar, Mapping) else None
+    if not isinstance(port, str) or profile is None or profile.rate_hz is None:
+        return radar
+    return {**radar, "port": with_rate(port, profile.rate_hz)}
+
+
+def _name_in(tree: Any) -> str | None:
+    name = _section(tree, "model").get("profile") if isinstance(tree, Mapping) else None
+    return name if isinstance(name, str) else None
+
+
+def _section(tree: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    found = tree.get(name)
+    return found if isinstance(found, Mapping) else {}
+
+
+def with_rate(port: str, rate_hz: float) -> str:
+    """Return a port's string with its frame rate, unless it has one or cannot be asked for it."""
+    try:
+        parsed = parse_port(port)
+    except (SettingsError, PortUrlError):
+        return port
+    is_free = parsed.kind != "replay" and not {"rate", "device"} & set(parsed.options)
+    return f"{port}{'&' if '?' in port else '?'}rate={rate_hz:g}" if is_free else port
+
+
+def dominated(profiles: tuple[Profile, ...]) -> Iterator[str]:
+    """Yield the names of those that are dearer and no better in anything than another."""
+    for a in profiles:
+        if any(a.cpu_open > b.cpu_open and _is_no_better(a, b) for b in profiles):
+            yield a.name
+
+
+def _is_no_better(a: Profile, b: Profile) -> bool:
+    ours, theirs = ((p.missed[0], p.pets[0], p.slow_s) for p in (a, b))
+    knows_more = _BODIES.index(a.bodies) < _BODIES.index(b.bodies)
+    return not knows_more and all(x >= y for x, y in zip(ours, theirs, strict=True))
