@@ -61,7 +61,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     add("--passages", type=int, default=100, help="people, and as many visits of pets (100)")
     add("--rounds", type=int, default=9, help="how often CPU time is measured (9)")
     add("--duration", type=float, default=20.0, metavar="S", help="seconds of stream (20)")
-    add("--cpu-only", action="store_true", help="measure CPU time again, keep --file's errors")
+    add("--cpu-only", action="store_true", help="keep --file's errors on simulated passages")
     add(
         "--recorded",
         nargs="+",
@@ -81,55 +81,60 @@ def _run(args: argparse.Namespace) -> None:
     check_within(args, passages=(1, 1e6), rounds=(1, 100), duration=(5, 600))
     check_picture(args.plot)
     check_picture(args.levers_plot)
-    if args.cpu_only:
-        before = parse_json(Front, args.file.read_bytes())
-        known = {_candidate(p).case: p for p in (*before.untimed, *before.measured)}
-        tried = tuple(each for each in candidates() if each.case in known)
-    else:
-        tried = candidates()
-    with counted("timing") as tell:
-        shares = cpu_shares(tried, args.duration, args.rounds, tell)
-    lines: list[str] = []
-    if args.cpu_only:
-        # What is made of several bodies changes no verdict.
-        made = [
-            _timed(replace(known[each.case], bodies=each.bodies), shares[each]) for each in tried
-        ]
-        command, bundles = before.command, before.bundles
-    else:
-        rows = tuple(levers.cases(levers.MODELS))
-        own = dict.fromkeys(each.case for each in tried)
-        with counted("passages") as tell:
-            figures = measure((*own, *rows), args.passages, tell)
-        found = {f.case: f for f in figures}
-        with counted("recorded motion") as tell:
-            recorded = judge_recorded(tuple(own), args.recorded, tell)
-        made = [
-            _timed(_profile(each, found[each.case], recorded.get(each.case), args.passages), cpu)
-            for each, cpu in shares.items()
-        ]
-        command = f"python research/profiles.py --passages {args.passages}"
-        bundles = {each.case.model: load_bundle(each.case.model).sha256 for each in tried}
-        lines = list(levers.table(figures[len(own) :], args.passages))
-    chosen = choose(made)
-    told = Front(
-        command=command,
-        timed_on=f"{processor()}, load {os.getloadavg()[0]:.1f} of {os.cpu_count()}",
-        bundles=bundles,
-        measured=tuple(sorted(chosen, key=lambda p: (_candidate(p) == BEST, p.cpu_open))),
-    )
-    page = list(table(told))
+    rows: list[Figures] = []
+    made, about = _again(args) if args.cpu_only else _anew(args, rows)
+    measured = sorted(choose(made), key=lambda p: (_candidate(p) == BEST, p.cpu_open))
+    load = f"load {os.getloadavg()[0]:.1f} of {os.cpu_count()}"
+    told = replace(about, timed_on=f"{processor()}, {load}", measured=tuple(measured), untimed=())
+    page, lines = list(table(told)), list(levers.table(rows, args.passages)) if rows else []
     say("\n".join([*page, *lines]))
     args.file.parent.mkdir(parents=True, exist_ok=True)
     args.file.write_text(json.dumps(asdict(told), indent=1) + "\n", "utf-8")
     if args.page:
-        publish(args.page, MARKS, page, command, _SHORT)
+        publish(args.page, MARKS, page, told.command, _SHORT)
         if lines:
-            publish(args.page, RESULTS, lines, command, _SHORT)
+            publish(args.page, RESULTS, lines, told.command, _SHORT)
     if args.plot:
         save(drawn(told.measured), args.plot, 110)
-    if args.levers_plot and lines:
-        save(levers.drawn(figures[len(own) :]), args.levers_plot, 110)
+    if args.levers_plot and rows:
+        save(levers.drawn(rows), args.levers_plot, 110)
+
+
+def _again(args: argparse.Namespace) -> tuple[list[Profile], Front]:
+    """Measure CPU time, and errors on recorded motion, of all whose other errors are known."""
+    before = parse_json(Front, args.file.read_bytes())
+    known = {_candidate(p).case: p for p in (*before.untimed, *before.measured)}
+    tried = tuple(each for each in candidates() if each.case in known)
+    with counted("timing") as tell:
+        shares = cpu_shares(tried, args.duration, args.rounds, tell)
+    # What is made of several bodies changes no verdict.
+    made = [_timed(replace(known[c.case], bodies=c.bodies), shares[c]) for c in tried]
+    if args.recorded:
+        with counted("recorded motion") as tell:
+            recorded = judge_recorded(tuple(known), args.recorded, tell)
+        made = [replace(p, recorded=recorded[_candidate(p).case]) for p in made]
+    return made, before
+
+
+def _anew(args: argparse.Namespace, rows: list[Figures]) -> tuple[list[Profile], Front]:
+    """Measure everything; put the settings' figures into `rows`."""
+    tried = candidates()
+    with counted("timing") as tell:
+        shares = cpu_shares(tried, args.duration, args.rounds, tell)
+    own = tuple(dict.fromkeys(each.case for each in tried))
+    with counted("passages") as tell:
+        figures = measure((*own, *levers.cases(levers.MODELS)), args.passages, tell)
+    with counted("recorded motion") as tell:
+        recorded = judge_recorded(own, args.recorded, tell)
+    found = {f.case: f for f in figures[: len(own)]}
+    rows += figures[len(own) :]
+    made = [
+        _timed(_profile(c, found[c.case], recorded.get(c.case), args.passages), shares[c])
+        for c in tried
+    ]
+    command = f"python research/profiles.py --passages {args.passages}"
+    bundles = {each.case.model: load_bundle(each.case.model).sha256 for each in tried}
+    return made, Front(command=command, timed_on="", bundles=bundles, measured=())
 
 
 def _candidate(p: Profile) -> Candidate:

@@ -162,7 +162,6 @@ def load_with_origins(
     if ("sensor", "port") in places and places["sensor", "port"] == "command line":
         # One radar was asked for by hand: that is the whole run.
         tree.pop("sensors", None)
-    profiles.ask_for_rates(tree)
     config = _checked(tree, places)
     at = partial(saved_file, environ=environ, port=port)
     is_changed = lay_over(partial(at, config), tree, places)
@@ -200,10 +199,21 @@ def _is_built_in(config: Config, where: Where) -> bool:
 
 def _checked(tree: Mapping[str, Any], places: Places) -> Config:
     try:
-        return Config.model_validate(tree)
+        return _at_rates(Config.model_validate(tree))
     except ValidationError as err:
         lines = [explain(fault, places, Config) for fault in err.errors()]
         raise ConfigError("; ".join(lines)) from err
+
+
+def _at_rates(config: Config) -> Config:
+    """Let every port ask for the frame rate of its radar's profile."""
+    port = profiles.rated(config.sensor.port, config.model.profile)
+    sensors = {}
+    for name, entry in config.sensors.items():
+        own = profiles.rated(entry.port, (entry.model or config.model).profile)
+        sensors[name] = entry.model_copy(update={"port": own})
+    sensor = config.sensor.model_copy(update={"port": port})
+    return config.model_copy(update={"sensor": sensor, "sensors": sensors})
 
 
 def _take(

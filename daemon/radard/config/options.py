@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from radard.config.config import Config, load_config
-from radard.config.profiles import front, with_rate
+from radard.config.profiles import rated
 from radard.config.sink_table import FORMS
 from radard.errors import UsageError
 from x2radar.ports import KEYS, PORT_FORMS
@@ -78,9 +78,7 @@ def listening_config(args: argparse.Namespace, default_port: str | None = None) 
     """
     config = load_config(args.config, options=config_options(args))
     if args.port is None and default_port is not None and not args.sensor:
-        port, profile = config.sensor.port or default_port, front().named(config.model.profile)
-        if profile is not None and profile.rate_hz is not None:
-            port = with_rate(port, profile.rate_hz)
+        port = rated(config.sensor.port or default_port, config.model.profile)
         own = config.sensor.model_copy(update={"port": port})
         return config.model_copy(update={"sensor": own, "sensors": {}})
     return config.of_sensor(args.sensor)

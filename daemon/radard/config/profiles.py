@@ -125,25 +125,12 @@ def lay_over_all(tree: dict[str, Any], places: _Places) -> None:
         tree["sensors"] = entries
 
 
-def ask_for_rates(tree: dict[str, Any]) -> None:
-    """Give ports the frame rate of their radar's profile."""
-    common = front().named(_name_in(tree))
-    sensor = _section(tree, "sensor")
-    if sensor and common is not None:
-        tree["sensor"] = _with_rate(sensor, common)
-    entries = _section(tree, "sensors")
-    if entries:
-        tree["sensors"] = {
-            name: _with_rate(e, front().named(_name_in(e)) or common)
-            for name, e in entries.items()
-        }
-
-
-def _with_rate(radar: Any, profile: Profile | None) -> Any:
-    port = radar.get("port") if isinstance(radar, Mapping) else None
-    if not isinstance(port, str) or profile is None or profile.rate_hz is None:
-        return radar
-    return {**radar, "port": with_rate(port, profile.rate_hz)}
+def rated(port: str | None, name: str | None) -> str | None:
+    """Return a radar's port, asked for the frame rate of a profile."""
+    profile = front().named(name)
+    if port is None or profile is None or profile.rate_hz is None:
+        return port
+    return with_rate(port, profile.rate_hz)
 
 
 def _name_in(tree: Any) -> str | None:
