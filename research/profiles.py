@@ -42,7 +42,7 @@ from x2train.judge.estimates import Estimate
 
 MARKS: Marks = ("<!-- profiles -->", "<!-- end of profiles -->")
 FILE = Path(__file__).parents[1] / "daemon" / "radard" / "profiles.json"
-_BANDS = (("eco", 0.25), ("fast", 0.4), ("balanced", 0.7), ("accurate", 1.0))
+_BANDS = (("eco", 0.25), ("fast", 0.45), ("balanced", 0.7), ("accurate", 1.0))
 """Names, and the share of the usual CPU time that each may take at most."""
 _SHORT = "--passages 1 --rounds 1 --duration 5 --file build/profiles.json"
 _MISS = 10.0  # a person missed counts as so many visits of pets with an alarm
