@@ -239,8 +239,8 @@ def drawn(made: Sequence[Profile]) -> Figure:
         if p.recorded:
             n_alarmed, n_people, n_pets_alarmed, n_pets = p.recorded
             for axis, share in (
-                (people, 1 - n_alarmed / n_people),
-                (pets, n_pets_alarmed / n_pets),
+                (people, 1 - n_alarmed / max(n_people, 1)),
+                (pets, n_pets_alarmed / max(n_pets, 1)),
             ):
                 axis.plot(p.cpu_open, 100 * share, "o", mfc="none", color=colour, zorder=2)
     for axis, title in ((people, "people missed, %"), (pets, "pets' visits with an alarm, %")):
