@@ -143,7 +143,7 @@ def test_before_anybody_listens_nothing_is_left(room):
 class CalibrationMachine(RuleBasedStateMachine):
     """Dwells, a survey that is slow or fails, and somebody who stops it, in any order."""
 
-    @initialize(n=st.integers(1, 45), fails_at=st.none() | st.integers(1, 30))
+    @initialize(n=st.integers(25, 45), fails_at=st.none() | st.integers(1, 30))
     def begin(self, n, fails_at):
         self.folder = tempfile.TemporaryDirectory()
         self.patch = pytest.MonkeyPatch()
