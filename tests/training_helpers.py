@@ -110,8 +110,9 @@ def write_tiny(folder, network, *, name="tiny", evidence=None, metrics=None):
 def given(bundle, columns):
     """Return what the last layer of a bundle's network is given of toy windows."""
     maps = {name: columns[name] for name in NAMES}
-    values = tapped(with_given(bundle.onnx), maps, GIVEN)[1]
-    return Given(values, columns["label"], np.arange(len(values)) % 4 == 0)
+    answers, values = tapped(with_given(bundle.onnx), maps, GIVEN)
+    log_p = np.log(answers.p(bundle.temperature)).astype(np.float32)
+    return Given(values, log_p, columns["label"], np.arange(len(values)) % 4 == 0)
 
 
 def head_for(bundle, **settings):
@@ -126,8 +127,9 @@ def head_for(bundle, **settings):
 def give_head(path, *, temperature=1.0):
     """Give the bundle of a file a temporal head that is as unsure as its temperature says."""
     bundle = load_bundle(str(path))
-    onnx = with_head(bundle.onnx, replace(head_for(bundle), temperature=temperature))
+    made = replace(head_for(bundle), temperature=temperature)
+    onnx = with_head(bundle.onnx, made, bundle.temperature)
     path.write_bytes(onnx)
     sidecar = json.loads(path.with_suffix(".json").read_text())
-    sidecar |= {"onnx_sha256": hashlib.sha256(onnx).hexdigest(), "hidden": 5}
+    sidecar |= {"onnx_sha256": hashlib.sha256(onnx).hexdigest(), "hidden": made.head.n_hidden}
     path.with_suffix(".json").write_text(json.dumps(sidecar))

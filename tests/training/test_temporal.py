@@ -55,7 +55,9 @@ def runs_of(n, length, rng):
     is_first = np.arange(n * length) % length == 0
     values = rng.standard_normal((n * length, 6)).astype(np.float32)
     values[is_first, label[is_first]] += 6
-    return Given(values, label, is_first)
+    p = np.where(is_first[:, None] & (label[:, None] == range(3)), 0.8, 0.1)
+    p /= p.sum(axis=1, keepdims=True)
+    return Given(values, np.log(p).astype(np.float32), label, is_first)
 
 
 def test_it_recalls_what_only_the_first_window_showed():
@@ -68,15 +70,22 @@ def test_it_recalls_what_only_the_first_window_showed():
     assert isinstance(made, HeadTrained)
     logits = logits_over(made.head, other)
     assert (logits.argmax(axis=1) == other.label).mean() > 0.95
+    # Each of its parts does, so neither leans on the other.
+    windows = torch.from_numpy(other.values), torch.from_numpy(other.log_p)
+    for part in made.head(*(each.reshape(60, 5, -1) for each in windows)):
+        found = part.detach().numpy().argmax(axis=2).ravel()
+        assert (found == other.label).mean() > 0.9
     # And nothing of the stay before.
-    turned = Given(other.values[5:], other.label[5:], other.is_first[5:])
+    turned = Given(
+        *(each[5:] for each in (other.values, other.log_p, other.label, other.is_first))
+    )
     np.testing.assert_array_equal(logits_over(made.head, turned), logits[5:])
 
 
 def test_onnxruntime_computes_what_torch_trained(folder):
     bundle, windows = load_bundle(str(folder / "plain.onnx")), toy(48, seed=4)
     made = replace(head_for(bundle), temperature=1.7)
-    network = with_head(bundle.onnx, made)
+    network = with_head(bundle.onnx, made, bundle.temperature)
     maps = {name: windows[name] for name in NAMES}
     seen = given(bundle, windows)
     found = outputs_of(network, maps, is_first=seen.is_first)
@@ -86,7 +95,8 @@ def test_onnxruntime_computes_what_torch_trained(folder):
     assert plain.fused is None
     assert n_parameters(network) > n_parameters(bundle.onnx)
     n_head = sum(p.numel() for p in made.head.parameters())
-    assert n_parameters(network) - n_parameters(bundle.onnx) == n_head
+    # The last layers' biases are added up.
+    assert n_parameters(network) - n_parameters(bundle.onnx) == n_head - 3
 
 
 def test_the_daemon_hands_on_what_the_head_wants_until_the_gate_closes(folder):
@@ -137,14 +147,14 @@ def test_a_network_without_the_outputs_that_its_sidecar_promises_is_refused(fold
     with pytest.raises(ModelMismatch, match="does not give next_hidden"):
         Classifier(replace(bundle, onnx=model.SerializeToString()))
     # And one that was left out of the sidecar is an input nobody feeds.
-    with pytest.raises(ModelMismatch, match="'hidden': \\[1, 5\\]"):
+    with pytest.raises(ModelMismatch, match="'hidden': \\[1, 13\\]"):
         Classifier(replace(bundle, n_hidden=0))
 
 
 def test_torch_computes_the_graph_with_its_head(folder):
     bundle = load_bundle(str(folder / "tiny.onnx"))
     net = GraphNet(bundle.onnx)
-    assert sum(p.numel() for p in net.parameters()) == n_parameters(bundle.onnx)
+    assert sum(int(p.count_nonzero()) for p in net.parameters()) == n_parameters(bundle.onnx)
     maps, is_first = {n: toy(12)[n] for n in NAMES}, np.arange(12) % 4 == 0
     both = (net.to_onnx(), bundle.onnx)
     again, first = (outputs_of(x, maps, is_first=is_first) for x in both)
@@ -169,7 +179,7 @@ def test_the_command_writes_a_bundle_that_the_daemon_takes(folder, tmp_path, cap
     assert f"wrote {tmp_path / 'own'}.onnx, .json and .md" in capsys.readouterr().out
     sidecar = json.loads((tmp_path / "own.json").read_text())
     plain = load_bundle(str(folder / "plain.onnx"))
-    assert (sidecar["hidden"], sidecar["policy"]) == (20, "fused")
+    assert (sidecar["hidden"], sidecar["policy"]) == (28, "fused")
     assert sidecar["evidence"] == {"human_limit": HUMAN_LIMIT["fast"]}
     assert sidecar["training"]["temporal"]["base_onnx_sha256"] == plain.sha256
     assert sidecar["training"]["recipe"].endswith("kept out of its training: none.")
@@ -178,7 +188,7 @@ def test_the_command_writes_a_bundle_that_the_daemon_takes(folder, tmp_path, cap
     assert sidecar["metrics"]["parameters"] == n_parameters((tmp_path / "own.onnx").read_bytes())
     assert {"log loss, fused", "log loss, windows summed"} <= set(sidecar["metrics"])
     bundle = load_bundle(str(tmp_path / "own.onnx"))
-    assert (bundle.n_hidden, bundle.temperature) == (20, plain.temperature)
+    assert (bundle.n_hidden, bundle.temperature) == (28, plain.temperature)
     Classifier(bundle)
     first = (tmp_path / "own.onnx").read_bytes()
     assert temporal(folder, *out) == 0

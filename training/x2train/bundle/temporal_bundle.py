@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import log_softmax
 
 from radard.errors import RadardError
 from radard.judge.bundle import Bundle, EvidenceSettings, load_bundle, sidecar_path
@@ -64,12 +65,14 @@ def given_of_sets(bundle: Bundle, folders: Sequence[Path]) -> tuple[Sets, list[M
         check_made_for(bundle, columns, about[0], folder)
         answers, given = tapped(network, _inputs(bundle, columns), GIVEN)
         label = np.asarray(columns["label"], np.int64)
-        made.append(Given(given, label, _is_first(columns)))
+        log_p = log_softmax(answers.logits / bundle.temperature, axis=1)
+        made.append(Given(given, log_p.astype(np.float32), label, _is_first(columns)))
         logits.append(answers.logits)
         abouts += about
         sample = sample or {key: values[:_N_SAMPLE] for key, values in columns.items()}
     joined = Given(
         np.concatenate([g.values for g in made]),
+        np.concatenate([g.log_p for g in made]),
         np.concatenate([g.label for g in made]),
         np.concatenate([g.is_first for g in made]),
     )
@@ -95,7 +98,7 @@ def write_temporal(
     RadardError if onnxruntime and torch do not agree, or single windows are not what they were.
     """
     base = load_bundle(model)
-    onnx = with_head(base.onnx, trained)
+    onnx = with_head(base.onnx, trained, base.temperature)
     given = validation.given
     fused = logits_over(trained.head, given) / trained.temperature
     difference = _difference(base, onnx, validation, fused)
@@ -119,7 +122,7 @@ def write_temporal(
         onnx=onnx,
         policy="fused",
         evidence=evidence,
-        n_hidden=trained.head.gru.hidden_size,
+        n_hidden=trained.head.n_hidden,
     )
     training = {
         **known,

@@ -3,9 +3,12 @@
 The network takes `hidden` besides, and gives `fused_logits` and `next_hidden`; what it says of
 single windows stays as it is, bit by bit::
 
-    projected    = relu(given A' + a')
-    next_hidden  = GRU(projected, hidden)
+    given        = relu(given A' + a')
+    said         = tanh(log_softmax(logits / temperature of windows) A' + a')
+    next_hidden  = GRU([given, said], hidden)
     fused_logits = (next_hidden B' + b) / temperature
+
+Both parts of a head are one GRU, whose weights from one to the other are zero.
 """
 
 from collections.abc import Mapping
@@ -16,6 +19,7 @@ import onnx
 from numpy.typing import NDArray
 from onnx import helper, numpy_helper
 from onnx.onnx_ml_pb2 import TensorProto
+from scipy.linalg import block_diag
 
 from radard.errors import UsageError
 from radard.judge.classifier import FUSED_LOGITS, HIDDEN, NEXT_HIDDEN
@@ -38,22 +42,29 @@ def with_given(onnx_bytes: bytes) -> bytes:
     return bytes(model.SerializeToString())
 
 
-def with_head(onnx_bytes: bytes, trained: HeadTrained) -> bytes:
+def with_head(onnx_bytes: bytes, trained: HeadTrained, temperature: float) -> bytes:
     """Return a bundle's network with a temporal head; raises UsageError as `with_given`.
 
-    What standardises is taken into the projection, the temperature into the last layer.
+    What standardises is taken into the projection, the head's temperature into the last layer.
+    `temperature` is that of windows alone.
     """
     model = onnx.load_from_string(onnx_bytes)
     _check(model)
     graph = model.graph
     given, values = _given_to_last(model), _values(trained)
+    values["scale"] = np.array(1 / temperature, np.float32)
     for name, array in values.items():
         graph.initializer.append(numpy_helper.from_array(array, _P + name))
     n_hidden = values["recurrence"].shape[2]
     steps: tuple[tuple[str, list[str], list[str], Mapping[str, Any]], ...] = (
-        ("Gemm", [given, _P + "projection", _P + "offset"], [_P + "projected"], {}),
-        ("Relu", [_P + "projected"], [_P + "rectified"], {}),
-        ("Unsqueeze", [_P + "rectified", _P + "axis"], [_P + "step"], {}),
+        ("Gemm", [given, _P + "given_projection", _P + "given_offset"], [_P + "projected"], {}),
+        ("Relu", [_P + "projected"], [_P + "from_given"], {}),
+        ("Mul", [graph.output[0].name, _P + "scale"], [_P + "scaled"], {}),
+        ("LogSoftmax", [_P + "scaled"], [_P + "log_p"], {"axis": 1}),
+        ("Gemm", [_P + "log_p", _P + "said_projection", _P + "said_offset"], [_P + "said"], {}),
+        ("Tanh", [_P + "said"], [_P + "from_said"], {}),
+        ("Concat", [_P + "from_given", _P + "from_said"], [_P + "both"], {"axis": 1}),
+        ("Unsqueeze", [_P + "both", _P + "axis"], [_P + "step"], {}),
         ("Unsqueeze", [HIDDEN, _P + "axis"], [_P + "before"], {}),
         (
             "GRU",
@@ -82,7 +93,7 @@ def n_parameters(onnx_bytes: bytes) -> int:
     """Return how many numbers a network has learned."""
     graph = onnx.load_from_string(onnx_bytes).graph
     arrays = [numpy_helper.to_array(each) for each in graph.initializer]
-    return sum(a.size for a in arrays if a.dtype == np.float32 and a.size > 1)
+    return sum(int(np.count_nonzero(a)) for a in arrays if a.dtype == np.float32 and a.size > 1)
 
 
 def _check(model: onnx.ModelProto) -> None:
@@ -108,19 +119,29 @@ def _values(trained: HeadTrained) -> dict[str, NDArray[Any]]:
     """Return the weights as ONNX wants them: in double precision until the last moment."""
     head = trained.head
     state = {key: v.detach().numpy().astype(np.float64) for key, v in head.state_dict().items()}
-    projection = state["projection.weight"] / state["spread"]
-    n_hidden = head.gru.hidden_size
-    # torch: reset, update, new; ONNX: update, reset, new.
-    order = np.concatenate([np.arange(n_hidden) + k * n_hidden for k in (1, 0, 2)])
-    biases = [state["gru.bias_ih_l0"][order], state["gru.bias_hh_l0"][order]]
+    projection = state["given.projection.weight"] / state["spread"]
+
+    def joined(weights: str) -> NDArray[np.float64]:
+        """Return both parts' weights of a GRU, one gate after the other, zero between them."""
+        # torch: reset, update, new; ONNX: update, reset, new.
+        parts = [np.split(state[f"{part}.gru.{weights}_l0"], 3) for part in ("given", "said")]
+        gates = [[part[k] for part in parts] for k in (1, 0, 2)]
+        if gates[0][0].ndim == 1:
+            return np.concatenate([np.concatenate(gate) for gate in gates])
+        return np.concatenate([block_diag(*gate) for gate in gates])
+
+    out = np.hstack([state["given.out.weight"], state["said.out.weight"]])
+    share = 0.5 / trained.temperature
     values = {
-        "projection": projection.T,
-        "offset": state["projection.bias"] - projection @ state["mean"],
-        "weight": state["gru.weight_ih_l0"][order][None],
-        "recurrence": state["gru.weight_hh_l0"][order][None],
-        "bias": np.concatenate(biases)[None],
-        "out": state["out.weight"].T / trained.temperature,
-        "out_bias": state["out.bias"] / trained.temperature,
+        "given_projection": projection.T,
+        "given_offset": state["given.projection.bias"] - projection @ state["mean"],
+        "said_projection": state["said.projection.weight"].T,
+        "said_offset": state["said.projection.bias"],
+        "weight": joined("weight_ih")[None],
+        "recurrence": joined("weight_hh")[None],
+        "bias": np.concatenate([joined("bias_ih"), joined("bias_hh")])[None],
+        "out": out.T * share,
+        "out_bias": (state["given.out.bias"] + state["said.out.bias"]) * share,
     }
     made = {key: np.ascontiguousarray(value, np.float32) for key, value in values.items()}
     return {**made, "axis": np.array([0])}

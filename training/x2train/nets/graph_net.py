@@ -48,7 +48,7 @@ class GraphNet(nn.Module):
                 self._names[each.name] = own
                 self.register_parameter(own, nn.Parameter(torch.from_numpy(values)))
             else:
-                self._constants[each.name] = values
+                self._constants[each.name] = torch.from_numpy(values)
 
     def forward(self, *inputs: Tensor) -> tuple[Tensor, ...]:
         """Return the logits, shape (n, n_classes), and those of a temporal head, if it has one.
@@ -159,6 +159,7 @@ _OPERATORS: Mapping[str, _Operator] = {
     "Flatten": lambda given, options: given[0].flatten(options.get("axis", 1)),
     "GRU": _gru,
     "Gemm": _gemm,
+    "LogSoftmax": lambda given, options: functional.log_softmax(given[0], options.get("axis", -1)),
     "MatMul": lambda given, _: given[0] @ given[1],
     "Mul": lambda given, _: given[0] * given[1],
     "ReduceMax": _reduced(torch.amax),
@@ -167,5 +168,6 @@ _OPERATORS: Mapping[str, _Operator] = {
     "Reshape": _reshape,
     "Squeeze": _squeeze,
     "Sigmoid": lambda given, _: torch.sigmoid(given[0]),
+    "Tanh": lambda given, _: torch.tanh(given[0]),
     "Unsqueeze": _unsqueeze,
 }

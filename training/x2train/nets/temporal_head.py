@@ -1,11 +1,15 @@
 """Temporal head: it integrates evidence over successive windows, learned instead of summed.
 
-It takes what the network's last layer is given, so nothing of a window is lost on the way
-through three probabilities::
+Two parts judge by themselves, and the mean of their logits counts. One takes what the network's
+last layer is given, so nothing of a window is lost on the way through three probabilities; it
+knows best the bodies that training knew. The other takes those probabilities alone: it learns only
+how they follow one another, which holds for bodies that nobody trained on as well
+(docs/research/evaluation-tried.md)::
 
-    projected = relu(A (given - mean) / spread + a)
-    hidden    = gru(projected, hidden)           (Cho et al. 2014, recalled; torch's variant)
-    logits    = B hidden + b
+    given:  projected = relu(A (given - mean) / spread + a)
+    said:   projected = tanh(A log p + a)
+    hidden  = gru(projected, hidden)           (Cho et al. 2014, recalled; torch's variant)
+    logits  = B hidden + b
 
 Hidden values begin at zero whenever the gate has opened. What counts is the verdict of a visit, so
 the windows after 3, 5 and 8 s weigh more than the others.
@@ -13,15 +17,18 @@ the windows after 3, 5 and 8 s weigh more than the others.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import nn
 from torch.nn import functional
+from torch.nn.utils.rnn import pad_sequence
 
 from x2train.nets.epoch import Epoch, temperature_of
 
+_N_CLASSES = 3
 _IGNORED = -100  # torch's label for what does not count
 _VERDICTS = (2, 4, 7)
 """Windows after the first at which a visit may be judged: 3, 5 and 8 s (`decide_within_s`)."""
@@ -33,6 +40,7 @@ class Given:
     """Windows as a head sees them, in order within what the daemon would see in one go."""
 
     values: NDArray[np.float32]  # (n, n_given): what the network's last layer is given
+    log_p: NDArray[np.float32]  # (n, 3): what it says of each window alone, calibrated
     label: NDArray[np.int64]
     is_first: NDArray[np.bool_]  # (n,): where the gate has opened
 
@@ -49,6 +57,7 @@ class HeadSettings:
 
     n_projected: int = 16
     n_hidden: int = 24
+    n_said: int = 8  # both, of the part that takes what was said
     epochs: int = 6  # passes over the stays
     batch: int = 64  # stays a step
     learning_rate: float = 5e-3  # greatest of the one cycle
@@ -58,31 +67,44 @@ class HeadSettings:
 
 
 class TemporalHead(nn.Module):
-    """Recurrent network (GRU) over the windows of a passage, on the last layer's input."""
+    """Recurrent networks (GRU) over a passage: of what is given, and of what is said."""
 
     mean: torch.Tensor
     spread: torch.Tensor
 
     def __init__(
-        self,
-        mean: NDArray[np.float32],
-        spread: NDArray[np.float32],
-        settings: HeadSettings,
+        self, mean: NDArray[np.float32], spread: NDArray[np.float32], settings: HeadSettings
     ) -> None:
         super().__init__()
         self.register_buffer("mean", torch.from_numpy(mean))
         self.register_buffer("spread", torch.from_numpy(spread))
         self.dropout = nn.Dropout(settings.dropout)
-        self.projection = nn.Linear(len(mean), settings.n_projected)
-        self.gru = nn.GRU(settings.n_projected, settings.n_hidden, batch_first=True)
-        self.out = nn.Linear(settings.n_hidden, 3)
+        self.given = _part(len(mean), settings.n_projected, settings.n_hidden)
+        self.said = _part(_N_CLASSES, settings.n_said, settings.n_said)
+        self.n_hidden = settings.n_hidden + settings.n_said
 
-    def forward(self, given: torch.Tensor) -> torch.Tensor:
-        """Return logits, shape (n, n_windows, 3), of stays, (n, n_windows, n_given)."""
+    def forward(self, given: torch.Tensor, log_p: torch.Tensor) -> tuple[torch.Tensor, ...]:
+        """Return both parts' logits, shape (n, n_windows, 3), of stays, (n, n_windows, ...)."""
         z = self.dropout((given - self.mean) / self.spread)
-        hidden, _ = self.gru(torch.relu(self.projection(z)))
-        logits: torch.Tensor = self.out(hidden)
-        return logits
+        projected = (
+            torch.relu(self.given["projection"](z)),
+            torch.tanh(self.said["projection"](log_p)),
+        )
+        made = []
+        for part, values in zip((self.given, self.said), projected, strict=True):
+            hidden, _ = part["gru"](values)
+            made.append(part["out"](hidden))
+        return tuple(made)
+
+
+def _part(n_in: int, n_projected: int, n_hidden: int) -> nn.ModuleDict:
+    return nn.ModuleDict(
+        {
+            "projection": nn.Linear(n_in, n_projected),
+            "gru": nn.GRU(n_projected, n_hidden, batch_first=True),
+            "out": nn.Linear(n_hidden, _N_CLASSES),
+        }
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,16 +139,12 @@ def fit_head(
         head.train()
         total, n = 0.0, 0
         for part in torch.split(torch.randperm(len(runs), generator=rng), settings.batch):
-            values, label = _padded(train, [runs[k] for k in part.tolist()])
-            each = functional.cross_entropy(
-                head(values).flatten(0, 1),
-                label.flatten(),
-                weight,
-                ignore_index=_IGNORED,
-                reduction="none",
-            )
+            values, log_p, label = _padded(train, [runs[k] for k in part.tolist()])
             share = _shares(label)
-            loss = (each * share).sum() / share.sum()
+            # Each part learns to judge alone.
+            loss = torch.stack(
+                [_mean_loss(each, label, weight, share) for each in head(values, log_p)]
+            ).mean()
             optimiser.zero_grad()
             torch.autograd.backward(loss)
             nn.utils.clip_grad_norm_(head.parameters(), 1.0)
@@ -141,22 +159,30 @@ def fit_head(
 def logits_over(head: TemporalHead, given: Given) -> NDArray[np.float64]:
     """Return the logits after every window, shape (n, 3)."""
     head.eval()
-    out = np.empty((len(given.label), 3))
+    out = np.empty((len(given.label), _N_CLASSES))
     with torch.no_grad():
         for run in given.runs():
-            out[run] = head(torch.from_numpy(given.values[run])[None])[0].numpy()
+            windows = [torch.from_numpy(each[run])[None] for each in (given.values, given.log_p)]
+            out[run] = torch.stack(head(*windows)).mean(dim=0)[0].numpy()
     return out
 
 
-def _padded(given: Given, runs: list[slice]) -> tuple[torch.Tensor, torch.Tensor]:
-    longest = max(run.stop - run.start for run in runs)
-    values = torch.zeros(len(runs), longest, given.values.shape[1])
-    label = torch.full((len(runs), longest), _IGNORED)
-    for k, run in enumerate(runs):
-        n = run.stop - run.start
-        values[k, :n] = torch.from_numpy(given.values[run])
-        label[k, :n] = torch.from_numpy(given.label[run])
-    return values, label
+def _padded(given: Given, runs: list[slice]) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    def stays(values: NDArray[Any]) -> torch.Tensor:
+        return pad_sequence([torch.from_numpy(values[run]) for run in runs], batch_first=True)
+
+    label = [torch.from_numpy(given.label[run]) for run in runs]
+    padded = pad_sequence(label, batch_first=True, padding_value=_IGNORED)
+    return stays(given.values), stays(given.log_p), padded
+
+
+def _mean_loss(
+    logits: torch.Tensor, label: torch.Tensor, weight: torch.Tensor, share: torch.Tensor
+) -> torch.Tensor:
+    each = functional.cross_entropy(
+        logits.flatten(0, 1), label.flatten(), weight, ignore_index=_IGNORED, reduction="none"
+    )
+    return (each * share).sum() / share.sum()
 
 
 def _shares(label: torch.Tensor) -> torch.Tensor:
