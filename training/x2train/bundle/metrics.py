@@ -20,7 +20,7 @@ TRUST = 2 / 3
 counts windows of families that it had not seen 0.3 and those of its own 0.6: evidence of
 movements that nobody has trained is worth less, and this is half-way."""
 HUMAN_LIMIT = 0.65
-PRIOR_HUMAN = {"fast": 0.0, "balanced": 0.25, "accurate": 0.25}
+PRIOR_HUMAN = {"fast": 0.0, "balanced": 0.25, "accurate": 0.25, "large": 0.25}
 """How policies that sum lean towards the alarm, by size of the network. Chosen on 1600 passages
 that neither training nor docs/evaluation.md uses."""
 N_SAMPLE = 256  # windows that torch and onnxruntime are compared on

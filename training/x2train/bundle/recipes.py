@@ -107,30 +107,55 @@ def _generated(size: str, fit: str, sets: str = _ALL) -> str:
     return f"train-export fit {sets} --name {name} --size {size} {fit} --seed 0 --half {_IN_PARTS}"
 
 
-def _on_recordings(size: str, generated: str) -> Recipe:
-    """Return how a bundle is made: one that knows generated bodies goes on with recorded ones.
+def _recorded(name: str, size: str, epochs: int, start: str = "") -> str:
+    """Return how a network learns from recorded bodies, from one that knows generated ones on."""
+    start = start and f" --start {_PARTS}/generated-{start}.onnx"
+    return (
+        f"train-export fit {_RECORDED} --name recorded-{name} --size {size} --epochs {epochs} "
+        f"--seed 0 --half --batch 512{start} {_IN_PARTS}"
+    )
 
-    Its head leans to a pet's side by 0.25 nats: chosen on recorded motion that nobody trained on
-    and on passages of the suites and the acceptance test (docs/research/evaluation-tried.md).
+
+def _visits(name: str, parts: str, lean: str) -> str:
+    """Return how a head learns to judge visits, on the mean of networks.
+
+    How far it leans to a person's side was chosen on recorded motion that nobody trained on and on
+    passages of the suites and the acceptance test (docs/research/evaluation-tried.md).
     """
-    base, part = f"{_PARTS}/generated-{size}.onnx", f"recorded-{size}"
-    limit = " --human-limit 0.8" if size == "accurate" else ""
+    models = " ".join(f"{_PARTS}/{part}.onnx" for part in parts.split())
+    return (
+        f"train-export temporal --model {models} {_RECORDED_LONG} --size {name} --name {name} "
+        f"{lean} --epochs 6 --seed 0"
+    )
+
+
+def _on_recordings(size: str, epochs: int, lean: str) -> Recipe:
     return Recipe(
         (
-            generated,
-            f"train-export fit {_RECORDED} --name {part} --size {size} --epochs 14 --seed 0 "
-            f"--half --batch 512 --start {base} {_IN_PARTS}",
-            f"train-export temporal --model {_PARTS}/{part}.onnx {_RECORDED_LONG} --size {size} "
-            f"--name {size} --prior -0.25{limit} --epochs 6 --seed 0",
+            _generated(size, f"--epochs {epochs}"),
+            _recorded(size, size, 14, size),
+            _visits(size, f"recorded-{size}", lean),
         )
     )
 
 
 RECIPES: Mapping[str, Recipe] = MappingProxyType(
     {
-        "accurate": _on_recordings("accurate", _generated("accurate", "--epochs 4", _MILLION)),
-        "balanced": _on_recordings("balanced", _generated("balanced", "--epochs 8")),
-        "fast": _on_recordings("fast", _generated("fast", "--epochs 6")),
+        "accurate": Recipe(
+            (
+                _generated("accurate", "--epochs 4", _MILLION),
+                _recorded("few", "accurate", 4, "accurate"),
+                _recorded("large", "large", 4),
+                _recorded("accurate", "accurate", 14, "accurate"),
+                _visits(
+                    "accurate",
+                    "recorded-few recorded-large recorded-accurate generated-accurate",
+                    "--prior -0.5 --human-limit 0.8",
+                ),
+            )
+        ),
+        "balanced": _on_recordings("balanced", 8, "--prior 0.5"),
+        "fast": _on_recordings("fast", 6, "--prior 0.25 --human-limit 0.8"),
         "generated": Recipe(
             (
                 f"train-export fit {_MILLION} --name generated --size accurate --epochs 4 "

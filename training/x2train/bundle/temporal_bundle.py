@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.special import log_softmax
 
 from radard.errors import RadardError
-from radard.judge.bundle import Bundle, EvidenceSettings, load_bundle, sidecar_path
+from radard.judge.bundle import Bundle, EvidenceSettings, sidecar_path
 from x2train.bundle.export import DIFFERENCE, checked
 from x2train.bundle.metrics import (
     NOTES,
@@ -34,6 +34,7 @@ three the highest that leaves the median time to alarm under 3 s. Their misses a
 (docs/research/evaluation-tried.md)."""
 _N_SAMPLE = 512  # windows that torch and onnxruntime are compared on
 _SAME = 1e-5  # logits of single windows, in single precision
+_MEAN = " It is the mean of {n} networks, trained apart."
 _RECIPE = (
     " A temporal head (GRU) integrates evidence over successive windows. Families kept out of "
     "its training: {kept_out}."
@@ -82,7 +83,8 @@ def given_of_sets(bundle: Bundle, folders: Sequence[Path]) -> tuple[Sets, list[M
 def write_temporal(
     folder: Path,
     name: str,
-    model: str,
+    models: Sequence[str],
+    base: Bundle,
     trained: HeadTrained,
     *,
     validation: Sets,
@@ -92,12 +94,12 @@ def write_temporal(
 ) -> Mapping[str, float]:
     """Write the bundle with its head; return its metrics.
 
-    `model` is the bundle that it was made from, `validation` passages that training never saw;
+    `models` are the bundles that it was made from and `base` these as one (`joined`),
+    `validation` passages that training never saw;
     `abouts`, what the sets to train on were made from, and `command` are for the card, behind the
     base's command; `evidence` holds `human_limit`, of `HUMAN_LIMIT`, and `prior_human`. Raises
     RadardError if onnxruntime and torch do not agree, or single windows are not what they were.
     """
-    base = load_bundle(model)
     onnx = with_head(base.onnx, trained, base.temperature)
     given = validation.given
     fused = logits_over(trained.head, given) / trained.temperature
@@ -115,7 +117,7 @@ def write_temporal(
             "log loss, fused": log_loss(np.exp(log_p[:, 0]), is_human),
         }
     )
-    known = json.loads(sidecar_path(model).read_bytes())["training"]
+    known = _known(models)
     bundle = replace(
         base,
         name=name,
@@ -139,6 +141,23 @@ def write_temporal(
         notes=NOTES,
     )
     return metrics
+
+
+def _known(models: Sequence[str]) -> dict[str, Any]:
+    """Return what a bundle's card says of the bundles that it is made from: one, or several."""
+    cards = [json.loads(sidecar_path(model).read_bytes()) for model in models]
+    first, *others = (card["training"] for card in cards)
+    if not others:
+        return dict(first)
+    commands = dict.fromkeys(
+        part for each in (first, *others) for part in each["command"].split(" && ")
+    )
+    return {
+        **first,
+        "recipe": first["recipe"] + _MEAN.format(n=len(models)),
+        "command": " && ".join(commands),
+        "joined": [{"name": card["name"], "onnx_sha256": card["onnx_sha256"]} for card in cards],
+    }
 
 
 def _difference(base: Bundle, onnx: bytes, sets: Sets, fused: NDArray[np.float64]) -> float:

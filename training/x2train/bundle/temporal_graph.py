@@ -35,8 +35,8 @@ def with_given(onnx_bytes: bytes) -> bytes:
     Raises UsageError if it does not end in a linear layer, or has a temporal head already.
     """
     model = onnx.load_from_string(onnx_bytes)
-    _check(model)
-    name = _given_to_last(model)
+    check_headless(model)
+    name = last_layer(model).input[0]
     model.graph.node.append(helper.make_node("Identity", [name], [GIVEN]))
     model.graph.output.append(helper.make_tensor_value_info(GIVEN, TensorProto.FLOAT, None))
     return bytes(model.SerializeToString())
@@ -49,9 +49,9 @@ def with_head(onnx_bytes: bytes, trained: HeadTrained, temperature: float) -> by
     `temperature` is that of windows alone.
     """
     model = onnx.load_from_string(onnx_bytes)
-    _check(model)
+    check_headless(model)
     graph = model.graph
-    given, values = _given_to_last(model), _values(trained)
+    given, values = last_layer(model).input[0], _values(trained)
     values["scale"] = np.array(1 / temperature, np.float32)
     for name, array in values.items():
         graph.initializer.append(numpy_helper.from_array(array, _P + name))
@@ -89,21 +89,8 @@ def with_head(onnx_bytes: bytes, trained: HeadTrained, temperature: float) -> by
     return bytes(model.SerializeToString(deterministic=True))
 
 
-def n_parameters(onnx_bytes: bytes) -> int:
-    """Return how many numbers a network has learned."""
-    graph = onnx.load_from_string(onnx_bytes).graph
-    arrays = [numpy_helper.to_array(each) for each in graph.initializer]
-    return sum(int(np.count_nonzero(a)) for a in arrays if a.dtype == np.float32 and a.size > 1)
-
-
-def _check(model: onnx.ModelProto) -> None:
-    if HIDDEN in {each.name for each in model.graph.input}:
-        msg = "the bundle has a temporal head already; take the one that it was made from"
-        raise UsageError(msg)
-
-
-def _given_to_last(model: onnx.ModelProto) -> str:
-    """Return the name of what the layer before the logits is given."""
+def last_layer(model: onnx.ModelProto) -> onnx.NodeProto:
+    """Return the linear layer before the logits; UsageError if there is none."""
     by_output = {name: node for node in model.graph.node for name in node.output}
     constants = {each.name for each in model.graph.initializer}
     node = by_output.get(model.graph.output[0].name)
@@ -112,7 +99,22 @@ def _given_to_last(model: onnx.ModelProto) -> str:
     if node is None or node.op_type not in {"Gemm", "MatMul"} or node.input[1] not in constants:
         msg = "the bundle's network does not end in a linear layer; a temporal head needs one"
         raise UsageError(msg)
-    return str(node.input[0])
+    layer: onnx.NodeProto = node
+    return layer
+
+
+def n_parameters(onnx_bytes: bytes) -> int:
+    """Return how many numbers a network has learned."""
+    graph = onnx.load_from_string(onnx_bytes).graph
+    arrays = [numpy_helper.to_array(each) for each in graph.initializer]
+    return sum(int(np.count_nonzero(a)) for a in arrays if a.dtype == np.float32 and a.size > 1)
+
+
+def check_headless(model: onnx.ModelProto) -> None:
+    """Raise UsageError if a network has a temporal head."""
+    if HIDDEN in {each.name for each in model.graph.input}:
+        msg = "the bundle has a temporal head already; take the one that it was made from"
+        raise UsageError(msg)
 
 
 def _values(trained: HeadTrained) -> dict[str, NDArray[Any]]:

@@ -17,8 +17,10 @@ WIDTHS = {
     "fast": ((8, 8, 12, 12), (8, 8, 12, 12), 24),
     "balanced": ((12, 16, 20, 20), (12, 16, 20, 20), 40),
     "accurate": ((24, 40, 48, 48), (20, 28, 36, 36), 80),
+    "large": ((40, 80, 112, 112), (32, 56, 80, 80), 160),
 }
-"""Channels of the three bundles' networks: of branches, of those with longer CPIs, hidden."""
+"""Channels of networks: of branches, of those with longer CPIs, hidden. One that `accurate` is
+joined from is large."""
 _BATCH = 128
 _OUT = Path("models")
 _STREAMS = {

@@ -26,7 +26,12 @@ def register(commands: Commands) -> None:
         ),
     )
     add = parser.add_argument
-    add("--model", required=True, help="a bundle without a temporal head, of three classes")
+    add(
+        "--model",
+        nargs="+",
+        required=True,
+        help="a bundle without a temporal head, of three classes; of several, their mean",
+    )
     add("--train", type=Path, nargs="+", required=True, help="sets to train on")
     add("--validate", type=Path, nargs="+", required=True, help="sets to calibrate on")
     add("--size", choices=sorted(SIZES), default="balanced", help="of the head (balanced)")
@@ -47,8 +52,8 @@ def register(commands: Commands) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     check_least(args, epochs=1, seed=0)
-    bundle = load_bundle(args.model)
     # Late: torch takes seconds, and --help must not.
+    from x2train.bundle.joined import joined  # noqa: PLC0415
     from x2train.bundle.metrics import check_calibration  # noqa: PLC0415
     from x2train.bundle.temporal_bundle import (  # noqa: PLC0415
         HUMAN_LIMIT,
@@ -57,6 +62,7 @@ def _run(args: argparse.Namespace) -> int:
     )
     from x2train.nets.temporal_head import HeadSettings, fit_head  # noqa: PLC0415
 
+    bundle = joined([load_bundle(model) for model in args.model])
     n_projected, n_hidden = SIZES[args.size]
     settings = HeadSettings(
         n_projected=n_projected, n_hidden=n_hidden, epochs=args.epochs, seed=args.seed
@@ -74,6 +80,7 @@ def _run(args: argparse.Namespace) -> int:
         args.out,
         name,
         args.model,
+        bundle,
         trained,
         validation=validation,
         abouts=abouts,
