@@ -39,6 +39,7 @@ _SETS: Mapping[str, tuple[int, str]] = MappingProxyType(
         "clips": (30_000, f"{_CLIPS} --longest 7 --seed 711"),
         "clipslong": (8_000, f"{_CLIPS} {_LONG} --seed 812"),
         "visits": (8_000, f"{_BODIES} --clear 0.5 --physical 0.5 {_LONG} --seed 808"),
+        "visitrooms": (3_000, f"{_BODIES} --clear 0.2 --physical 0.7 {_LONG} --seed 816"),
         "clipscheck": (800, f"{_CLIPS} --longest 7 --seed 713"),
         "x2near": (6_000, f"{_X2_CLEAR} --physical 0.3 --seed 714"),
         "anyclear": (10_000, f"{_BODIES} --clear 0.7 --physical 0.4 --longest 7 --seed 715"),
@@ -73,7 +74,7 @@ _X4_LONG_SETS = (
 )
 _CHECKS = "--validate sets/clipscheck sets/check"
 _RECORDED = f"--train sets/clips sets/x2near sets/anyclear sets/anyrooms {_CHECKS}"
-_RECORDED_LONG = f"--train sets/clipslong sets/visits {_CHECKS}"
+_RECORDED_LONG = f"--train sets/clipslong sets/visits sets/visitrooms {_CHECKS}"
 _PARTS = "models/parts"
 """Bundles that others are made from."""
 _IN_PARTS = f"--out {_PARTS}"
@@ -150,7 +151,7 @@ RECIPES: Mapping[str, Recipe] = MappingProxyType(
                 _visits(
                     "accurate",
                     "recorded-few recorded-large recorded-accurate generated-accurate",
-                    "--prior -0.5 --human-limit 0.8",
+                    "--prior 0.25 --human-limit 0.8",
                 ),
             )
         ),
