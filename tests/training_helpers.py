@@ -117,7 +117,7 @@ def given(bundle, columns):
 
 def head_for(bundle, **settings):
     """Return a temporal head of toy windows."""
-    size = {"n_projected": 6, "n_hidden": 5, "epochs": 20, "batch": 4, **settings}
+    size = {"n_projected": 6, "n_hidden": 5, "n_said": 8, "epochs": 20, "batch": 4, **settings}
     seen = given(bundle, toy(96)), given(bundle, toy(48, seed=1))
     *_, made = fit_head(*seen, HeadSettings(**size))
     assert isinstance(made, HeadTrained)

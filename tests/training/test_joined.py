@@ -83,7 +83,7 @@ def test_a_head_goes_on_the_mean_and_the_card_says_of_which(folder, capsys):
     assert f"wrote {folder / 'both'}.onnx, .json and .md" in capsys.readouterr().out
     bundle = load_bundle(str(folder / "both.onnx"))
     assert bundle.evidence == {"prior_human": -1, "human_limit": 0.7}
-    assert (bundle.name, bundle.policy, bundle.n_hidden) == ("both", "fused", 28)
+    assert (bundle.name, bundle.policy, bundle.n_hidden) == ("both", "fused", 20)
     training = json.loads((folder / "both.json").read_text())["training"]
     assert [each["name"] for each in training["joined"]] == ["one", "two"]
     # Both were made by one command here.

@@ -59,7 +59,7 @@ def test_a_share_has_sets_and_a_folder_of_its_own(tmp_path):
         "--skin points ellipsoids --radar x2 --clear 1 --plain 1 --longest 6 --seed 506 "
         "--passages 260 --workers 3"
     )
-    assert "sets-0.01/visitrooms" in last
+    assert "sets-0.01/longall" in last
     assert not any(word.startswith("sets/") for step in (*sets, last) for word in step)
     assert recipe_of(f"train-export {shlex.join(last)}") is None
     for share, is_fast in ((0.01, False), (0.001, False), (0.05, True), (1.0, True)):

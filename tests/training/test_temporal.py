@@ -63,7 +63,7 @@ def runs_of(n, length, rng):
 def test_it_recalls_what_only_the_first_window_showed():
     rng = np.random.default_rng(3)
     train, other = runs_of(200, 5, rng), runs_of(60, 5, rng)
-    settings = HeadSettings(n_projected=8, n_hidden=12, epochs=15, batch=16, dropout=0.0)
+    settings = HeadSettings(n_projected=8, n_hidden=12, n_said=8, epochs=15, batch=16, dropout=0.0)
     *epochs, made = fit_head(train, other, settings)
     assert [e.number for e in epochs] == list(range(1, 16))
     assert all(isinstance(e, Epoch) for e in epochs)
@@ -82,9 +82,10 @@ def test_it_recalls_what_only_the_first_window_showed():
     np.testing.assert_array_equal(logits_over(made.head, turned), logits[5:])
 
 
-def test_onnxruntime_computes_what_torch_trained(folder):
+@pytest.mark.parametrize("n_said", [0, 8])
+def test_onnxruntime_computes_what_torch_trained(folder, n_said):
     bundle, windows = load_bundle(str(folder / "plain.onnx")), toy(48, seed=4)
-    made = replace(head_for(bundle), temperature=1.7)
+    made = replace(head_for(bundle, n_said=n_said), temperature=1.7)
     network = with_head(bundle.onnx, made, bundle.temperature)
     maps = {name: windows[name] for name in NAMES}
     seen = given(bundle, windows)
@@ -96,7 +97,7 @@ def test_onnxruntime_computes_what_torch_trained(folder):
     assert n_parameters(network) > n_parameters(bundle.onnx)
     n_head = sum(p.numel() for p in made.head.parameters())
     # The last layers' biases are added up.
-    assert n_parameters(network) - n_parameters(bundle.onnx) == n_head - 3
+    assert n_parameters(network) - n_parameters(bundle.onnx) == n_head - (3 if n_said else 0)
 
 
 def test_the_daemon_hands_on_what_the_head_wants_until_the_gate_closes(folder):
@@ -179,7 +180,7 @@ def test_the_command_writes_a_bundle_that_the_daemon_takes(folder, tmp_path, cap
     assert f"wrote {tmp_path / 'own'}.onnx, .json and .md" in capsys.readouterr().out
     sidecar = json.loads((tmp_path / "own.json").read_text())
     plain = load_bundle(str(folder / "plain.onnx"))
-    assert (sidecar["hidden"], sidecar["policy"]) == (28, "fused")
+    assert (sidecar["hidden"], sidecar["policy"]) == (20, "fused")
     assert sidecar["evidence"] == {"human_limit": HUMAN_LIMIT["fast"]}
     assert sidecar["training"]["temporal"]["base_onnx_sha256"] == plain.sha256
     assert sidecar["training"]["recipe"].endswith("kept out of its training: none.")
@@ -188,7 +189,7 @@ def test_the_command_writes_a_bundle_that_the_daemon_takes(folder, tmp_path, cap
     assert sidecar["metrics"]["parameters"] == n_parameters((tmp_path / "own.onnx").read_bytes())
     assert {"log loss, fused", "log loss, windows summed"} <= set(sidecar["metrics"])
     bundle = load_bundle(str(tmp_path / "own.onnx"))
-    assert (bundle.n_hidden, bundle.temperature) == (28, plain.temperature)
+    assert (bundle.n_hidden, bundle.temperature) == (20, plain.temperature)
     Classifier(bundle)
     first = (tmp_path / "own.onnx").read_bytes()
     assert temporal(folder, *out) == 0

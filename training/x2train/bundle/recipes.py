@@ -37,9 +37,9 @@ _SETS: Mapping[str, tuple[int, str]] = MappingProxyType(
         "longall": (3_000, f"{_BODIES} --clear 0.5 --physical 0.5 {_LONG} --seed 508"),
         "longallcheck": (600, f"{_BODIES} --clear 0.5 --physical 0.5 {_LONG} --seed 509"),
         "clips": (30_000, f"{_CLIPS} --longest 7 --seed 711"),
-        "clipslong": (8_000, f"{_CLIPS} {_LONG} --seed 812"),
+        "clipslong": (2_000, f"{_CLIPS} {_LONG} --seed 712"),
+        "clipvisits": (8_000, f"{_CLIPS} {_LONG} --seed 812"),
         "visits": (8_000, f"{_BODIES} --clear 0.5 --physical 0.5 {_LONG} --seed 808"),
-        "visitrooms": (3_000, f"{_BODIES} --clear 0.2 --physical 0.7 {_LONG} --seed 816"),
         "clipscheck": (800, f"{_CLIPS} --longest 7 --seed 713"),
         "x2near": (6_000, f"{_X2_CLEAR} --physical 0.3 --seed 714"),
         "anyclear": (10_000, f"{_BODIES} --clear 0.7 --physical 0.4 --longest 7 --seed 715"),
@@ -74,7 +74,8 @@ _X4_LONG_SETS = (
 )
 _CHECKS = "--validate sets/clipscheck sets/check"
 _RECORDED = f"--train sets/clips sets/x2near sets/anyclear sets/anyrooms {_CHECKS}"
-_RECORDED_LONG = f"--train sets/clipslong sets/visits sets/visitrooms {_CHECKS}"
+_RECORDED_LONG = f"--train sets/clipslong sets/longall sets/anyrooms {_CHECKS}"
+_MORE_LONG = f"--train sets/clipvisits sets/visits {_CHECKS}"
 _PARTS = "models/parts"
 """Bundles that others are made from."""
 _IN_PARTS = f"--out {_PARTS}"
@@ -117,7 +118,7 @@ def _recorded(name: str, size: str, epochs: int, start: str = "") -> str:
     )
 
 
-def _visits(name: str, parts: str, lean: str) -> str:
+def _visits(name: str, parts: str, lean: str, sets: str = _RECORDED_LONG) -> str:
     """Return how a head learns to judge visits, on the mean of networks.
 
     How far it leans to a person's side was chosen on recorded motion that nobody trained on and on
@@ -125,7 +126,7 @@ def _visits(name: str, parts: str, lean: str) -> str:
     """
     models = " ".join(f"{_PARTS}/{part}.onnx" for part in parts.split())
     return (
-        f"train-export temporal --model {models} {_RECORDED_LONG} --size {name} --name {name} "
+        f"train-export temporal --model {models} {sets} --size {name} --name {name} "
         f"{lean} --epochs 6 --seed 0"
     )
 
@@ -151,12 +152,13 @@ RECIPES: Mapping[str, Recipe] = MappingProxyType(
                 _visits(
                     "accurate",
                     "recorded-few recorded-large recorded-accurate generated-accurate",
-                    "--prior 0.25 --human-limit 0.8",
+                    "--prior 0.5",
+                    _MORE_LONG,
                 ),
             )
         ),
-        "balanced": _on_recordings("balanced", 8, "--prior 0.5"),
-        "fast": _on_recordings("fast", 6, "--prior 0.25 --human-limit 0.8"),
+        "balanced": _on_recordings("balanced", 8, "--prior 0.25"),
+        "fast": _on_recordings("fast", 6, "--prior 0.25"),
         "generated": Recipe(
             (
                 f"train-export fit {_MILLION} --name generated --size accurate --epochs 4 "

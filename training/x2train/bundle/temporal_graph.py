@@ -8,7 +8,8 @@ single windows stays as it is, bit by bit::
     next_hidden  = GRU([given, said], hidden)
     fused_logits = (next_hidden B' + b) / temperature
 
-Both parts of a head are one GRU, whose weights from one to the other are zero.
+Both parts of a head are one GRU, whose weights from one to the other are zero. Without the second
+there is no `said`.
 """
 
 from collections.abc import Mapping
@@ -26,6 +27,8 @@ from radard.judge.classifier import FUSED_LOGITS, HIDDEN, NEXT_HIDDEN
 from x2train.nets.temporal_head import HeadTrained
 
 _P = "temporal_"
+_Step = tuple[str, list[str], list[str], Mapping[str, Any]]
+"""Operator, what it takes, what it gives, options."""
 GIVEN = f"{_P}given"
 
 
@@ -51,20 +54,17 @@ def with_head(onnx_bytes: bytes, trained: HeadTrained, temperature: float) -> by
     model = onnx.load_from_string(onnx_bytes)
     check_headless(model)
     graph = model.graph
-    given, values = last_layer(model).input[0], _values(trained)
-    values["scale"] = np.array(1 / temperature, np.float32)
+    given, values = last_layer(model).input[0], _values(trained, temperature)
     for name, array in values.items():
         graph.initializer.append(numpy_helper.from_array(array, _P + name))
     n_hidden = values["recurrence"].shape[2]
-    steps: tuple[tuple[str, list[str], list[str], Mapping[str, Any]], ...] = (
+    said = _said(graph.output[0].name) if "said_projection" in values else ()
+    both = _P + ("both" if said else "from_given")
+    steps: tuple[_Step, ...] = (
         ("Gemm", [given, _P + "given_projection", _P + "given_offset"], [_P + "projected"], {}),
         ("Relu", [_P + "projected"], [_P + "from_given"], {}),
-        ("Mul", [graph.output[0].name, _P + "scale"], [_P + "scaled"], {}),
-        ("LogSoftmax", [_P + "scaled"], [_P + "log_p"], {"axis": 1}),
-        ("Gemm", [_P + "log_p", _P + "said_projection", _P + "said_offset"], [_P + "said"], {}),
-        ("Tanh", [_P + "said"], [_P + "from_said"], {}),
-        ("Concat", [_P + "from_given", _P + "from_said"], [_P + "both"], {"axis": 1}),
-        ("Unsqueeze", [_P + "both", _P + "axis"], [_P + "step"], {}),
+        *said,
+        ("Unsqueeze", [both, _P + "axis"], [_P + "step"], {}),
         ("Unsqueeze", [HIDDEN, _P + "axis"], [_P + "before"], {}),
         (
             "GRU",
@@ -87,6 +87,17 @@ def with_head(onnx_bytes: bytes, trained: HeadTrained, temperature: float) -> by
         to.append(helper.make_tensor_value_info(name, TensorProto.FLOAT, [batch, n]))
     onnx.checker.check_model(model)
     return bytes(model.SerializeToString(deterministic=True))
+
+
+def _said(logits: str) -> tuple[_Step, ...]:
+    """Return how the second part is given what the network says, beside the first's."""
+    return (
+        ("Mul", [logits, _P + "scale"], [_P + "scaled"], {}),
+        ("LogSoftmax", [_P + "scaled"], [_P + "log_p"], {"axis": 1}),
+        ("Gemm", [_P + "log_p", _P + "said_projection", _P + "said_offset"], [_P + "said"], {}),
+        ("Tanh", [_P + "said"], [_P + "from_said"], {}),
+        ("Concat", [_P + "from_given", _P + "from_said"], [_P + "both"], {"axis": 1}),
+    )
 
 
 def last_layer(model: onnx.ModelProto) -> onnx.NodeProto:
@@ -117,33 +128,38 @@ def check_headless(model: onnx.ModelProto) -> None:
         raise UsageError(msg)
 
 
-def _values(trained: HeadTrained) -> dict[str, NDArray[Any]]:
+def _values(trained: HeadTrained, temperature: float) -> dict[str, NDArray[Any]]:
     """Return the weights as ONNX wants them: in double precision until the last moment."""
     head = trained.head
     state = {key: v.detach().numpy().astype(np.float64) for key, v in head.state_dict().items()}
+    parts = [part for part in ("given", "said") if f"{part}.out.weight" in state]
     projection = state["given.projection.weight"] / state["spread"]
 
     def joined(weights: str) -> NDArray[np.float64]:
-        """Return both parts' weights of a GRU, one gate after the other, zero between them."""
+        """Return the parts' weights of a GRU, one gate after the other, zero between them."""
+        of_parts = [np.split(state[f"{part}.gru.{weights}_l0"], 3) for part in parts]
         # torch: reset, update, new; ONNX: update, reset, new.
-        parts = [np.split(state[f"{part}.gru.{weights}_l0"], 3) for part in ("given", "said")]
-        gates = [[part[k] for part in parts] for k in (1, 0, 2)]
-        if gates[0][0].ndim == 1:
-            return np.concatenate([np.concatenate(gate) for gate in gates])
-        return np.concatenate([block_diag(*gate) for gate in gates])
+        gates = [[each[k] for each in of_parts] for k in (1, 0, 2)]
+        join = np.concatenate if gates[0][0].ndim == 1 else lambda gate: block_diag(*gate)
+        return np.concatenate([join(gate) for gate in gates])
 
-    out = np.hstack([state["given.out.weight"], state["said.out.weight"]])
-    share = 0.5 / trained.temperature
+    share = 1 / (len(parts) * trained.temperature)
     values = {
         "given_projection": projection.T,
         "given_offset": state["given.projection.bias"] - projection @ state["mean"],
-        "said_projection": state["said.projection.weight"].T,
-        "said_offset": state["said.projection.bias"],
         "weight": joined("weight_ih")[None],
         "recurrence": joined("weight_hh")[None],
         "bias": np.concatenate([joined("bias_ih"), joined("bias_hh")])[None],
-        "out": out.T * share,
-        "out_bias": (state["given.out.bias"] + state["said.out.bias"]) * share,
+        "out": share * np.hstack([state[f"{part}.out.weight"] for part in parts]).T,
+        "out_bias": share * np.sum([state[f"{part}.out.bias"] for part in parts], axis=0),
     }
-    made = {key: np.ascontiguousarray(value, np.float32) for key, value in values.items()}
+    if "said" in parts:
+        values |= {
+            "said_projection": state["said.projection.weight"].T,
+            "said_offset": state["said.projection.bias"],
+            "scale": np.array(1 / temperature),
+        }
+    made = {
+        key: np.array(value, np.float32, order="C", copy=True) for key, value in values.items()
+    }
     return {**made, "axis": np.array([0])}

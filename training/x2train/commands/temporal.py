@@ -9,8 +9,8 @@ from radard.judge.bundle import load_bundle
 from x2radar.commands import add_command
 from x2train.commands import Commands, check_least, followed, tell_bundle, told
 
-SIZES = {"fast": (12, 20), "balanced": (16, 24), "accurate": (48, 64)}
-"""Channels of the heads of the three bundles: projected, hidden."""
+SIZES = {"fast": (12, 20, 0), "balanced": (16, 24, 0), "accurate": (48, 64, 8)}
+"""Channels of the three bundles' heads: projected, hidden; of a second part, where it pays."""
 
 
 def register(commands: Commands) -> None:
@@ -63,9 +63,13 @@ def _run(args: argparse.Namespace) -> int:
     from x2train.nets.temporal_head import HeadSettings, fit_head  # noqa: PLC0415
 
     bundle = joined([load_bundle(model) for model in args.model])
-    n_projected, n_hidden = SIZES[args.size]
+    n_projected, n_hidden, n_said = SIZES[args.size]
     settings = HeadSettings(
-        n_projected=n_projected, n_hidden=n_hidden, epochs=args.epochs, seed=args.seed
+        n_projected=n_projected,
+        n_hidden=n_hidden,
+        n_said=n_said,
+        epochs=args.epochs,
+        seed=args.seed,
     )
     # A spinner, not a bar: it leaves nothing behind, so an error stays one line.
     with Console(stderr=True).status("what the network sees"):

@@ -1,10 +1,10 @@
 """Temporal head: it integrates evidence over successive windows, learned instead of summed.
 
-Two parts judge by themselves, and the mean of their logits counts. One takes what the network's
-last layer is given, so nothing of a window is lost on the way through three probabilities; it
-knows best the bodies that training knew. The other takes those probabilities alone: it learns only
-how they follow one another, which holds for bodies that nobody trained on as well
-(docs/research/evaluation-tried.md)::
+One or two parts judge by themselves, and the mean of their logits counts. The first takes what
+the network's last layer is given, so nothing of a window is lost on the way through three
+probabilities; it knows best the bodies that training knew. The second takes those probabilities
+alone: it learns only how they follow one another, which holds for bodies that nobody trained on
+as well (docs/research/evaluation-tried.md)::
 
     given:  projected = relu(A (given - mean) / spread + a)
     said:   projected = tanh(A log p + a)
@@ -57,7 +57,7 @@ class HeadSettings:
 
     n_projected: int = 16
     n_hidden: int = 24
-    n_said: int = 8  # both, of the part that takes what was said
+    n_said: int = 0  # both, of the part that takes what was said; 0: there is none
     epochs: int = 6  # passes over the stays
     batch: int = 64  # stays a step
     learning_rate: float = 5e-3  # greatest of the one cycle
@@ -80,21 +80,23 @@ class TemporalHead(nn.Module):
         self.register_buffer("spread", torch.from_numpy(spread))
         self.dropout = nn.Dropout(settings.dropout)
         self.given = _part(len(mean), settings.n_projected, settings.n_hidden)
-        self.said = _part(_N_CLASSES, settings.n_said, settings.n_said)
+        n_said = settings.n_said
+        self.said = _part(_N_CLASSES, n_said, n_said) if n_said else None
         self.n_hidden = settings.n_hidden + settings.n_said
 
     def forward(self, given: torch.Tensor, log_p: torch.Tensor) -> tuple[torch.Tensor, ...]:
-        """Return both parts' logits, shape (n, n_windows, 3), of stays, (n, n_windows, ...)."""
+        """Return each part's logits, shape (n, n_windows, 3), of stays, (n, n_windows, ...)."""
         z = self.dropout((given - self.mean) / self.spread)
-        projected = (
-            torch.relu(self.given["projection"](z)),
-            torch.tanh(self.said["projection"](log_p)),
-        )
-        made = []
-        for part, values in zip((self.given, self.said), projected, strict=True):
-            hidden, _ = part["gru"](values)
-            made.append(part["out"](hidden))
+        made = [_judged(self.given, torch.relu(self.given["projection"](z)))]
+        if self.said is not None:
+            made.append(_judged(self.said, torch.tanh(self.said["projection"](log_p))))
         return tuple(made)
+
+
+def _judged(part: nn.ModuleDict, projected: torch.Tensor) -> torch.Tensor:
+    hidden, _ = part["gru"](projected)
+    logits: torch.Tensor = part["out"](hidden)
+    return logits
 
 
 def _part(n_in: int, n_projected: int, n_hidden: int) -> nn.ModuleDict:
