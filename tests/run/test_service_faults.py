@@ -147,7 +147,7 @@ def test_zones_and_sensitivity_change_events_and_no_decision(monkeypatch):
         for key, value in environ.items():
             monkeypatch.setenv(key, value)
         _, records, _ = run_radard(
-            "--port", "sim:thesis_human?run=test", *FAST, "--duration", "11"
+            "--port", "sim:thesis_human?run=test", *FAST, "--duration", "16"
         )
         for key in environ:
             monkeypatch.delenv(key)
