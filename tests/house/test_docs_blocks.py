@@ -108,7 +108,7 @@ def test_what_takes_long_runs_when_it_is_made_short(path, tmp_path, monkeypatch,
     """The page's own commands come before, since they may make what is needed."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    for name in ("benchmarks", "research", "tools"):
+    for name in ("benchmarks", "daemon", "research", "tests", "tools"):
         (tmp_path / name).symlink_to(ROOT / name)
     # What pages call the reader's own.
     (tmp_path / "models").mkdir()

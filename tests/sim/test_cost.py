@@ -104,6 +104,11 @@ def test_the_error_measured_is_within_each_bound(output):
         assert line.cpu_ms > 0
 
 
+def test_a_body_out_of_the_swath_has_no_echo_to_measure():
+    text = f"background: [{{thing: fan, position_m: [0, 40]}}]\n{NOTHING}"
+    assert not list(cost.echoes(parse_scene(text, "t", "t"), 0, IQ))
+
+
 def test_a_bill_adds_up():
     lines = {line.part: line for line in cost.bill(load_scene("thesis_cat"))}
     whole = lines["the whole scene"]

@@ -21,7 +21,7 @@ from radard.stream.ring import FrameRing
 from radard.stream.source import FrameSource, ReplaySource
 from x2radar.frame import Frame
 
-_MAX_REST_S = 1.0  # who looks on anew sees the stream go on within it
+_MAX_REST_S = 1.0  # who opens the page sees the stream go on within it
 _JOIN_S = 1.5  # for each thread: all of them within the 4.5 s of a forced end
 
 

@@ -87,7 +87,8 @@ def parts(scene: Scene) -> Iterator[tuple[str, Scene]]:
 def echoes(scene: Scene, seed: int, settings: RadarSettings) -> Iterator[Cost]:
     """Return what echoes alone cost at every bound of their error, with the error measured.
 
-    That is the largest of any bin over the sum of the frame's amplitudes.
+    That is the largest of any bin over the sum of the frame's amplitudes. There are none while
+    nothing is in the swath.
     """
     rate_hz = settings.frame_rate_hz
     rows = Stage(scene, seed, rate_hz).next_block(round(rate_hz)).rows
@@ -103,7 +104,7 @@ def echoes(scene: Scene, seed: int, settings: RadarSettings) -> Iterator[Cost]:
         return np.concatenate(list(parts))
 
     exact = made(-130.0)
-    for bound_db in ERRORS_DB if amplitude.any() else ():
+    for bound_db in ERRORS_DB if exact.any() else ():
         worst = (np.abs(made(bound_db) - exact) / total).max()
         spent_ms = min(_timed_ms(partial(made, bound_db)) for _ in range(_ROUNDS))
         scaled_ms = spent_ms * rate_hz / len(amplitude)
