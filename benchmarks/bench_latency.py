@@ -110,7 +110,7 @@ class Subscriber:
         self.got: list[tuple[float, dict[str, Any]]] = []
         self._ready = threading.Event()
         self._client = paho.Client(CallbackAPIVersion.VERSION2, client_id="bench")
-        topic = "radard/radar-simulated/decision"
+        topic = "radard/radar/decision"
         self._client.on_connect = lambda *_: self._client.subscribe(topic)
         self._client.on_subscribe = lambda *_: self._ready.set()
         self._client.on_message = self._take
