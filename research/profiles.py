@@ -82,7 +82,7 @@ def _run(args: argparse.Namespace) -> None:
     check_picture(args.plot)
     check_picture(args.levers_plot)
     rows: list[Figures] = []
-    made, about = _again(args) if args.cpu_only else _anew(args, rows)
+    made, about = _timed_again(args) if args.cpu_only else _everything(args, rows)
     measured = sorted(choose(made), key=lambda p: (_candidate(p) == BEST, p.cpu_open))
     load = f"load {os.getloadavg()[0]:.1f} of {os.cpu_count()}"
     told = replace(about, timed_on=f"{processor()}, {load}", measured=tuple(measured), untimed=())
@@ -100,7 +100,7 @@ def _run(args: argparse.Namespace) -> None:
         save(levers.drawn(rows), args.levers_plot, 110)
 
 
-def _again(args: argparse.Namespace) -> tuple[list[Profile], Front]:
+def _timed_again(args: argparse.Namespace) -> tuple[list[Profile], Front]:
     """Measure CPU time, and errors on recorded motion, of all whose other errors are known."""
     before = parse_json(Front, args.file.read_bytes())
     known = {_candidate(p).case: p for p in (*before.untimed, *before.measured)}
@@ -116,7 +116,7 @@ def _again(args: argparse.Namespace) -> tuple[list[Profile], Front]:
     return made, before
 
 
-def _anew(args: argparse.Namespace, rows: list[Figures]) -> tuple[list[Profile], Front]:
+def _everything(args: argparse.Namespace, rows: list[Figures]) -> tuple[list[Profile], Front]:
     """Measure everything; put the settings' figures into `rows`."""
     tried = candidates()
     with counted("timing") as tell:
