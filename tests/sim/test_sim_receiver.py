@@ -99,7 +99,8 @@ def test_baseband_noise_is_that_of_down_converted_rf(generator):
     assert abs(10 * math.log10(powers[0] / powers[1])) < 0.3
     k = np.arange(-60, 61)
     pulse = np.exp(
-        -0.5 * (k / s.sample_rate_hz / (math.sqrt(math.log(10)) / math.pi) * s.bandwidth_hz) ** 2
+        -0.5
+        * (k / s.sample_rate_hz / (math.sqrt(math.log(10)) / math.pi) * s.axis.bandwidth_hz) ** 2
     )
     assert powers[0] == pytest.approx(4 * 0.04**2 / (pulse**2).sum(), rel=0.05)
     for lag in (1, 4, 8, 12):
@@ -110,7 +111,8 @@ def test_baseband_noise_is_that_of_down_converted_rf(generator):
             colours.append(complex(product))
         wanted = math.exp(
             -0.25
-            * (lag / s.sample_rate_hz * s.bandwidth_hz * math.pi / math.sqrt(math.log(10))) ** 2
+            * (lag / s.sample_rate_hz * s.axis.bandwidth_hz * math.pi / math.sqrt(math.log(10)))
+            ** 2
         )
         assert abs(colours[0]) == pytest.approx(wanted, abs=0.02)
         assert abs(colours[0] - colours[1]) < 0.03
@@ -265,8 +267,8 @@ def test_bandwidth_at_minus_ten_decibels(generator):
     power = np.abs(np.fft.rfft(frame, n_fft)) ** 2
     hz = np.fft.rfftfreq(n_fft, 1 / s.sample_rate_hz)
     band = hz[power > power.max() / 10]
-    assert band[-1] - band[0] == pytest.approx(s.bandwidth_hz, rel=0.01)
-    assert (band[-1] + band[0]) / 2 == pytest.approx(s.carrier_hz, rel=0.01)
+    assert band[-1] - band[0] == pytest.approx(s.axis.bandwidth_hz, rel=0.01)
+    assert (band[-1] + band[0]) / 2 == pytest.approx(s.axis.carrier_hz, rel=0.01)
 
 
 # ---------------------------------------------------------------- motion becomes Doppler
