@@ -38,7 +38,7 @@ def main() -> None:
     add("--services", type=int, default=1, help="processes that share the radars and the cores")
     add("--seconds", type=float, default=60.0, help="that are measured")
     add("--cores", type=int, default=2, help="that the process may use")
-    add("--model", default="accurate", help="bundle of every radar")
+    add("--profile", default="accurate", help="of every radar")
     add("--one", type=Path, help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.one is not None:
@@ -73,7 +73,7 @@ def run(folder: Path, n_radars: int, args: argparse.Namespace) -> dict[str, floa
     """Measure so many radars in a process and folder of their own."""
     folder.mkdir()
     argv = ["--one", str(folder), "--radars", str(n_radars), "--seconds", str(args.seconds)]
-    argv += ["--cores", str(args.cores), "--model", args.model]
+    argv += ["--cores", str(args.cores), "--profile", args.profile]
     done = subprocess.run(
         [sys.executable, __file__, *argv], check=True, stdout=subprocess.PIPE, text=True
     )
@@ -88,6 +88,7 @@ def measure(folder: Path, n_radars: int, args: argparse.Namespace) -> dict[str, 
     # Late: libraries start their threads on the cores that they find. And numpy not before
     # radard, which tells it to have one thread, as the command does.
     from radard.config.config import load_config  # noqa: PLC0415
+    from radard.config.profiles import front  # noqa: PLC0415
     from radard.run.process import Process, RunOptions  # noqa: PLC0415
 
     lines = folder / f"{n_radars}.jsonl"
@@ -97,7 +98,7 @@ def measure(folder: Path, n_radars: int, args: argparse.Namespace) -> dict[str, 
         for k, scene in enumerate(scenes)
     }
     service = {"runtime_dir": folder / "run", "state_dir": folder / "state"}
-    options = {"model": {"name": args.model}, "service": service, "output": [f"json:{lines}"]}
+    options = {"model": {"profile": args.profile}, "service": service, "output": [f"json:{lines}"]}
     process = Process(
         load_config(environ={}, options={**options, "sensors": sensors}), RunOptions()
     )
@@ -115,8 +116,9 @@ def measure(folder: Path, n_radars: int, args: argparse.Namespace) -> dict[str, 
     percentiles = statistics.quantiles(
         (record["latency_ms"] for record in made), n=100, method="inclusive"
     )
+    profile = front().named(args.profile)
     # Where a recording begins again, the first whole dwell is longer in coming.
-    due = n_radars * wall_s * (30.0 - _FIRST_S) / 30.0
+    due = n_radars * wall_s * (30.0 - _FIRST_S) / 30.0 / (profile.hop_s if profile else 1.0)
     return {
         "radars": n_radars,
         "cpu_fraction": round(cpu_s / wall_s / args.cores, 3),

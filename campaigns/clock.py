@@ -71,7 +71,7 @@ class Clock:
             print(f"{offset_s} s: {err}: {self._daemon.status()}", file=sys.stderr)
         self.found["lost_states"] += self._daemon.status().get("armed") is not True
         self.kept.look()
-        self.kept.look_at_clips()
+        self.kept.look_at_clips(self._daemon.log)
 
     def finish(self) -> int:
         """Let all events arrive; return how many there were."""

@@ -112,10 +112,12 @@ def test_what_a_daemon_must_not_do_to_what_it_kept_is_found(tmp_path):
             db.commit()
     kept.look()
     told = {"type": "event", "id": "one", "clip": str(tmp_path / "none.h5")}
+    lost = {"type": "event", "id": "two", "clip": str(tmp_path / "lost.h5")}
     decided = {"type": "decision", "dropped": 0, "p_human": 0.5}
-    rows = [told, {**told, "phase": "end"}, {"type": "hello"}, decided, {**decided, "dropped": 9}]
+    rows = [each | phase for each in (told, lost) for phase in ({}, {"phase": "end"})]
+    rows += [{"type": "hello"}, decided, {**decided, "dropped": 9}]
     outputs.out.write_text("".join(json.dumps(row) + "\n" for row in rows))
-    kept.look_at_clips()
+    kept.look_at_clips(f"clip: {lost['clip']}: cannot write")
     assert kept.look_at_decisions([{**decided, "p_human": 0.6}] * 2) == 1
     assert set(kept.found.values()) == {1}
 

@@ -288,6 +288,38 @@ def test_a_reader_keeps_no_decision_out_of_a_clip(tmp_path):
         assert list(file["decisions/t_s"]) == [2.0]
 
 
+FULL_AT_ITS_END = """
+import gc, resource, signal
+from tests.outputs.test_clips import *
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+for extra in range(0, 40_000, 1_000):
+    path = Path(f"{extra}.h5")
+    clip = ClipFile(path, STREAM, first_index=0, started_utc="2026-01-01T00:00:00Z", attributes={})
+    clip.write([frame(k) for k in range(150)])
+    limit = path.stat().st_size + extra
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
+    decision = defaultdict(int, t_s=2.0, gate="open", label="human")
+    with contextlib.suppress(OutputError):
+        clip.finish([decision] * (1 + extra // 500), event())
+    resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    del clip
+    gc.collect()
+    with open_recording(path) as reader:
+        frames = list(reader.frames())
+    assert len(frames) >= 120, extra
+    with h5py.File(path, swmr=True) as file:
+        assert ("decisions" in file) == ("event" in file.attrs)
+print("all are whole")
+"""
+
+
+@pytest.mark.integration
+def test_a_disk_that_fills_as_a_clip_ends_costs_its_decisions_and_not_the_daemon(tmp_path):
+    """A limit on a file's size stands for the disk's end; HDF5 could crash the process there."""
+    done = ran("-c", FULL_AT_ITS_END, cwd=tmp_path, timeout=120)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "all are whole\n", "")
+
+
 def clip_of(folder, k, at_s=None):
     """The two files of a clip, of a thousand bytes each."""
     for suffix in ("h5", "png"):

@@ -138,6 +138,11 @@ class RecordingWriter(Closing):
         try:
             if self._filled > self._flushed:
                 self._flush()
+            # What fails here can be given up; what fails at the close crashes the process.
+            self._file.flush()
+        except (OSError, RuntimeError) as err:
+            _let_go(self._file)
+            raise refuse(self._path, f"cannot write: {reason(err)}") from err
         finally:
             with contextlib.suppress(OSError, RuntimeError):
                 self._file.close()
@@ -164,21 +169,11 @@ class RecordingWriter(Closing):
                 if self._fsync and name != "counter":
                     os.fsync(self._file.id.get_vfd_handle())
         except (OSError, RuntimeError) as err:
-            self._let_go()
+            self._filled = self._flushed
+            _let_go(self._file)
             raise refuse(self._path, f"cannot write: {reason(err)}") from err
         if not self._published:
             self._publish()
-
-    def _let_go(self) -> None:
-        """Put /dev/null behind HDF5 after a write that failed; the file stays as it is.
-
-        HDF5 would try the write again at every close, and crash the process at its end.
-        """
-        self._filled = self._flushed
-        with contextlib.suppress(OSError, RuntimeError):
-            nowhere = os.open(os.devnull, os.O_RDWR)
-            os.dup2(nowhere, self._file.id.get_vfd_handle())
-            os.close(nowhere)
 
     def _publish(self) -> None:
         """Give the file its name, unless another program has taken it meanwhile."""
@@ -204,20 +199,42 @@ class RecordingWriter(Closing):
         return refuse(self._path, f"cannot make a recording there: {why}")
 
 
-def reopened(path: Path) -> h5py.File:
-    """Open a recording that is not being written any more, to add to it."""
-    # A reader's lock must not keep out what belongs into it; there is one writer.
-    return h5py.File(path, "r+", libver="latest", locking=False)
+def _let_go(file: h5py.File) -> None:
+    """Put /dev/null behind HDF5 after a write that failed; the file stays as it is.
+
+    HDF5 would try the write again at every close, and crash the process at its end.
+    """
+    with contextlib.suppress(OSError, RuntimeError):
+        nowhere = os.open(os.devnull, os.O_RDWR)
+        os.dup2(nowhere, file.id.get_vfd_handle())
+        os.close(nowhere)
 
 
 def write_labels(path: Path, labels: list[Label]) -> None:
-    """Add labelled stretches to a recording that is not being written any more."""
+    """Add labelled stretches to a recording that is not being written any more.
+
+    Raises OSError if the disk does not take them.
+    """
     if not labels:
         return
-    with reopened(path) as file:
-        file["labels/t0_s"] = [t0_s for t0_s, _, _ in labels]
-        file["labels/t1_s"] = [t1_s for _, t1_s, _ in labels]
-        file["labels/label"] = [label for _, _, label in labels]
+    # A reader's lock must not keep out what belongs into it; there is one writer.
+    file = h5py.File(path, "r+", libver="latest", locking=False)
+    try:
+        group = file.create_group("labels")
+        columns = zip(*labels, strict=True)
+        # Held until they are on the disk: one that is let go before writes what it has.
+        held = [
+            group.create_dataset(name, data=list(values))
+            for name, values in zip(("t0_s", "t1_s", "label"), columns, strict=True)
+        ]
+        file.flush()
+        held.clear()
+    except (OSError, RuntimeError):
+        _let_go(file)
+        raise
+    finally:
+        with contextlib.suppress(OSError, RuntimeError):
+            file.close()
 
 
 def write(path: Path, source: BlockReader) -> list[str]:

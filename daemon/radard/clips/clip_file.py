@@ -8,6 +8,7 @@ frame) and `version`.
 """
 
 import contextlib
+import io
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -22,7 +23,7 @@ from radard.config.atomic import write_atomically
 from radard.errors import OutputError
 from x2radar.errors import RecordingError
 from x2radar.frame import Frame, StreamInfo
-from x2radar.recording.hdf5_writer import RecordingWriter, reopened
+from x2radar.recording.hdf5_writer import RecordingWriter
 
 _TEXTS = ("gate", "label")
 _NUMBERS = (
@@ -96,7 +97,10 @@ class ClipFile:
         picture = self._picture.picture()
         try:
             self._writer.close()
-            with reopened(self.path) as file:
+            # In memory, for HDF5 crashes the process where a full disk takes a part only. What was
+            # written stays whole, and a reader who holds it keeps nothing out.
+            whole = io.BytesIO(self.path.read_bytes())
+            with h5py.File(whole, "r+", libver="latest") as file:
                 file.attrs["event"] = json.dumps(event)
                 _write_decisions(file, decisions, self._stream_t_s)
                 if picture is not None:
@@ -106,6 +110,7 @@ class ClipFile:
                     image.attrs["IMAGE_VERSION"] = np.bytes_("1.2")
                     image.attrs["IMAGE_SUBCLASS"] = np.bytes_("IMAGE_TRUECOLOR")
                     image.attrs["INTERLACE_MODE"] = np.bytes_("INTERLACE_PIXEL")
+            write_atomically(self.path, whole.getvalue(), sync=False)
             self._draw(picture)
         except (RecordingError, OSError, RuntimeError) as err:
             msg = f"{self.path}: the clip lacks its decisions: {' '.join(str(err).split())}"

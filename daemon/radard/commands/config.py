@@ -46,8 +46,9 @@ def _warnings(config: Config) -> Iterator[str]:
     for each in config.each():
         name = model_for(each.model.name)
         with contextlib.suppress(RadardError):
-            if name != "none" and (text := hop_warning(load_bundle(name), each.decision.hop_s)):
-                yield text
+            if name != "none":
+                bundle, own = load_bundle(name), each.model.profile
+                yield from filter(None, [hop_warning(bundle, each.decision.hop_s, own)])
     for section, values in config.model_dump().items():
         for key, value in values.items() if isinstance(values, dict) else ():
             # Labels' file is made; what another user's folder holds is not known here.

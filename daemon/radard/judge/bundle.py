@@ -6,6 +6,7 @@ trained, and the hash of the weights. Nothing is guessed: what does not fit is r
 a network with weights in other files or operators of other libraries (`onnx_safety`).
 """
 
+import functools
 import hashlib
 import json
 from collections.abc import Mapping
@@ -163,6 +164,7 @@ class _Sidecar(Bundle):
     classes: tuple[Literal["human", "pet", "other"], ...]
 
 
+@functools.lru_cache(maxsize=4)  # a hundred radars read the same files
 def _parse(sidecar: bytes, onnx: bytes) -> Bundle:
     made = parse_json(_Sidecar, sidecar)
     if hashlib.sha256(onnx).hexdigest() != made.onnx_sha256:

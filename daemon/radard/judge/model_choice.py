@@ -1,5 +1,6 @@
 """Which bundle judges a stream when the configuration names none."""
 
+from radard.config.profiles import front
 from radard.config.sections import AUTO_MODEL, DEFAULT_MODEL
 from radard.judge.bundle import Bundle, load_bundle
 from radard.judge.evidence import HOP_S, windows_a_feed
@@ -26,9 +27,13 @@ def model_for(name: str, stream: StreamInfo | None = None) -> str:
     return next((each for each in known if load_bundle(each).takes(axis, rate_hz)), DEFAULT_MODEL)
 
 
-def hop_warning(bundle: Bundle, hop_s: float) -> str:
-    """Return what decisions `hop_s` apart mean for a bundle with a memory; empty if nothing."""
-    if hop_s == HOP_S or not bundle.n_hidden:
+def hop_warning(bundle: Bundle, hop_s: float, profile: str | None = None) -> str:
+    """Return what decisions `hop_s` apart mean for a bundle with a memory; empty if nothing.
+
+    A profile's own hop was measured with its bundle.
+    """
+    measured = front().named(profile)
+    if hop_s in {HOP_S, measured.hop_s if measured else HOP_S} or not bundle.n_hidden:
         return ""
     return (
         f"decision.hop_s {hop_s:g}: model '{bundle.name}' learned from windows {HOP_S:g} s apart, "

@@ -109,7 +109,8 @@ def make_parts(
     was = old.config if old else None
     bundle = pipeline.classifier.bundle if pipeline.classifier else None
     if bundle is not None and (was is None or was.model != config.model):
-        warnings += filter(None, [hop_warning(bundle, config.decision.hop_s)])
+        text = hop_warning(bundle, config.decision.hop_s, config.model.profile)
+        warnings += filter(None, [text])
     for text in warnings:
         logger_of(config).warning("%s", text)
     made_here = old is not None and old.config.gate.calibration == config.gate.calibration
