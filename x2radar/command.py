@@ -5,6 +5,8 @@ the `exit_code` of the errors themselves.
 """
 
 import argparse
+import contextlib
+import errno
 import itertools
 import os
 import sys
@@ -20,6 +22,7 @@ from x2radar.startup import begin, interrupts
 
 _EXTRAS = {"radard": "daemon", "train-export": "train"}
 """What pyproject.toml calls the packages that a command needs."""
+_FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EFBIG})
 _OURS = ("x2radar", "radard", "x2train")
 
 
@@ -183,8 +186,12 @@ def run_command(
             traceback.print_exc()
         known = getattr(err, "exit_code", None)
         text = str(err) if known is not None else _missing_extra(prog, err)
+        if isinstance(err, OSError) and err.errno in _FULL and not err.filename:
+            text = f"cannot write: {err.strerror}"
         text = text or f"internal error: {err!r}; --debug shows more"
-        print(f"{prog}: {' '.join(text.split())}", file=sys.stderr)  # noqa: T201 - the one line
+        # The exit code tells what went wrong also where nobody can be told in words.
+        with contextlib.suppress(OSError):
+            print(f"{prog}: {' '.join(text.split())}", file=sys.stderr)  # noqa: T201 - the one line
         return known if isinstance(known, int) else 1
     return code
 

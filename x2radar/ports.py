@@ -38,6 +38,7 @@ PORT_FORMS = (
 _SERVERS = ("socket", "rfc2217")
 _URLS = (*_SERVERS, "loop", "spy", "alt", "hwgrep", "cp2110")
 """The URLs that pyserial 3.5 opens; those of servers need host and port."""
+_HOST = re.compile(r"[\w.-]+|[\da-f:.]+(%[\w.-]+)?", re.IGNORECASE)
 _PORT = re.compile(r"sim:.*|[a-z0-9]+://.*|/dev/.*|COM\d+.*", re.IGNORECASE | re.DOTALL)
 
 
@@ -66,10 +67,13 @@ class Port:
         if text is None:
             return default
         try:
-            return float(text)
-        except ValueError as err:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
             msg = f"port key '{key}': '{text}' is not a number"
-            raise SettingsError(msg) from err
+            raise SettingsError(msg)
+        return value
 
 
 @lru_cache(maxsize=256)
@@ -111,13 +115,19 @@ def _check_url(url: str) -> None:
         msg = f"port '{url}': no kind of URL that is known; known are {', '.join(_URLS)}"
         raise PortUrlError(msg)
     if scheme.lower() not in _SERVERS:
-        if not rest and scheme.lower() != "loop":
-            msg = f"port '{url}': nothing behind '{scheme}://'"
+        fault = f"nothing behind '{scheme}://'" if not rest and scheme.lower() != "loop" else ""
+        try:
+            re.compile(rest if scheme.lower() == "hwgrep" else "")
+        except re.error as err:
+            fault = f"no regular expression ({err})"
+        if fault:
+            msg = f"port '{url}': {fault}"
             raise PortUrlError(msg)
         return
     try:
         parts = urlsplit(url)
-        is_good = parts.port and is_host(parts.hostname or "")
+        is_bare = not parts.fragment and not parts.path.strip("/")
+        is_good = is_bare and parts.port and is_host(parts.hostname or "")
     except ValueError:
         is_good = False
     if not is_good:
@@ -132,10 +142,10 @@ def named_port(kind: Kind, what: Path | str) -> str:
 
 
 def is_host(name: str) -> bool:
-    """Return whether this can be a host's name: no blank, no label empty or longer than 63."""
+    """Return whether this can be a host: a name, no label empty or above 63, or an address."""
     try:
         # As the socket does it.
-        return name.isprintable() and " " not in name and bool(name.encode("idna"))
+        return bool(_HOST.fullmatch(name)) and bool(name.encode("idna"))
     except UnicodeError:
         return False
 

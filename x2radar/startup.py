@@ -9,6 +9,8 @@ from collections.abc import Iterator
 from types import FrameType
 
 _STOP = (signal.SIGINT, signal.SIGTERM)
+early: list[int] = []
+"""Signals that came before there was anybody to heed them, of `hold_back`."""
 
 
 class Interrupted(KeyboardInterrupt):
@@ -23,8 +25,9 @@ def begin() -> None:
     """Make standard streams and signals what every command relies on; to be called first.
 
     A standard stream that is closed becomes the null device, so that no file which is opened later
-    takes its number; stdout takes names of files whatever their bytes. SIGINT and SIGTERM end the
-    process with 0 until `interrupts`; as process 1 of a container it would not even notice them.
+    takes its number; stdout is UTF-8 whatever the locale, and takes names of files of any bytes.
+    SIGINT and SIGTERM end the process with 0 until `interrupts`; as process 1 of a container it
+    would not even notice them.
     """
     for descriptor, name in enumerate(("stdin", "stdout", "stderr")):
         if getattr(sys, name) is None:
@@ -36,10 +39,28 @@ def begin() -> None:
             stream = open(descriptor, mode, encoding="utf-8", closefd=False)  # noqa: SIM115
             setattr(sys, name, stream)
     with contextlib.suppress(AttributeError):
-        sys.stdout.reconfigure(errors="surrogateescape")  # type: ignore[union-attr]
+        sys.stdout.reconfigure(encoding="utf-8", errors="surrogateescape")  # type: ignore[union-attr]
     for number in _STOP:
         if signal.getsignal(number) in {signal.SIG_DFL, signal.default_int_handler}:
             signal.signal(number, _end)
+
+
+def hold_back(*names: str) -> None:
+    """Note signals that would end the process, where the system has them, as `early`."""
+    for name in names:
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) == signal.SIG_DFL:
+            signal.signal(number, lambda number, _frame: early.append(number))
+
+
+@contextlib.contextmanager
+def without_interrupts() -> Iterator[None]:
+    """Hold SIGINT back while processes are started, which inherit that: Ctrl-C is the parent's."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextlib.contextmanager

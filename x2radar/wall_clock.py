@@ -12,6 +12,19 @@ def now_s() -> float:
     return time.time()
 
 
+def parse_utc(text: str) -> datetime | None:
+    """Return the time that an ISO 8601 text names, in UTC, which it is in where it names no zone.
+
+    None if it names none, or one that no recording can begin at: before 1970, or past counting.
+    """
+    try:
+        when = datetime.fromisoformat(text)
+        when = when.replace(tzinfo=when.tzinfo or UTC).astimezone(UTC)
+    except (ValueError, OverflowError):
+        return None
+    return when if 1970 <= when.year < 9000 else None
+
+
 def now() -> datetime:
     """Return the time in UTC."""
     return datetime.fromtimestamp(now_s(), UTC)

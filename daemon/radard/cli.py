@@ -18,6 +18,7 @@ from radard.config.sink_table import FORMS
 from radard.errors import UsageError
 from x2radar.command import Parser, installed_version, run_command
 from x2radar.manual import add_manual
+from x2radar.recording.registry import check_name
 
 _SHORT = """\
 usage: radard --port PORT [options]    watch a radar; alarm for people, not pets
@@ -91,6 +92,8 @@ def _body(argv: Sequence[str]) -> int:
     if args.duration is not None and not 0 < args.duration < 1e9:
         msg = f"--duration {args.duration:g}: must be above 0, in seconds"
         raise UsageError(msg)
+    if args.record is not None:
+        check_name(args.record, "hdf5")
     options = config_options(args)
 
     def load() -> Config:

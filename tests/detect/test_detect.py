@@ -3,6 +3,9 @@
 import csv
 import io
 import json
+import os
+import signal
+import time
 from pathlib import Path
 
 import pytest
@@ -12,8 +15,10 @@ from radard.commands.detect import run
 from radard.commands.detect_tables import COLUMNS, time_of
 from radard.config.config import Config
 from radard.run.replays import judge_all
+from tests.processes import started
 from tests.radar_helpers import run_radard, stable
 from tests.recording_helpers import record_scene
+from tests.waiting import wait_for
 from x2radar.command import run_command
 
 
@@ -61,6 +66,43 @@ def test_a_format_that_is_not_written_is_refused(files, capsys, tmp_path, name):
 
 
 @pytest.mark.integration
+def test_no_recording_is_overwritten_whatever_it_is_called(files, capsys, tmp_path):
+    whole = files[0].read_bytes()
+    for name in ("copy.h5", "copy.csv"):
+        (tmp_path / name).write_bytes(whole)
+        for given in (tmp_path / name, files[1]):
+            code, out, err = detect(capsys, given, "--to", "csv", "--out", tmp_path / name)
+            assert (code, out) == (66, "")
+            assert "is a recording, which is not overwritten" in err
+        assert (tmp_path / name).read_bytes() == whole
+
+
+def is_there(group):
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+@pytest.mark.integration
+@pytest.mark.parametrize("is_alone", [True, False])
+def test_a_signal_ends_all_of_its_processes_soon_and_without_a_word(files, tmp_path, is_alone):
+    """Ctrl-C goes to the whole group: those that were at their imports showed where."""
+    argv = ("-m", "radard", "detect", *files, *files, "--jobs", "2", "--out", tmp_path / "o.csv")
+    for pause_s in (0.6, 1.2, 2.0):
+        process = started(*argv, start_new_session=True)
+        time.sleep(pause_s)
+        if is_alone:
+            process.terminate()
+        else:
+            os.killpg(process.pid, signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+        assert (pause_s, process.returncode, out, err) == (pause_s, 0, b"", b"")
+        wait_for(lambda pid=process.pid: not is_there(pid))
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_every_core_makes_the_same_table(files, capsys, tmp_path):
     one = detect(capsys, *files, "--jobs", "1")
     assert detect(capsys, *files, "--jobs", "2") == one

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.processes import started
+from tests.processes import environ, ran, started
 from tests.recording_helpers import record_scene
 from tests.waiting import wait_for
 
@@ -68,6 +68,56 @@ def test_standard_streams_that_are_closed_are_the_null_device(argv, closed, tmp_
     )
     assert done.returncode == 0
     assert b"Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("name", ["SIGHUP", "SIGUSR1"])
+def test_a_daemon_that_starts_is_not_ended_by_what_it_heeds_later(name, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    for pause_s in (0.0, 0.3, 0.7, 1.2):
+        process = started("-m", *RADARD, "-v", stdout=subprocess.DEVNULL, cwd=tmp_path)
+        try:
+            wait_for(lambda pid=process.pid: hears_sigterm(pid))
+            time.sleep(pause_s)
+            process.send_signal(getattr(signal, name))
+            word = {"SIGHUP": b"reload: done", "SIGUSR1": b'state {"state"'}[name]
+            said = b""
+            while word not in said:
+                line = process.stderr.readline()
+                assert line, (pause_s, process.poll(), said)
+                said += line
+        finally:
+            process.terminate()
+            process.communicate(timeout=60)
+        assert process.returncode == 0
+
+
+@pytest.mark.parametrize("argv", [("x2radar", "scenes"), ("radard", "explain")])
+def test_a_stdout_that_is_full_is_one_line(argv, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    line = f"exec {sys.executable} -m {' '.join(argv)} >/dev/full"
+    done = subprocess.run(
+        ["/bin/sh", "-c", line], stderr=subprocess.PIPE, cwd=tmp_path, timeout=120, check=False
+    )
+    assert (done.returncode, done.stderr.count(b"\n")) == (1, 1)
+    assert b"No space left on device" in done.stderr
+    assert b"internal" not in done.stderr
+
+
+def test_an_exit_code_tells_what_went_wrong_where_nobody_can_be_told(tmp_path):
+    with Path("/dev/full").open("w") as full:
+        done = ran("-m", "x2radar", "info", "gone.h5", capture_output=False, stderr=full)
+    assert done.returncode == 66
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-16"])
+def test_a_locale_changes_nothing_of_what_is_printed(encoding, tmp_path):
+    record_scene(tmp_path / "a.h5", "human", n=200)
+    argv = ("-m", "radard", "why", tmp_path / "a.h5", "--at", "2.5")
+    usual = ran(*argv, text=False)
+    other = ran(*argv, text=False, env=environ(PYTHONIOENCODING=encoding))
+    assert (other.returncode, other.stdout) == (0, usual.stdout)
+    assert "\N{MINUS SIGN}".encode() in other.stdout
 
 
 def test_names_of_any_bytes_are_printed(tmp_path):

@@ -10,6 +10,7 @@ import threading
 
 import pytest
 
+from radard.config.config import Config
 from radard.config.sink_table import (
     ExecSection,
     MqttSection,
@@ -18,7 +19,9 @@ from radard.config.sink_table import (
     WebhookSection,
 )
 from radard.errors import ConfigError, OutputError, UsageError
+from radard.outputs.fanout import Outputs
 from radard.outputs.webhook import sign
+from tests.host_helpers import FakeHost
 from tests.sink_helpers import (
     QUICK,
     WebServer,
@@ -256,6 +259,32 @@ def test_redirects_in_a_circle_and_to_another_scheme_end(server):
     sink.close(0.3)
 
 
+def test_no_spelling_of_https_is_redirected_to_what_is_none(tmp_path):
+    cert, far = make_cert(tmp_path), WebServer()
+    server = WebServer(cert=cert)
+    server.code, server.headers = 307, {"Location": f"http://localhost:{far.port}/"}
+    section = WebhookSection(follow_redirects=True, ca_file=cert[0])
+    sink = opened(f"webhook:HTTPS://localhost:{server.port}/", webhook=section)
+    try:
+        sink.write(event(1))
+        wait_for(lambda: "redirects to what is no" in sink.state.reason)
+        assert far.posts == []
+    finally:
+        sink.close(0.3)
+        server.close()
+        far.close()
+
+
+def test_an_output_that_is_named_twice_is_one(tmp_path):
+    outputs = Outputs(stdout_is_terminal=False)
+    host = FakeHost()
+    host.mark = lambda: ""
+    outputs.add(host)
+    outputs.open(Config(output=("null", f"json:{tmp_path / 'a'}") * 2))
+    assert [sink.name for _, sink in outputs.sinks] == ["null", f"json:{tmp_path / 'a'}"]
+    outputs.close()
+
+
 def test_a_log_that_nobody_hears_is_said_once_with_a_count(caplog):
     sink = opened(f"syslog:udp://127.0.0.1:{free_port()}")
     for n in range(40):
@@ -390,7 +419,19 @@ def test_syslog_over_udp_with_severity():
         ("webhook:http://h ost/", ConfigError, "no host has"),
         ("webhook:http://u:secret@h\n/", ConfigError, "no host has"),
         ("webhook:http://h..local/", ConfigError, "no host has"),
+        *(
+            (f"webhook:http://{host}/x", ConfigError, "no host has")
+            for host in ["h;x", "h,b", "h%2fx"]
+        ),
+        ("webhook:http://h\\x/", ConfigError, "no host has"),
         ("mqtt://h ost/a", ConfigError, "no host has"),
+        ("mqtt://h:00", ConfigError, "no host has"),
+        ("syslog:udp://h:00", ConfigError, "no host has"),
+        *((f"syslog:udp://{rest}", UsageError, "use syslog:") for rest in ["u@h", "h?x=1", "h#x"]),
+        *(
+            (f"http://{rest}", UsageError, "use http://127.0.0.1:8434")
+            for rest in [":pw@127.0.0.1", "127.0.0.1/#x", "127.0.0.1?", "127.0.0.1;x"]
+        ),
         ("mqtts://u@h:0", ConfigError, "no host has"),
         ("mqtt://" + 64 * "h", ConfigError, "no host has"),
         ("syslog:tcp://h..local", ConfigError, "no host has"),
@@ -417,3 +458,18 @@ def test_bad_outputs_give_one_clear_line(url, error, words):
     assert words in str(caught.value)
     assert "secret" not in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "webhook:http://[::1]:80",
+        "webhook:http://h\N{LATIN SMALL LETTER O WITH DIAERESIS}.example",
+        "mqtt://[::1]:1883/radard",
+        "syslog:udp://[::1]:514",
+    ],
+)
+def test_a_server_is_named_as_it_was(name):
+    sink = opened(name)
+    assert sink.name == name
+    sink.close(0.1)

@@ -178,6 +178,23 @@ def test_usage(arguments, word, capsys):
     assert word in capsys.readouterr().err
 
 
+def test_it_replaces_a_calibration_and_nothing_else(made, tmp_path, capsys):
+    listen = ("--port", "sim:empty", "--duration", 25, "--out")
+    for name, content in (
+        ("a.npz", b"PK frames"),
+        ("config.yaml", b"sensor: {}"),
+        ("b.json", b"{}"),
+    ):
+        (tmp_path / name).write_bytes(content)
+        assert command(*listen, tmp_path / name) == 78
+        assert "not a calibration" in capsys.readouterr().err
+        assert (tmp_path / name).read_bytes() == content
+    kept = tmp_path / "room.json"
+    kept.write_bytes(made.read_bytes())
+    assert command(*listen, kept) == 0
+    assert kept.read_bytes() != made.read_bytes()
+
+
 def test_calibration_goes_where_the_daemon_looks(tmp_path, monkeypatch):
     service = tmp_path / "service"
     monkeypatch.setattr("radard.commands.calibrate.SYSTEM_STATE_DIR", service)

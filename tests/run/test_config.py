@@ -152,6 +152,12 @@ def test_the_first_line_of_a_file_is_the_secret(tmp_path, mark, end):
     file = tmp_path / "secret"
     file.write_bytes(mark + "wört".encode() + end)
     assert read_secret("x", file, None) == "wört"
+
+
+@pytest.mark.parametrize("text", ["wört", "wört\n", "\ufeffwört \r\nmore"])
+def test_so_is_that_of_a_variable(text, monkeypatch):
+    monkeypatch.setenv("SECRET", text)
+    assert read_secret("x", None, "SECRET") == "wört"
     write("\ufeffmodel: {name: marked}\n")
     assert load_config(environ={}).model.name == "marked"
 

@@ -114,6 +114,18 @@ def test_recordings_go_along_only_when_named(config, tmp_path, capsys):
     assert "added/clip.h5" in names(out)
     assert main(["diag", "--out", str(tmp_path / "b"), "--add", str(tmp_path / "gone.h5")]) == 1
     assert "gone.h5" in capsys.readouterr().err
+    (tmp_path / "twice").mkdir()
+    for bad, words in (
+        (tmp_path / "twice", "Is a directory"),
+        (tmp_path / "twice/clip.h5", "one name"),
+    ):
+        (tmp_path / "twice/clip.h5").write_bytes(b"other frames")
+        argv = ["diag", "--out", str(tmp_path / "b"), "--add", str(clip), "--add", str(bad)]
+        assert main(argv) == 1
+        assert words in capsys.readouterr().err
+        assert not (tmp_path / "b").exists()
+    assert main(["diag", "--out", str(tmp_path / "b.zip")]) == 2
+    assert "must end in .tar.gz" in capsys.readouterr().err
 
 
 def test_list_prints_and_makes_nothing(config, tmp_path, monkeypatch, capsys):

@@ -231,6 +231,21 @@ def test_a_rig_in_centimetres_at_another_rate_becomes_the_walk_it_was(tmp_path):
     assert clip.joint_m[..., 2].min() == pytest.approx(0.0, abs=0.01)
 
 
+def test_no_clip_takes_the_place_of_another(tmp_path, capsys):
+    """Two files of one name in two folders were one clip, and nobody said so."""
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        write_rig(tmp_path / name / "walk.npz", walker()[::2], "person", 30.0)
+    first, other = (str(tmp_path / name / "walk.npz") for name in ("a", "b"))
+    more = ["--map", str(write_map(tmp_path / "map.yaml")), "--out", str(tmp_path / "clips")]
+    more += ["--species", "human", "--who", "anna"]
+    assert main(["motion", "import", first, other, *more]) == 2
+    assert "anna_walk.npz is there already" in capsys.readouterr().err
+    assert not (tmp_path / "clips").exists()
+    assert main(["motion", "import", first, *more]) == 0
+    assert main(["motion", "import", other, *more]) == 2
+
+
 def test_joints_that_a_file_has_not_are_named(tmp_path):
     (motion,) = read_motions(write_rig(tmp_path / "a.npz", stander(), "quadruped", 60.0))
     with pytest.raises(SceneError, match=r"no joint paw; it has rig:pelvis"):

@@ -30,6 +30,7 @@ from x2radar.errors import (
 from x2radar.frame import Frame
 from x2radar.ports import PORT_FORMS, Port, parse_port, parse_speed
 from x2radar.radars import make_radar
+from x2radar.recording.registry import check_name
 from x2radar.sim.scene.scene import load_scene
 from x2radar.sim.scene.stage import Stage
 
@@ -132,6 +133,9 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _check(args: argparse.Namespace) -> None:
+    check_name(args.file, "hdf5")
+    if args.capture_wire is not None:
+        check_name(args.capture_wire, "capture")
     check_above_zero("--duration", args.duration, "seconds")
     check_above_zero("--rotate-size", args.rotate_size, "MB")
     check_above_zero("--rotate-time", args.rotate_time, "seconds")

@@ -32,6 +32,13 @@ _OPTIONS = {
     "carrier_hz": "--carrier",
 }
 """What must be above 0, and how a user gives it where the file does not."""
+_BOUNDS = {
+    "frame_rate_hz": (1e-3, 1e6),
+    "bin_length_m": (1e-6, 1e3),
+    "carrier_hz": (1.0, 1e15),
+    "range_offset_m": (-1e6, 1e6),
+}
+"""Beyond these a file is damaged, likewise."""
 NUMBERS = (*_OPTIONS, "sample_rate_hz", "range_offset_m", "bandwidth_hz", "phase_sign")
 TEXTS = ("kind", "started_utc", "device", "settings", "run_id")
 
@@ -108,6 +115,9 @@ def read_about(
     said = {name: plain(value) for name, value in attributes.items()}
     numbers = {name: _number(path, name, said.get(name)) for name in NUMBERS}
     kind, n_range = frames
+    if said.get("kind") not in {None, "", kind}:
+        raise refuse(path, f"its samples are {kind}, which is no {said['kind']} data")
+    check_version(path, said.get("format_version", VERSION))
     rate_hz, sign = max(numbers.pop("frame_rate_hz"), 0.0), numbers.pop("phase_sign")
     axis = FastTimeAxis(kind=kind, n_range=n_range, **numbers)  # type: ignore[arg-type]
     about = _mapping(said.get("device"))
@@ -115,12 +125,15 @@ def read_about(
     name = str(about.get("name", device))
     stream = overrides.apply(StreamInfo(axis, rate_hz, name, run_id))
     known = {"frame_rate_hz": stream.frame_rate_hz} | {
-        name: getattr(stream.axis, name) for name in ("bin_length_m", "carrier_hz")
+        name: getattr(stream.axis, name) for name in list(_BOUNDS)[1:]
     }
     if missing := [name for name in _OPTIONS if not known[name] > 0]:
         names = ", ".join(f"'{name}'" for name in missing)
         options = ", ".join(_OPTIONS[name] for name in missing)
         raise refuse(path, f"{names} is 0 or missing; convert it with {options}")
+    for name, (least, most) in _BOUNDS.items():
+        if not least <= known[name] <= most:
+            raise refuse(path, f"'{name}' is {known[name]:g}, which no radar has")
     return About(
         stream=stream,
         started_utc=str(said.get("started_utc") or ""),
@@ -128,6 +141,12 @@ def read_about(
         settings=_mapping(said.get("settings")),
         is_rising=kind == "baseband" and sign > 0,
     )
+
+
+def check_version(path: object, version: Any) -> None:
+    """Raise RecordingError unless this is the version of our formats, as number or text."""
+    if version is not None and str(version) not in {str(VERSION), f"{VERSION}.0"}:
+        raise refuse(path, f"format_version {version}, this reads {VERSION}")
 
 
 def root_attributes(

@@ -16,13 +16,21 @@ from numpy.typing import NDArray
 
 from x2radar.closing import Closing
 from x2radar.frame import LONGEST_GAP, FastTimeAxis, Frame, Samples, StreamInfo, read_only
-from x2radar.recording.about import NO_OVERRIDES, SAMPLE_DTYPES, About, Overrides, root_attributes
+from x2radar.recording.about import (
+    NO_OVERRIDES,
+    SAMPLE_DTYPES,
+    About,
+    Overrides,
+    plain,
+    root_attributes,
+)
 from x2radar.recording.faults import refuse, unreadable
 
 Label = tuple[float, float, str]
 BLOCK_BYTES = 1 << 21
 """Samples held at a time: less memory than a process of Python takes anyway."""
 
+_MAX_COUNT = 2.0**62
 _WRAP = 1 << 32
 """The module counts frames in 32 bits."""
 
@@ -109,7 +117,10 @@ class BlockReader(Closing):
     def labels(self) -> list[Label]:
         """Labelled stretches (t0_s, t1_s, label); empty when there are none."""
         with unreadable(self.path):
-            return [(float(t0), float(t1), str(text)) for t0, t1, text in self.read_labels()]
+            found = [(float(t0), float(t1), str(plain(n))) for t0, t1, n in self.read_labels()]
+            if not np.isfinite([label[:2] for label in found]).all():
+                raise refuse(self.path, "labels with times that are no numbers")
+            return found
 
     def read_labels(self) -> Iterable[tuple[Any, Any, Any]]:
         """Return the labels as the file has them."""
@@ -177,12 +188,17 @@ class BlockReader(Closing):
         index = -1
         for first, last in self.ranges():
             with unreadable(self.path):
-                counter = self.read_counters(first, last).astype(np.int64) % _WRAP
+                counted = self.read_counters(first, last)
+                if counted.dtype.kind == "f" and not (np.abs(counted) < _MAX_COUNT).all():
+                    raise refuse(self.path, "counters that are no numbers of frames")
+                counter = counted.astype(np.int64) % _WRAP
                 steps = unwrap(counter, before, index)
                 before, index = int(counter[-1]), int(steps.index[-1])
                 t_s = None if self._overrides.frame_rate_hz else self.read_times(first, last)
                 if t_s is None:
                     t_s = steps.index / self.stream.frame_rate_hz
+                elif not np.isfinite(t_s).all():
+                    raise refuse(self.path, "times of frames that are no numbers")
             yield first, last, counter, steps, t_s
 
     def ranges(self) -> Iterator[tuple[int, int]]:

@@ -34,8 +34,8 @@ from x2radar.recording.about import (
     NUMBERS,
     SAMPLE_DTYPES,
     TEXTS,
-    VERSION,
     Overrides,
+    check_version,
     kind_of,
     plain,
     read_about,
@@ -367,8 +367,7 @@ class RecordingReader(BlockReader):
         }
         if said["format"] != FORMAT:
             raise refuse(self.path, f"no recording (attribute 'format' is not '{FORMAT}')")
-        if str(version := said["format_version"]) not in {str(VERSION), f"{VERSION}.0"}:
-            raise refuse(self.path, f"format_version {version}, this reads {VERSION}")
+        check_version(self.path, said["format_version"])
         for name, value in said.items():
             if value is None and name not in _OPTIONAL:
                 raise refuse(self.path, f"attribute '{name}' is missing")

@@ -64,7 +64,8 @@ class RecordingWriter(Closing):
             self._file = h5py.File(self._made_as, "x", libver="latest")
         except OSError as err:
             raise self._cannot_make(err) from err
-        about = root_attributes(stream, started_utc or utc_text(), device, settings)
+        started_utc = utc_text() if started_utc is None else started_utc
+        about = root_attributes(stream, started_utc, device, settings)
         self._file.attrs.update({**about, **(attributes or {})})
         n_chunk = max(1, round(stream.frame_rate_hz))
         self._samples: NDArray[Any] = np.empty(

@@ -9,7 +9,7 @@ import contextlib
 import re
 import uuid
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from datetime import datetime, timedelta
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ from x2radar.recording.faults import refuse, unreadable
 from x2radar.recording.hdf5_reader import RecordingReader
 from x2radar.recording.hdf5_writer import RecordingWriter, reason, write_labels
 from x2radar.recording.stamps import utc_text
+from x2radar.wall_clock import parse_utc
 
 
 def part_path(path: Path, part: int) -> Path:
@@ -271,8 +272,5 @@ def _number(part: RecordingReader) -> int | None:
 
 def _later(started_utc: str, seconds: float) -> str:
     """Return an ISO time so much later; other texts as they are."""
-    try:
-        started = datetime.fromisoformat(started_utc)
-    except ValueError:
-        return started_utc
-    return utc_text(started + timedelta(seconds=seconds))
+    started = parse_utc(started_utc)
+    return utc_text(started + timedelta(seconds=seconds)) if started else started_utc

@@ -153,6 +153,24 @@ READABLE = tuple(row.name for row in FORMATS.values() if row.reader)
 _MAX_MAGIC = max(len(row.magic) for row in FORMATS.values())
 
 
+def check_name(path: Path, kind: str) -> None:
+    """Raise SettingsError if a file of this name would be taken for something else."""
+    row = FORMATS[kind]
+    if path.suffix and format_by_name(path) is not row:
+        msg = f"{path}: the name of a recording like this ends in {' or '.join(row.suffixes)}"
+        raise SettingsError(msg)
+
+
+def check_no_recording(path: Path) -> None:
+    """Raise RecordingError if a recording is there, which nothing else may replace."""
+    if path.is_file():
+        with path.open("rb") as file:
+            head = file.read(_MAX_MAGIC)
+        named = format_by_name(path)
+        if any(r.reader and (r is named or r.is_in(path, head)) for r in FORMATS.values()):
+            raise refuse(path, "is a recording, which is not overwritten")
+
+
 def format_by_name(path: Path) -> Format | None:
     """Return the format that a file's name promises, or None."""
     return next((row for row in FORMATS.values() if path.name.endswith(row.suffixes)), None)
@@ -231,4 +249,6 @@ def open_recording(
         return PartsReader([Path(part) for part in path], overrides)
     path = Path(path)
     with unreadable(path):
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            raise refuse(path, "is no file: a recording is read more than once")
         return (FORMATS[kind] if kind else format_of(path)).open(path, overrides)

@@ -12,7 +12,7 @@ import numpy as np
 from radard.config.config import Config
 from radard.config.directories import calibration_file, named_state_dir
 from radard.config.options import LISTENING, add_options, check_seconds, listening_config
-from radard.detect.calibration import Calibration
+from radard.detect.calibration import Calibration, load_calibration
 from radard.detect.gate import DAY_S
 from radard.detect.survey import RoomSurvey
 from radard.errors import NotAllowed, RadardError, UsageError
@@ -43,6 +43,9 @@ def run(argv: Sequence[str]) -> int:
         raise UsageError(msg)
     config = listening_config(args)
     path = args.out or _own_file(config)
+    if path.exists():
+        # Else it is somebody's recording, or configuration.
+        load_calibration(path)
     with listen(config) as listening:
         survey = _surveyed(listening, config, args)
         survey.check_empty(takes_machines=args.with_machines)

@@ -12,6 +12,7 @@ from radard.errors import OutputError, RadardError, UsageError
 from radard.run.components import make_classifier
 from radard.run.replays import Judged, judge_all
 from x2radar.command import Parser, StatusLine, bar, new_parser
+from x2radar.recording.registry import check_no_recording
 
 _EXAMPLES = """\
 examples:
@@ -101,6 +102,7 @@ def _table(kind: str, rows: str, out: Path | None) -> Iterator[Add]:
         with open_table(kind, rows, sys.stdout, None) as add:
             yield add
         return
+    check_no_recording(out)
     part = out.with_name(f".{out.name}.part")
     try:
         with contextlib.ExitStack() as opened:

@@ -9,7 +9,7 @@ import csv
 import json
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from datetime import datetime, timedelta
+from datetime import timedelta
 from itertools import islice
 from pathlib import Path
 from typing import Any, TextIO
@@ -18,6 +18,8 @@ from radard.outputs.records import Record
 from radard.run.replays import Judged
 from x2radar.command import legible
 from x2radar.extras import needed
+from x2radar.recording.stamps import utc_text
+from x2radar.wall_clock import parse_utc
 
 FORMATS = ("csv", "parquet", "jsonl")
 DECISIONS: Mapping[str, str] = {
@@ -133,11 +135,8 @@ def time_of(started_utc: str, t_s: float) -> str | None:
     '2026-03-01T12:31:01.750Z'
     >>> time_of("", 61.5)
     """
-    try:
-        at = datetime.fromisoformat(started_utc) + timedelta(seconds=t_s)
-    except ValueError:
-        return None
-    return at.isoformat(timespec="milliseconds").replace("+00:00", "Z")
+    started = parse_utc(started_utc)
+    return utc_text(started + timedelta(seconds=t_s)) if started else None
 
 
 def _plain(value: Any) -> Any:

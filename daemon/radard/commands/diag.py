@@ -28,7 +28,7 @@ from radard.config.directories import calibration_file, state_dir, status_dirs
 from radard.config.redact import MASK, redact, redact_value
 from radard.config.sources import ENV_PREFIX
 from radard.detect.calibration import load_calibration
-from radard.errors import RadardError
+from radard.errors import RadardError, UsageError
 from radard.health.status_file import read_status, status_path
 from radard.judge.bundle import bundle_names, load_bundle
 from radard.judge.model_choice import model_for
@@ -75,6 +75,9 @@ def run(argv: Sequence[str]) -> int:
         for name, text in parts.items():
             print(f"==== {name}\n{text.rstrip()}\n")
         return 0
+    if args.out is not None and args.out.suffix not in {"", ".gz", ".tgz"}:
+        msg = f"--out {args.out}: must end in .tar.gz or .tgz"
+        raise UsageError(msg)
     path = args.out or Path(f"radard-diag-{when:%Y%m%dT%H%M%SZ}.tar.gz")
     names = json.dumps([*parts, *(f"added/{file.name}" for file in args.add)], indent=1)
     about = scrub(_ABOUT.format(when=when.isoformat(timespec="seconds")) + names + "\n")
@@ -100,6 +103,9 @@ def _write_bundle(path: Path, parts: Mapping[str, str], added: Sequence[Path]) -
     Raises RadardError if a file is not to be had, is too large, or the bundle cannot be written.
     """
     try:
+        if len({file.name for file in added}) < len(added):
+            msg = "--add: two files of one name; the bundle can hold one of them"
+            raise RadardError(msg)
         total = sum(file.stat().st_size for file in added)
         if total > _MAX_ADDED_BYTES:
             msg = f"--add: {total / 1e6:.0f} MB are too much; 500 MB fit"
@@ -120,6 +126,8 @@ def _write_bundle(path: Path, parts: Mapping[str, str], added: Sequence[Path]) -
         msg = f"{path}: exists already; reports are never overwritten"
         raise RadardError(msg) from err
     except OSError as err:
+        # Half a bundle is none, and would be in the way of the next attempt.
+        path.unlink(missing_ok=True)
         msg = f"{err.filename or path}: {err.strerror or err}"
         raise RadardError(msg) from err
 

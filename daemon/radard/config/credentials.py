@@ -13,7 +13,7 @@ from radard.errors import ConfigError
 def read_secret(what: str, file: Path | None, variable: str | None) -> str | None:
     """Return a credential, or None when neither place is named.
 
-    It is the first line of `file`, or the value of the environment `variable`; `what` is the key
+    It is the first line of `file`, or of the environment `variable`; `what` is the key
     of the configuration without `_file` and `_env`. Raises ConfigError if both are named, or the
     one that is holds nothing. It never shows the content.
     """
@@ -21,11 +21,11 @@ def read_secret(what: str, file: Path | None, variable: str | None) -> str | Non
         msg = f"{what}_file and {what}_env are both given; one is enough"
         raise ConfigError(msg)
     if variable is not None:
-        secret = os.environ.get(variable, "")
-        if not secret:
+        lines = os.environ.get(variable, "").removeprefix("\ufeff").splitlines()
+        if not lines or not lines[0].strip():
             msg = f"{what}_env: the variable {variable} is empty or not set"
             raise ConfigError(msg)
-        return secret
+        return lines[0].strip()
     if file is None:
         return None
     try:

@@ -8,7 +8,7 @@ on which it begins. The end is exclusive.
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta, tzinfo
+from datetime import datetime, timedelta, tzinfo
 from zoneinfo import ZoneInfo
 
 from x2radar import wall_clock as clock
@@ -66,12 +66,9 @@ def wall_clock(t_s: float) -> datetime | None:  # noqa: ARG001 - a live stream's
 
 def recorded_clock(started_utc: str) -> Now:
     """Return the wall clock of a recording: its start plus stream time; None if it has none."""
-    try:
-        started = datetime.fromisoformat(started_utc)
-    except ValueError:
+    started = clock.parse_utc(started_utc)
+    if started is None:
         return lambda _t_s: None
-    if started.tzinfo is None:
-        started = started.replace(tzinfo=UTC)
     return lambda t_s: started + timedelta(seconds=t_s)
 
 

@@ -151,6 +151,7 @@ class SinkState:
     status: Literal["ok", "retrying"] = "ok"  # retrying: also when nothing is connected yet
     reason: str = ""  # why it is retrying
     n_sent: int = 0  # records handed on
+    n_events: int | None = None  # of them; None where they are not counted apart
     n_waiting: int = 0  # with those of an earlier run
     n_dropped: int = 0  # given up: no room, refused too often, too old, or left at the end
     n_failures: int = 0  # attempts
@@ -202,7 +203,7 @@ class StateKeeper:
     def __init__(self, name: str) -> None:
         self._name = name
         self._lock = threading.Lock()
-        self._state = SinkState()
+        self._state = SinkState(n_events=0)
         self._told, self._told_s, self._n_untold = "", float("-inf"), 0
         self._remark, self._remarked_s = "", float("-inf")
 
@@ -224,11 +225,14 @@ class StateKeeper:
         with self._lock:
             self._state = replace(self._state, status="retrying", reason=reason)
 
-    def sent(self, n: int = 1) -> None:
+    def sent(self, n: int = 1, *, is_event: bool = False) -> None:
         """Count `n` records that were handed on; a failure is over."""
         with self._lock:
             was = self._state
-            self._state = replace(was, status="ok", reason="", n_sent=was.n_sent + n)
+            n_events = (was.n_events or 0) + n * is_event
+            self._state = replace(
+                was, status="ok", reason="", n_sent=was.n_sent + n, n_events=n_events
+            )
             if not was.is_ok and not self._n_untold:
                 log.info("%s: works again", self._name)
 

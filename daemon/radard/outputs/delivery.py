@@ -160,7 +160,7 @@ class Delivery:
             else:
                 self._n_refused = 0
                 self._backoff.reset()
-                self._keeper.sent()
+                self._keeper.sent(is_event=item.entry is not None)
                 self._settle(item)
             finally:
                 self._begun_s = None

@@ -221,7 +221,8 @@ class Outputs:
     def _wanted(self, config: Config) -> list[tuple[str, str | None]]:
         """Return every output, with a sensor where each has its own."""
         found: list[tuple[str, str | None]] = []
-        for name in config.output or ("",):
+        # Named twice it is one: two clients of one name would throw each other out.
+        for name in dict.fromkeys(config.output or ("",)):
             row = find_row(name)
             is_apart = config.is_one_of_several and row is not None and row.is_per_sensor
             found += [(name, sensor) for sensor in (self._hosts if is_apart else (None,))]

@@ -23,7 +23,7 @@ from radard.errors import UsageError
 from radard.outputs.base import DeliveryError, Record, SinkContext
 from radard.outputs.records import utc_now
 from radard.outputs.thread_sink import DirectSink
-from radard.outputs.tls import check_host, client_context, explain
+from radard.outputs.tls import check_host, client_context, explain, shown_host
 from x2radar.backoff import Backoff
 
 JOURNAL = Path("/run/systemd/journal/socket")
@@ -69,7 +69,8 @@ def _parse_address(rest: str) -> Address | None:
         return rest
     try:
         parts = urlsplit(rest)
-        if parts.scheme in _KINDS and parts.hostname and not parts.path.strip("/"):
+        is_bare = not set("@?#") & set(rest) and not parts.path.strip("/")
+        if parts.scheme in _KINDS and parts.hostname and is_bare:
             check_host("syslog", rest)
             return Server(parts.scheme, parts.hostname, parts.port or _PORTS[parts.scheme])
     except ValueError as err:
@@ -88,7 +89,7 @@ class SyslogSink(DirectSink):
     ) -> None:
         shown = address or ""
         if isinstance(address, Server):
-            shown = f"{address.scheme}://{address.host}:{address.port}"
+            shown = f"{address.scheme}://{shown_host(address.host)}:{address.port}"
         name = f"syslog:{shown}"
         o = options.log
         backoff = Backoff(o.first_retry_s, o.longest_retry_s, name)

@@ -274,5 +274,5 @@ class DirectSink(ThreadSink):
             self._keeper.failed(str(err))
             return False
         self._backoff.reset()
-        self._keeper.sent()
+        self._keeper.sent(is_event=record["type"] == "event")
         return True

@@ -36,9 +36,15 @@ def check_host(scheme: str, url: str) -> None:
     """
     authority = re.split(r"[/?#]", url.partition("://")[2], maxsplit=1)[0]
     name = re.sub(r":\d*$", "", authority.rpartition("@")[2]).strip("[]")
-    if not authority.isprintable() or (name and not is_host(name)) or authority.endswith(":0"):
+    is_zero = bool(re.search(r":0+$", authority)) and not authority.endswith("]")
+    if not authority.isprintable() or (name and not is_host(name)) or is_zero:
         msg = f"--output {scheme}: no host has such a name and port"
         raise ConfigError(msg)
+
+
+def shown_host(host: str) -> str:
+    """Return a host as it stands in a URL: an address of IPv6 in brackets."""
+    return f"[{host}]" if ":" in host else host
 
 
 def explain(err: Exception) -> str:

@@ -29,13 +29,18 @@ def tried(
 
 def _has_answered(sink: Sink, was: SinkState) -> bool:
     now = sink.state
-    return now.n_failures > was.n_failures or (now.is_ok and now.n_sent > was.n_sent)
+    return now.n_failures > was.n_failures or (now.is_ok and _n_of(now) > _n_of(was))
+
+
+def _n_of(state: SinkState) -> int:
+    """Return how many events were handed on; of a plug-in that does not tell, records."""
+    return state.n_sent if state.n_events is None else state.n_events
 
 
 def _answer(sink: Sink, was: SinkState) -> str:
     now = sink.state
     if not now.is_ok:
         return f"failed: {now.reason}"
-    if now.n_sent > was.n_sent:
+    if _n_of(now) > _n_of(was):
         return "taken"
     return "no answer yet" if now.n_waiting else "not wanted there"

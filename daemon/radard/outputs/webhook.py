@@ -24,7 +24,7 @@ from radard.errors import ConfigError, UsageError
 from radard.outputs.base import DeliveryError, SinkContext
 from radard.outputs.delivery import Delivery, Item, wants_events
 from radard.outputs.stdout import json_line
-from radard.outputs.tls import LATE, check_host, client_context, explain
+from radard.outputs.tls import LATE, check_host, client_context, explain, shown_host
 from x2radar import wall_clock
 from x2radar.command import installed_version
 
@@ -48,7 +48,7 @@ def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> Deliv
         is_right = parts.scheme in _SCHEMES and bool(parts.hostname)
         is_right = is_right and parts.port != 0 and parts.username is None
     except ValueError:
-        is_right = False
+        parts, is_right = urlsplit(""), False
     check_host("webhook", target)
     if not is_right:
         msg = (
@@ -56,12 +56,14 @@ def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> Deliv
             "URL in it; user and password do not belong there, see webhook.token_file"
         )
         raise UsageError(msg)
-    # What a URL may not hold goes quoted, as in a browser: blanks, letters beyond ASCII.
-    quoted = quote(os.fsencode(target), safe="%/:=&?~#+!$,;'@()*[]")
-    o, parts = options.webhook, urlsplit(quoted)
+    # What a URL may not hold goes quoted, as in a browser: blanks, letters beyond ASCII. Not those
+    # of the host, which the socket knows to write.
+    begin = target.index("://") + 3 + len(parts.netloc)
+    quoted = target[:begin] + quote(os.fsencode(target[begin:]), safe="%/:=&?~#+!$,;'@()*[]")
+    o, host = options.webhook, shown_host(parts.hostname or "")
     others = ["status"] * o.statuses + ["decision"] * o.decisions
     return Delivery(
-        f"webhook:{parts.scheme}://{parts.hostname}{f':{parts.port}' if parts.port else ''}",
+        f"webhook:{parts.scheme}://{host}{f':{parts.port}' if parts.port else ''}",
         quoted,
         options.log,
         context,
@@ -108,7 +110,8 @@ class _Poster:
         while n_hops and location and code in _REDIRECTS:
             n_hops -= 1
             before, url = url, urljoin(url, location)
-            if urlsplit(url).scheme not in ({"https"} if before[:6] == "https:" else _SCHEMES):
+            schemes = {"https"} if urlsplit(before).scheme == "https" else _SCHEMES
+            if urlsplit(url).scheme not in schemes:
                 msg = "the server redirects to what is no https"
                 raise DeliveryError(msg)
             if urlsplit(url)[:2] != urlsplit(before)[:2]:

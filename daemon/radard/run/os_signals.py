@@ -9,6 +9,8 @@ import threading
 from types import FrameType, TracebackType
 from typing import Any
 
+from x2radar.startup import early
+
 _STOP = (signal.SIGINT, signal.SIGTERM)
 _ASK = {
     getattr(signal, name): wish
@@ -34,6 +36,8 @@ class Signals:
             self._before = {
                 number: signal.signal(number, self._handle) for number in (*_STOP, *_ASK)
             }
+            while early:
+                self._handle(early.pop(), None)
         return self
 
     def __exit__(

@@ -25,6 +25,7 @@ from radard.run.sensor import RunOptions, Sensor
 from x2radar.errors import X2RadarError
 from x2radar.ports import named_port
 from x2radar.recording.registry import open_recording
+from x2radar.startup import without_interrupts
 
 _LOOK_S = 0.2
 """So often processes of the pool are looked at."""
@@ -86,21 +87,24 @@ def _in_turn(todo: Sequence[_Job], tell: Tell) -> Iterator[Judged]:
 
 def _at_once(todo: Sequence[_Job], jobs: int, tell: Tell) -> Iterator[Judged]:
     context = multiprocessing.get_context("spawn")
-    shares = context.Array("d", len(todo), lock=False)
+    # And whether all shall stop, behind them.
+    shares = context.Array("d", len(todo) + 1, lock=False)
     pool = ProcessPoolExecutor(
         min(jobs, len(todo)), context, initializer=_take_progress, initargs=(shares,)
     )
     try:
-        futures = [pool.submit(_judge_in_pool, job) for job in todo]
+        with without_interrupts():
+            futures = [pool.submit(_judge_in_pool, job) for job in todo]
         for future in futures:
             while not future.done():
                 time.sleep(_LOOK_S)
-                tell(sum(shares) / len(todo), sum(each.done() for each in futures))
+                tell(sum(shares[:-1]) / len(todo), sum(each.done() for each in futures))
             yield future.result()
     except BrokenProcessPool as err:
         msg = "a process ended in the middle of its work, perhaps for memory: try --jobs 1"
         raise RadardError(msg) from err
     finally:
+        shares[-1] = 1.0
         pool.shutdown(cancel_futures=True)
 
 
@@ -112,6 +116,8 @@ def _take_progress(shares: Any) -> None:
 def _judge_in_pool(job: _Job) -> Judged:
     def note(share: float) -> None:
         _progress[job[3]] = share
+        if _progress[-1]:
+            raise KeyboardInterrupt
 
     return _judge(job, note)
 

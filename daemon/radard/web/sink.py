@@ -16,6 +16,7 @@ from radard.web.api import Api, SensorRouter
 from radard.web.auth import AccessControl, read_tokens
 from radard.web.server import WebServer
 from radard.web.view import View
+from x2radar.ports import is_host
 
 _log = logging.getLogger("radard")
 PORT = 8434  # no other service of a home has it (IANA: unassigned)
@@ -36,11 +37,12 @@ def parse_address(url: str) -> tuple[str, int]:
         port = PORT if parts.port is None else parts.port
     except ValueError:
         parts, port = urlsplit(""), 0
-    is_plain = parts.path in {"", "/"} and not (parts.query or parts.fragment or parts.username)
-    if parts.scheme != "http" or not parts.hostname or not is_plain:
+    is_plain = parts.path in {"", "/"} and not set("?#@") & set(url)
+    host = parts.hostname or ""
+    if parts.scheme != "http" or not is_host(host) or not is_plain:
         msg = f"--output '{url}': use http://127.0.0.1:{PORT}, or another address of this machine"
         raise UsageError(msg)
-    return parts.hostname, port
+    return host, port
 
 
 class WebSink:
@@ -114,7 +116,7 @@ class WebSink:
         """Hand a record to the view of its sensor."""
         self._views.get(record.get("sensor", ""), self._first).take(record)
         if self._server.address is not None:
-            self._keeper.sent()
+            self._keeper.sent(is_event=record["type"] == "event")
 
     def finish(self, timeout_s: float | None = None) -> None:  # noqa: ARG002
         """End the picture threads and begin to stop the server."""

@@ -61,6 +61,9 @@ def _run(args: argparse.Namespace) -> int:
     for file in args.files:
         for motion in read_motions(file, asf=args.asf, rate_hz=args.rate):
             stem = re.sub(r"[^\w-]+", "_", f"{args.who}_{motion.name}").strip("_")
+            if stem in made or (args.out / f"{stem}.npz").exists():
+                msg = f"{file}: a clip {stem}.npz is there already; name it otherwise, or --who"
+                raise UsageError(msg)
             made[stem] = {**standard_clip(motion, joint_map, str(file)), "action": motion.name}
     args.out.mkdir(parents=True, exist_ok=True)
     console = result_console()

@@ -7,7 +7,6 @@ few chunks ahead of the writer, so that a fast pool does not fill the memory.
 import importlib
 import multiprocessing
 import os
-import signal
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -22,6 +21,7 @@ from typing import Any, Protocol, TypeAlias
 from numpy.typing import NDArray
 
 from radard.errors import RadardError
+from x2radar.startup import without_interrupts
 
 Rows: TypeAlias = Mapping[str, NDArray[Any]]
 Make: TypeAlias = Callable[[int], Rows | None]
@@ -106,13 +106,9 @@ def pool(workers: int) -> Iterator[Run]:
         def submit(chunk: Chunk) -> _Job:
             return executor.submit(_make_chunk, make, chunk)
 
-        # Processes start at the first submit and inherit the mask: Ctrl-C is the parent's.
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
-            jobs = _in_order(submit, chunks, _AHEAD * workers)
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        return jobs
+        # Processes start at the first submit.
+        with without_interrupts():
+            return _in_order(submit, chunks, _AHEAD * workers)
 
     with (
         _one_thread(),

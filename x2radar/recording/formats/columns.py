@@ -15,7 +15,6 @@ start, or behind 1970 where the start is unknown.
 
 import json
 import struct
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +24,7 @@ from numpy.typing import NDArray
 from x2radar.extras import needed
 from x2radar.frame import Samples
 from x2radar.recording.blocks import BlockReader
+from x2radar.wall_clock import parse_utc
 
 _HEAD = "uint32 counter\nfloat64 t_s\n"
 _CDR_LITTLE_ENDIAN = b"\x00\x01\x00\x00"
@@ -86,11 +86,8 @@ def write_mcap(path: Path, source: BlockReader) -> list[str]:
     Raises MissingExtra without mcap.
     """
     mcap: Any = needed("mcap.writer", what="MCAP files")
-    try:
-        start_s = datetime.fromisoformat(source.started_utc).timestamp()
-    except ValueError:
-        start_s = 0.0
-    start_ns = round(start_s * 1e3) * 1_000_000
+    started = parse_utc(source.started_utc)
+    start_ns = round(started.timestamp() * 1e3) * 1_000_000 if started else 0
     about = {
         name: value if isinstance(value, str) else json.dumps(value, default=str)
         for name, value in _described(source).items()

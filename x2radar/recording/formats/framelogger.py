@@ -94,6 +94,8 @@ class FrameLoggerReader(BlockReader):
         stamps = np.fromfile(path, "<f8", self.n_frames, offset=_HEAD.size)
         self._rows = np.memmap(path, "<u4", "r", offset=at, shape=(self.n_frames, n_range))
         warnings: list[str] = []
+        if (rest := size - at - 4 * n_range * self.n_frames - 4) > 0:
+            warnings.append(f"{rest} bytes behind the frames, which are left out")
         self._counter, rate_hz = _rate(stamps, float(fps), warnings)
         settings = {
             **dict(zip(_SWEEP, self._sweep, strict=True)),
@@ -160,7 +162,7 @@ def write(path: Path, source: BlockReader) -> list[str]:
     """
     axis = source.stream.axis
     if axis.kind != "rf":
-        msg = f"{path}: FrameLogger files hold RF frames, this is baseband"
+        msg = f"{path.name}: FrameLogger files hold RF frames, this is baseband"
         raise SettingsError(msg)
     notes = ["counters are made of the times when it is read, from 1"]
     sweep = _sweep_of(source.settings)
@@ -201,7 +203,7 @@ def _write_rows(path: Path, file: Any, samples: Samples, sweep: _Sweep) -> float
     """Append frames as counters; return the largest change of a sample."""
     counter = sweep.counter(samples)
     if not (counter.min(initial=0) >= 0 and counter.max(initial=0) <= _MAX_U32):
-        msg = f"{path}: samples outside 0 to 100, the X2's unit, cannot be raw counters"
+        msg = f"{path.name}: samples outside 0 to 100, the X2's unit, cannot be raw counters"
         raise SettingsError(msg)
     raw = counter.astype("<u4")
     file.write(raw.tobytes())

@@ -46,7 +46,7 @@ from x2radar.recording.stamps import count_by_stamps
 
 MAX_BYTES = 1 << 30
 """Unpacked: an hour of scans of a P440; the file is held as a whole."""
-_HEAD_BYTES = 128
+_HEAD_BYTES, _TEXT_BYTES = 128, 116
 _ORDERS = {b"IM": "<", b"MI": ">"}
 _COMPRESSED, _MATRIX = 15, 14
 _NAME_BYTES = 512
@@ -186,7 +186,7 @@ class MatReader(BlockReader):
     def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:
         super().__init__(path, overrides)
         arrays = {"samples", "counter", "t_s"}
-        found = _variables(path, {*arrays, *NUMBERS, *TEXTS, "labels"})
+        found = _variables(path, {*arrays, *NUMBERS, *TEXTS, "format_version", "labels"})
         if missing := sorted(arrays - set(found)):
             raise refuse(path, f"lacks {', '.join(missing)}")
         self._rows = found["samples"]
@@ -223,6 +223,9 @@ def write(path: Path, source: BlockReader) -> list[str]:
         "labels": json.dumps(source.labels),
     }
     savemat(path, content, appendmat=False)
+    with path.open("r+b") as file:
+        # scipy's text there has the time: the same recording makes the same file.
+        file.write(b"MATLAB 5.0 MAT-file of x2radar".ljust(_TEXT_BYTES))
     return []
 
 

@@ -70,7 +70,8 @@ class NpzReader(BlockReader):
             raise refuse(path, "samples are cut off")
         else:
             self._rows = None
-        small = {name: self._load(name, _MAX_SMALL_BYTES) for name in (*NUMBERS, *TEXTS)}
+        names = ("format_version", *NUMBERS, *TEXTS)
+        small = {name: self._load(name, _MAX_SMALL_BYTES) for name in names}
         # An array of 8 bytes a frame and its header; numpy itself writes no longer one.
         column_bytes = 8 * n + _MAX_HEADER_BYTES
         self._counter = list_of(path, "counter", self._load("counter", column_bytes), n)
@@ -80,8 +81,10 @@ class NpzReader(BlockReader):
 
     def read_labels(self) -> Iterable[Label]:
         """Return what the archive says."""
-        columns = [column.tolist() for column in self._labels if column is not None]
-        return zip(*columns, strict=False) if len(columns) == len(_LABELS) else ()
+        columns = [column.ravel().tolist() for column in self._labels if column is not None]
+        if len(columns) not in {0, len(_LABELS)}:
+            raise refuse(self.path, f"its labels lack one of {', '.join(_LABELS)}")
+        return zip(*columns, strict=True)
 
     def close(self) -> None:
         self._opened.close()

@@ -36,11 +36,13 @@ class WireReader(BlockReader):
         self._capture = Capture(path)
         about = self._capture.about
         said = about.get("settings")
+        warnings = []
         try:
             self._module = settings_from_mapping(dict(said or {}))
-        except (SettingsError, TypeError, ValueError):
+        except (SettingsError, TypeError, ValueError) as err:
             # Of another version: as far as this one knows them.
             self._module = RadarSettings()
+            warnings.append(f"{path}: settings that are not known ({err}); an X2's are assumed")
         self._n_damaged = 0
         host = PacketDecoder()
         # Where the host starts a stream, what came before is not its own.
@@ -66,7 +68,7 @@ class WireReader(BlockReader):
                 settings=said if isinstance(said, dict) else {},
             )
         )
-        warnings = [self._capture.warning] if self._capture.warning else []
+        warnings += [self._capture.warning] if self._capture.warning else []
         if self._n_damaged:
             warnings.append(f"{path}: {self._n_damaged} damaged stretches")
         self.warning = "; ".join(warnings) or None

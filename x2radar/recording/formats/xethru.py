@@ -32,6 +32,7 @@ from x2radar.recording.about import MAX_BINS, NO_OVERRIDES, Overrides, read_abou
 from x2radar.recording.blocks import BlockReader, Label
 from x2radar.recording.faults import refuse
 from x2radar.recording.stamps import utc_text
+from x2radar.wall_clock import parse_utc
 
 META = "xethru_recording_meta.dat"
 _MAGIC, _VERSION, _HEAD = 0xA0B1C2D3, 13, 0x55
@@ -244,9 +245,9 @@ def write(path: Path, source: BlockReader) -> list[str]:
     """
     axis = source.stream.axis
     if axis.kind != "baseband":
-        msg = f"{path}: XeThru recordings hold baseband here, this is RF"
+        msg = f"{path.name}: XeThru recordings hold baseband here, this is RF"
         raise SettingsError(msg)
-    started = _started(source.started_utc)
+    started = parse_utc(source.started_utc) or datetime.fromtimestamp(0, UTC)
     name = f"xethru_baseband_iq_{started:%Y%m%d_%H%M%S}.dat"
     kept = ("bin_length_m", "range_offset_m", "carrier_hz", "bandwidth_hz", "sample_rate_hz")
     ours = {
@@ -293,12 +294,3 @@ def write(path: Path, source: BlockReader) -> list[str]:
             + b"\xcd" * 28
         )
     return ["times (t_s) are counted with the frame rate when it is read"]
-
-
-def _started(started_utc: str) -> datetime:
-    """Return the start in UTC; 1970 when it is unknown."""
-    try:
-        started = datetime.fromisoformat(started_utc)
-    except ValueError:
-        return datetime.fromtimestamp(0, UTC)
-    return started.replace(tzinfo=started.tzinfo or UTC).astimezone(UTC)

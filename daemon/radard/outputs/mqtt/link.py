@@ -3,9 +3,9 @@
 Every connection is a new client of the library with a clean session: what must survive is in
 the log, and nothing else may be sent a second time.
 
-MQTT 5 lets a broker state its largest packet. One of 3.1.1 drops the line instead, and says
-nothing: then the largest message in flight is to blame, and after the second time it is left out
-(`PacketLimits`).
+MQTT 5 lets a broker refuse a message, and state its largest packet. One of 3.1.1 drops the line
+instead, and says nothing: then the largest message in flight is to blame, and after the second
+time it is left out (`PacketLimits`).
 """
 
 import contextlib
@@ -35,6 +35,7 @@ _SHORT_S = 5.0  # a connection as short as this hints at a second client of this
 _MAX_UNSENT = 50  # messages of QoS 0: a minute of decisions
 _STANDS_STILL = "the output's own thread stands still"
 _UNSUPPORTED = "Unsupported protocol version"
+_NO_RETAIN, _NO_QOS = "Retain not supported", "QoS not supported"
 _NO_ANSWER = "no answer; is it an MQTT broker?"
 _HEAD = 12  # bytes of a packet beside topic and payload, at most
 _MIN_SUSPECT = 1024  # no broker limits packets to less; events and states are below it
@@ -69,6 +70,8 @@ class PacketLimits:
         self._flying: list[tuple[str, int, Callable[[], bool]]] = []
         self._suspects: dict[str, _Suspect] = {}
         self._said: set[str] = set()
+        self.can_retain, self.max_qos = True, 2
+        """Whether the broker keeps messages, and the highest quality of service that it takes."""
         self.max_bytes: int | None = None
         """The largest packet that the broker states; None: it states none."""
 
@@ -82,7 +85,7 @@ class PacketLimits:
         """Return whether to send a message."""
         size, suspect = _size_of(message), self._suspects.get(message.topic)
         if self.max_bytes is not None and size > self.max_bytes:
-            self._leave_out(message.topic, f"{size} bytes, and the broker takes {self.max_bytes}")
+            self.leave_out(message.topic, f"{size} bytes, and the broker takes {self.max_bytes}")
             return False
         is_bad = suspect is not None and suspect.n >= _BREAKS and size >= suspect.size
         return not is_bad
@@ -103,10 +106,11 @@ class PacketLimits:
         n = before.n + 1 if before is not None and is_again else 1
         self._suspects[topic] = _Suspect(size, n, now_s)
         if n >= _BREAKS:
-            self._leave_out(topic, f"the line broke {n} times while its {size} bytes were sent")
+            self.leave_out(topic, f"the line broke {n} times while its {size} bytes were sent")
         return True
 
-    def _leave_out(self, topic: str, why: str) -> None:
+    def leave_out(self, topic: str, why: str) -> None:
+        """Say, once, why the messages of a topic do not arrive."""
         if topic not in self._said:
             self._said.add(topic)
             self._say(f"{topic} is left out: {why}")
@@ -168,6 +172,7 @@ class MqttLink:
         self._is_unanswered = False
         self._client: paho.Client | None = None
         self._unsent: deque[paho.MQTTMessageInfo] = deque()
+        self._refused: dict[int, str] = {}
         self._halt = threading.Event()
         self._lost = threading.Event()
         self._reason = self._last_reason = ""
@@ -200,8 +205,8 @@ class MqttLink:
                 self._unsent.popleft()
             if len(self._unsent) >= _MAX_UNSENT:
                 return False
-        info = _publish(client, message)
-        self._limits.sent(message, partial(_is_over, info))
+        info = self._publish(client, message)
+        self._limits.sent(message, partial(self._is_settled, message.topic, info))
         is_taken = info.rc == MQTTErrorCode.MQTT_ERR_SUCCESS
         if message.qos == 0 and is_taken:
             self._unsent.append(info)
@@ -217,7 +222,7 @@ class MqttLink:
             raise DeliveryError(msg, is_refusal=True)
         end_s = time.monotonic() + _CONFIRM_S
         try:
-            info = _publish(client, message)
+            info = self._publish(client, message)
             self._limits.sent(message, partial(_is_over, info))
             while not info.is_published():
                 if client is not self._client:
@@ -227,6 +232,9 @@ class MqttLink:
                     self._lose(client, f"no confirmation within {_CONFIRM_S:g} s")
                     raise DeliveryError(self._reason)
                 info.wait_for_publish(_POLL_S)
+            if why := self._refused.pop(info.mid, ""):
+                msg = f"the broker refuses it: {why}"
+                raise DeliveryError(msg, is_refusal=True)
         except (RuntimeError, ValueError) as err:
             msg = f"not published: {err}"
             raise DeliveryError(msg) from err
@@ -323,8 +331,12 @@ class MqttLink:
             context.check_hostname = o.check_hostname
             client.tls_set_context(context)
         if (will := self._will) is not None:
-            client.will_set(will.topic, will.payload, will.qos, retain=True)
+            limits = self._limits
+            qos = min(will.qos, limits.max_qos)
+            client.will_set(will.topic, will.payload, qos, retain=limits.can_retain)
         client.on_connect = self._connected
+        client.on_publish = self._answered
+        client.on_subscribe = self._subscribed
         client.on_disconnect = self._disconnected
         client.on_message = self._received
         return client
@@ -336,8 +348,14 @@ class MqttLink:
         self._is_unanswered = False
         self._limits.max_bytes = getattr(p, "MaximumPacketSize", None)
         if code.is_failure:
+            # It says so of the last will: the next connection's is one that it takes.
+            self._limits.can_retain &= str(code) != _NO_RETAIN
+            self._limits.max_qos = 0 if str(code) == _NO_QOS else self._limits.max_qos
             self._lose(client, f"the broker refuses: {code}")
             return
+        self._limits.can_retain = bool(getattr(p, "RetainAvailable", 1))
+        self._limits.max_qos = getattr(p, "MaximumQoS", 2)
+        self._refused.clear()
         if self._subscriptions:
             client.subscribe([(topic, 1) for topic in self._subscriptions])
         self._unsent.clear()
@@ -350,6 +368,28 @@ class MqttLink:
         lost = "connection lost" if str(code) == "Unspecified error" else f"lost: {code}"
         self._lose(client, lost if client is self._client else _NO_ANSWER)
 
+    def _answered(self, _client: Any, _d: Any, mid: int, code: ReasonCode, _p: Any) -> None:
+        if code.is_failure:
+            self._refused[mid] = str(code)
+
+    def _subscribed(self, _c: Any, _d: Any, _mid: int, codes: list[ReasonCode], _p: Any) -> None:
+        for topic, code in zip(self._subscriptions, codes, strict=False):
+            if code.is_failure:
+                self._limits.leave_out(topic, f"the broker lets nobody listen there: {code}")
+
+    def _is_settled(self, topic: str, info: paho.MQTTMessageInfo) -> bool:
+        """Return whether a message is in flight no more; say so if it was refused."""
+        is_over = _is_over(info)
+        if is_over and (why := self._refused.pop(info.mid, "")):
+            self._limits.leave_out(topic, f"the broker refuses it: {why}")
+        return is_over
+
+    def _publish(self, client: paho.Client, message: Publication) -> paho.MQTTMessageInfo:
+        payload, limits = message.payload, self._limits
+        payload = payload.encode() if isinstance(payload, str) else payload
+        qos, is_retained = min(message.qos, limits.max_qos), message.is_retained
+        return client.publish(message.topic, payload, qos, is_retained and limits.can_retain)
+
     def _received(self, _client: paho.Client, _data: Any, message: paho.MQTTMessage) -> None:
         self._on_message(message.topic, bytes(message.payload), message.retain)
 
@@ -361,12 +401,6 @@ def _is_over(info: paho.MQTTMessageInfo) -> bool:
     except (RuntimeError, ValueError):
         # So it says of one for which there was no connection, or no room.
         return True
-
-
-def _publish(client: paho.Client, message: Publication) -> paho.MQTTMessageInfo:
-    payload = message.payload
-    payload = payload.encode() if isinstance(payload, str) else payload
-    return client.publish(message.topic, payload, message.qos, message.is_retained)
 
 
 def _end(client: paho.Client, *, is_clean: bool) -> None:

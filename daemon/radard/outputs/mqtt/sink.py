@@ -36,7 +36,7 @@ from radard.outputs.delivery import Delivery
 from radard.outputs.mqtt.link import Broker, MqttLink, Publication
 from radard.outputs.mqtt.topics import MqttTopics
 from radard.outputs.thread_sink import ThreadSink
-from radard.outputs.tls import check_host
+from radard.outputs.tls import check_host, shown_host
 from x2radar.backoff import Backoff
 
 log = logging.getLogger("radard")
@@ -217,7 +217,7 @@ class MqttSink(ThreadSink):
         self, broker: Broker, prefix: str, options: SinkOptions, context: SinkContext
     ) -> None:
         scheme = "mqtts" if broker.is_tls else "mqtt"
-        name = f"{scheme}://{broker.host}:{broker.port}/{prefix}"
+        name = f"{scheme}://{shown_host(broker.host)}:{broker.port}/{prefix}"
         name += f"/{context.sensor}" if context.is_one_of_several else ""
         super().__init__(name)
         self._context = context

@@ -54,7 +54,9 @@ export function news(signal) {
       const { outputs } = await post("/api/v1/test-alarm", {});
       answers = new Map(outputs.map(({ output, answer }) => [output, answer]));
       const failed = outputs.filter(({ answer }) => answer.startsWith("failed")).length;
-      setText(said, failed ? `${failed} of ${outputs.length} outputs failed.` : "Every output has it, marked as a test.");
+      const taken = outputs.filter(({ answer }) => answer === "taken").length;
+      const told = taken === outputs.length ? "Every output has it" : `${taken} of ${outputs.length} outputs have it`;
+      setText(said, failed ? `${failed} of ${outputs.length} outputs failed.` : `${told}, marked as a test.`);
     } catch (error) {
       setText(said, "");
       toast(`No test: ${error.message}`, "bad");
