@@ -69,7 +69,7 @@ def tune(
         if new >= old:
             msg = (
                 f"of {old} own clips of pets with an alarm {new} still have one: nothing was "
-                "written"
+                "written; give clips of more visits, or more --epochs"
             )
             raise UsageError(msg)
         yield tuned

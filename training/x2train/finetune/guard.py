@@ -130,7 +130,7 @@ def load_guard(folders: list[Path], bundle: Bundle, *, least: int = _MIN_WINDOWS
     if n_people < least:
         msg = (
             f"{folders[0]}: {n_people} windows of people; at least {least} are needed to tell "
-            "a rise of 0.2 points"
+            "a rise of 0.2 points: make it with more --passages"
         )
         raise UsageError(msg)
     return guard

@@ -77,7 +77,7 @@ def merged(clips: Iterable[OwnClip]) -> tuple[OwnClip, ...]:
             msg = f"{clip.path}: labelled both {known.label} and {clip.label}"
             raise UsageError(msg)
     if all(clip.is_human for clip in by_path.values()):
-        msg = "no clip is labelled pet, other or wrong: there is nothing to quieten"
+        msg = "no clip is labelled pet, other or wrong: there is nothing to quieten; label one"
         raise UsageError(msg)
     return tuple(by_path.values())
 

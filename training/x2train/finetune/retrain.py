@@ -116,7 +116,7 @@ def guarded_line(
             return made, share, before, after
     msg = (
         f"every retrained network misses over {100 * MAX_RISE:g} points more people of the "
-        "guard, or one of the own clips: nothing was written"
+        "guard, or one of the own clips: nothing was written; give a larger --mix"
     )
     raise UsageError(msg)
 

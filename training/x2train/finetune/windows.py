@@ -84,7 +84,7 @@ def own_windows(clip: OwnClip, bundle: Bundle) -> OwnWindows:
                 t_s.append(decision.t_s)
             listener.given.clear()
     if not rows:
-        msg = f"{clip.path}: nothing moves in it, so there is nothing to learn from"
+        msg = f"{clip.path}: nothing moves in it; record a visit of at least 3 s"
         raise UsageError(msg)
     inputs = {each.name: np.stack([row[each.feature] for row in rows]) for each in bundle.inputs}
     digest = hashlib.sha256(clip.path.read_bytes()).hexdigest()

@@ -7,8 +7,8 @@ import { livePage } from "./pages/live.js";
 import { below, connect, post, watchPictures } from "./net.js";
 import { watchForNews } from "./notify.js";
 import { setupPage } from "./pages/setup.js";
-import { hindrance, isOperator, on, state } from "./state.js";
-import { clock, duration, h, inWords, minutes, replace, setText, toast } from "./ui.js";
+import { hindrance, isOperator, lastDecision, on, state } from "./state.js";
+import { clock, duration, h, inWords, minutes, replace, setText, toast, verdict } from "./ui.js";
 import { whyPage } from "./pages/why.js";
 
 const PAGES = { live: livePage, why: whyPage, events: eventsPage, setup: setupPage };
@@ -35,7 +35,9 @@ function route() {
   const main = byId("page");
   main.className = page;
   const { wantsPictures, nodes } = PAGES[page](argument, leave.signal);
-  replace(main, ...nodes);
+  // The banner stays: what is new stands beneath it.
+  while (main.children.length > 1) main.lastElementChild.remove();
+  main.append(...nodes);
   watchPictures(wantsPictures && !document.hidden);
   document.body.dataset.pictures = wantsPictures ? "yes" : "";
   if (isOther) scrollTo(0, 0);
@@ -191,6 +193,11 @@ function alarmText() {
   return ago_s < 2 ? `${since}. In sight now.` : `${since}. Last seen ${duration(ago_s)} ago.`;
 }
 
+function presentText() {
+  const [now] = verdict(lastDecision());
+  return `Now: ${now.charAt(0).toLowerCase()}${now.slice(1)}. The alarm stays on until nobody was seen for ${duration(state.latch_s)}.`;
+}
+
 let bannerKey = "";
 
 function drawBanner() {
@@ -212,6 +219,8 @@ function drawBanner() {
         { class: `banner ${tone}`, role: tone === "alarm" ? "alert" : "status", "aria-label": title },
         h("strong", {}, title),
         h("span", { class: "text", "aria-live": "off" }),
+        // In place of the live page's verdict, which an alarm hides.
+        tone === "alarm" ? h("span", { class: "present plain", "aria-live": "off" }) : null,
         h(
           "span",
           { class: "buttons" },
@@ -222,7 +231,10 @@ function drawBanner() {
       ),
     );
   }
-  if (wanted) box.querySelector(".text").textContent = wanted[2];
+  if (!wanted) return;
+  setText(box.querySelector(".text"), wanted[2]);
+  const present = box.querySelector(".present");
+  if (present) setText(present, presentText());
 }
 
 // Replay controls --------------------------------------------------------------------------
