@@ -36,7 +36,7 @@ class Tab:
 
     def open(self, page="live"):
         self.page.goto(f"{self.running.base}/#/{page}")
-        self.page.wait_for_selector("#page .card")
+        self.page.wait_for_selector("#page .card:not(.hero)")
         return self
 
     def until(self, script):

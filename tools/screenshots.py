@@ -74,7 +74,7 @@ def shrink(path: Path) -> None:
 def live(page: Page) -> None:
     """Fill the pictures and wait for somebody."""
     page.goto(f"{BASE}/#/live")
-    page.wait_for_selector(".hero")
+    page.wait_for_selector(".columns")
     page.wait_for_timeout(24_000)
     wait_for(lambda: page.inner_text("#verdict") in {"Person", "Pet"})
     page.wait_for_timeout(2500)

@@ -181,7 +181,7 @@ def test_the_shell_opens_while_the_daemon_is_away(browser, tmp_path):
     one.page.goto("about:blank")
     one.page.goto(first.base)
     one.until("document.querySelector('.health .state').textContent === 'No connection'")
-    assert one.page.inner_text("#page") == "Connecting to the radar …"
+    assert one.page.inner_text("#page .loading") == "Connecting to the radar …"
     one.page.close()
 
 

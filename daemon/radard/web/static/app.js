@@ -189,8 +189,7 @@ function alarmText() {
   const since = `${capital}, since ${clock(event.began)} (${duration(now.t_s - event.start_t_s)})`;
   const seen = state.decisions.findLast((d) => d.alarm && d.t_s >= event.start_t_s);
   if (!seen) return `${since}.`;
-  const ago_s = now.t_s - seen.t_s;
-  return ago_s < 2 ? `${since}. In sight now.` : `${since}. Last seen ${duration(ago_s)} ago.`;
+  return seen === now ? `${since}. In sight now.` : `${since}. Last seen ${duration(now.t_s - seen.t_s)} ago.`;
 }
 
 function presentText() {
