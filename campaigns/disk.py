@@ -99,9 +99,13 @@ class Disk:
         files = [p for p in files if p.stat().st_size]
         path = self._rng.choice(sorted(files))
         with suppress(FileNotFoundError), path.open("r+b") as file:
+            times = os.fstat(file.fileno())
             for _ in range(self._rng.randint(1, 4)):
                 file.seek(4096 * self._rng.randrange(1 + path.stat().st_size // 4096))
                 file.write(self._rng.randbytes(self._rng.randint(1, 4096)))
+            # A disk that goes bad dates nothing: clips go by their dates.
+            file.flush()
+            os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
         return f"corrupt {path.name}"
 
 
@@ -171,6 +175,8 @@ class Guard:
         n_before = len(self._daemon.log)
         code = self._daemon.stop()
         is_forced = is_slow and "not ended in" in self._daemon.log[n_before:]
+        if is_forced:
+            self.kept.end_by_force()
         if (code != 0 and not is_forced) or "Traceback" in self._daemon.log:
             self.found["crashes"] += 1
             print(f"ended with {code}: {self._daemon.log[-3000:]}", file=sys.stderr)

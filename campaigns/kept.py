@@ -28,6 +28,7 @@ class Kept:
         self._numbers: dict[int, str] = {}
         self._records: dict[str, str] = {}
         self._stored: set[str] = set()
+        self._unfinished: set[str] = set()
         self.found = dict.fromkeys(
             ("lost_events", "duplicate_events", "unreadable", "decisions_differ"), 0
         )
@@ -52,6 +53,10 @@ class Kept:
             self._note("duplicate_events", "an event is in the store twice")
         self._stored = set(stored)
 
+    def end_by_force(self) -> None:
+        """Expect no clip of the last event: it may have been in the making."""
+        self._unfinished |= {event["id"] for event in list(self._outputs.records("event"))[-1:]}
+
     def look_at_clips(self, log: str) -> None:
         """Clips that events name exist, but for the oldest, which make room for others.
 
@@ -62,11 +67,12 @@ class Kept:
             told.setdefault(event["id"], []).append(event)
         # By its last phase; of one that has only begun the clip may just be made.
         ends = [rows[-1] for rows in told.values() if len(rows) > 1 and rows[-1]["clip"]]
+        ends = [event for event in ends if event["id"] not in self._unfinished]
         exist = [Path(event["clip"]).exists() for event in ends]
         first = exist.index(True) if True in exist else 0
         for event, is_there in zip(ends[first:], exist[first:], strict=True):
             if not is_there and f"clip: {event['clip']}: " not in log:
-                self._note("unreadable", f"no clip {event['clip']}")
+                self._note("unreadable", f"no clip {event['clip']}\n{log[-3000:]}")
 
     def look_at_decisions(self, reference: Sequence[Mapping[str, Any]]) -> int:
         """Compare those of each start with a run that nothing happened to; return how many.

@@ -212,7 +212,9 @@ class ClipKeeper:
         try:
             self._jobs.put_nowait(job)
         except queue.Full:
-            self.complaint = "the disk is too slow, or hangs"
+            if not self.complaint:
+                of = f"{self._running.event['clip']}: " if self._running else ""
+                self._complain(OutputError(f"{of}the disk is too slow, or hangs"))
 
     def _open(self, path: Path, first: int, utc: str, about: Mapping[str, str]) -> None:
         if self.complaint:
