@@ -64,7 +64,8 @@ class Kept:
         """
         told: dict[str, list[Mapping[str, Any]]] = {}
         for event in self._outputs.records("event"):
-            told.setdefault(event["id"], []).append(event)
+            # A simulated stream that begins again brings the ids of before: the last counts.
+            told[event["id"]] = [*told.pop(event["id"], ()), event]
         # By its last phase; of one that has only begun the clip may just be made.
         ends = [rows[-1] for rows in told.values() if len(rows) > 1 and rows[-1]["clip"]]
         ends = [event for event in ends if event["id"] not in self._unfinished]
