@@ -6,7 +6,6 @@ the `exit_code` of the errors themselves.
 
 import argparse
 import contextlib
-import errno
 import itertools
 import os
 import sys
@@ -22,7 +21,6 @@ from x2radar.startup import begin, interrupts
 
 _EXTRAS = {"radard": "daemon", "train-export": "train"}
 """What pyproject.toml calls the packages that a command needs."""
-_FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EFBIG})
 _OURS = ("x2radar", "radard", "x2train")
 
 
@@ -186,8 +184,8 @@ def run_command(
             traceback.print_exc()
         known = getattr(err, "exit_code", None)
         text = str(err) if known is not None else _missing_extra(prog, err)
-        if isinstance(err, OSError) and err.errno in _FULL and not err.filename:
-            text = f"cannot write: {err.strerror}"
+        if isinstance(err, OSError) and err.strerror and not text:
+            text = f"{err.filename or 'stdout'}: {err.strerror}"
         text = text or f"internal error: {err!r}; --debug shows more"
         # The exit code tells what went wrong also where nobody can be told in words.
         with contextlib.suppress(OSError):

@@ -115,13 +115,8 @@ def _check_url(url: str) -> None:
         msg = f"port '{url}': no kind of URL that is known; known are {', '.join(_URLS)}"
         raise PortUrlError(msg)
     if scheme.lower() not in _SERVERS:
-        fault = f"nothing behind '{scheme}://'" if not rest and scheme.lower() != "loop" else ""
-        try:
-            re.compile(rest if scheme.lower() == "hwgrep" else "")
-        except re.error as err:
-            fault = f"no regular expression ({err})"
-        if fault:
-            msg = f"port '{url}': {fault}"
+        if not rest and scheme.lower() != "loop":
+            msg = f"port '{url}': nothing behind '{scheme}://'"
             raise PortUrlError(msg)
         return
     try:

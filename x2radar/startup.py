@@ -9,8 +9,6 @@ from collections.abc import Iterator
 from types import FrameType
 
 _STOP = (signal.SIGINT, signal.SIGTERM)
-early: list[int] = []
-"""Signals that came before there was anybody to heed them, of `hold_back`."""
 
 
 class Interrupted(KeyboardInterrupt):
@@ -43,14 +41,6 @@ def begin() -> None:
     for number in _STOP:
         if signal.getsignal(number) in {signal.SIG_DFL, signal.default_int_handler}:
             signal.signal(number, _end)
-
-
-def hold_back(*names: str) -> None:
-    """Note signals that would end the process, where the system has them, as `early`."""
-    for name in names:
-        number = getattr(signal, name, None)
-        if number is not None and signal.getsignal(number) == signal.SIG_DFL:
-            signal.signal(number, lambda number, _frame: early.append(number))
 
 
 @contextlib.contextmanager

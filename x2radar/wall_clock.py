@@ -13,9 +13,9 @@ def now_s() -> float:
 
 
 def parse_utc(text: str) -> datetime | None:
-    """Return the time that an ISO 8601 text names, in UTC, which it is in where it names no zone.
+    """Return the time of an ISO 8601 text, in UTC unless it says otherwise.
 
-    None if it names none, or one that no recording can begin at: before 1970, or past counting.
+    None if it names none, or one that no recording begins at: before 1970, or past counting.
     """
     try:
         when = datetime.fromisoformat(text)
@@ -28,3 +28,8 @@ def parse_utc(text: str) -> datetime | None:
 def now() -> datetime:
     """Return the time in UTC."""
     return datetime.fromtimestamp(now_s(), UTC)
+
+
+def utc_text(when: datetime | None = None, timespec: str = "milliseconds") -> str:
+    """Return a UTC time, now by default, as ISO 8601 text with a Z."""
+    return (when or now()).isoformat(timespec=timespec).replace("+00:00", "Z")

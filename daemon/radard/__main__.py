@@ -1,16 +1,16 @@
 """`radard` and `python -m radard`."""
 
+import signal
 import sys
 
 from x2radar.command import start
-from x2radar.startup import hold_back
 
 
 def main() -> int:
     """Run `radard`; return its exit code."""
     if sys.argv[1:2] and sys.argv[1].startswith("-"):
-        # The daemon: before its imports are done, too, these ask it for something.
-        hold_back("SIGHUP", "SIGUSR1")
+        # The daemon heeds them once it can, see `radard.run.os_signals`.
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGHUP, signal.SIGUSR1})
     return start("radard", "radard.cli")
 
 

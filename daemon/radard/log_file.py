@@ -183,7 +183,8 @@ class StoredEvent:
     `start_time` and `end_time` are the wall clock in UTC, ISO 8601; `end_time` is None if it has
     not ended, or the daemon did not see its end. `*_t_s` are stream time, in seconds. `reason` is
     that of an alarm's beginning, for its end is nearly always 'nobody seen'; else the last one.
-    `mark` is one of `MARKS`, None of a live event.
+    `mark` is one of `MARKS`, None of a live event. `lasted_s` is stream time, which nobody sets;
+    over a restart the wall clock's, None where that was set back.
     """
 
     id: str
@@ -198,6 +199,7 @@ class StoredEvent:
     reason: str
     clip: str | None
     mark: str | None = None
+    lasted_s: float | None = None
 
 
 def fold_events(
@@ -229,9 +231,17 @@ def fold_events(
             reason=first.reason if first and record["kind"] == "alarm" else record["reason"],
             clip=record["clip"] or (first.clip if first else None),
             mark=next((mark for mark in MARKS if record.get(mark)), None),
+            lasted_s=_lasted(first, record) if is_over else None,
         )
     events = [e for e in found.values() if since_s is None or _seconds(e.start_time) >= since_s]
     return events[-limit:] if limit else events
+
+
+def _lasted(first: StoredEvent | None, last: Mapping[str, Any]) -> float | None:
+    if first is None or first.start_t_s == last["start_t_s"]:
+        return round(float(last["t_s"] - last["start_t_s"]), 3)
+    lasted_s = _seconds(last["time"]) - _seconds(first.start_time)
+    return lasted_s if lasted_s >= 0 else None
 
 
 def read_events(

@@ -362,6 +362,21 @@ def test_nothing_is_deleted_unless_that_makes_the_room(tmp_path, monkeypatch, fr
     assert kept(tmp_path) == left
 
 
+def test_a_clip_that_a_backup_has_too_makes_no_room_and_stays(tmp_path, monkeypatch):
+    folder = tmp_path / "clips"
+    folder.mkdir()
+    for k in range(3):
+        clip_of(folder, k, 1e9 + k)
+    for path in folder.iterdir():
+        (tmp_path / path.name).hardlink_to(path)
+    monkeypatch.setattr(
+        "radard.clips.room.shutil.disk_usage", lambda _: shutil._ntuple_diskusage(9000, 9000, 0)
+    )
+    with pytest.raises(OutputError, match="are free"):
+        prepare_folder(folder, free_bytes=1000)
+    assert kept(folder) == "012"
+
+
 def test_a_clock_that_was_ahead_takes_no_later_clip(tmp_path):
     for k in range(3):
         clip_of(tmp_path, k, 4e9 + k)

@@ -343,9 +343,28 @@ def test_phases_become_one_event_in_memory_in_the_file_and_in_sql_alike(path, op
     assert read_events(path) == log.events()
     assert log.events(kinds=("tamper",)) == [second]
     assert fold_events([began], since_s=2e9) == []
+    assert (first.lasted_s, second.lasted_s) == (8.0, None)
     with closing(sqlite3.connect(path)) as db:
         columns = "id, sensor, kind, phase, start_t_s, end_t_s, peak, reason, clip, mark"
         rows = db.execute(f"SELECT {columns} FROM events").fetchall()  # noqa: S608
         (state,) = db.execute("SELECT time_s, state, sensor FROM statuses").fetchall()
     assert rows == [tuple(getattr(e, c) for c in columns.split(", ")) for e in log.events()]
     assert (round(state[0], 3), *state[1:]) == (1795240800.5, "online", "hall")
+
+
+@pytest.mark.parametrize(
+    ("began", "ended", "start_t_s", "lasted_s"),
+    [
+        # The clock was set while it lasted: forward by years, back by an hour.
+        ("1970-01-01T00:00:10.000Z", "2026-11-21T06:00:00.000Z", 1.0, 8.0),
+        ("2026-11-21T06:00:00.000Z", "2026-11-21T05:00:08.000Z", 1.0, 8.0),
+        # Over a restart of the daemon, which begins to count again.
+        ("2026-11-21T06:00:00.000Z", "2026-11-21T06:10:00.000Z", 0.0, 600.0),
+        ("2026-11-21T06:00:00.000Z", "2026-11-21T05:00:08.000Z", 0.0, None),
+    ],
+)
+def test_how_long_an_event_lasted_is_not_a_matter_of_the_clock(began, ended, start_t_s, lasted_s):
+    first = {**event(1), "time": began}
+    last = {**event(1, phase="end", t_s=9.0), "time": ended, "start_t_s": start_t_s}
+    (told,) = fold_events([first, last])
+    assert told.lasted_s == lasted_s

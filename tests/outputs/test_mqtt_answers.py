@@ -1,5 +1,6 @@
 """What a broker of MQTT 5 answers: refusals, and what it says that it does not do."""
 
+import contextlib
 import socket
 import socketserver
 import threading
@@ -32,11 +33,19 @@ class Broker(socketserver.ThreadingTCPServer):
         super().__init__(("127.0.0.1", 0), _Line)
         self.refused, self.retains, self.answers = tuple(refused), retains, answers
         self.topics: list[str] = []
+        self.lines: list[socket.socket] = []
         threading.Thread(target=self.serve_forever, args=(0.01,), daemon=True).start()
 
     @property
     def port(self):
         return self.server_address[1]
+
+    def stop(self):
+        self.shutdown()
+        self.server_close()
+        for line in self.lines:
+            with contextlib.suppress(OSError):
+                line.shutdown(socket.SHUT_RDWR)
 
     def code_of(self, topic):
         return _NOT_AUTHORIZED if self.refused and topic.endswith(self.refused) else 0
@@ -44,6 +53,7 @@ class Broker(socketserver.ThreadingTCPServer):
 
 class _Line(socketserver.StreamRequestHandler):
     def handle(self):
+        self.server.lines.append(self.connection)
         try:
             while self._answer():
                 pass
@@ -95,8 +105,7 @@ def broker():
 
     yield make
     for each in made:
-        each.shutdown()
-        each.server_close()
+        each.stop()
 
 
 def test_what_a_broker_refuses_is_not_delivered_and_said(broker):
@@ -169,4 +178,6 @@ def test_a_test_alarm_is_taken_once_it_is_confirmed_and_not_by_decisions(broker,
         assert sink.state.n_sent > 0
         assert answer["answer"] == "no answer yet"
     finally:
-        sink.close(0.1)
+        # What waits for an answer ends with the line.
+        made.stop()
+        sink.close(5.0)

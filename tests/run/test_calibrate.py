@@ -10,7 +10,7 @@ from radard.commands.calibrate import _own_file
 from radard.config.config import load_config
 from radard.config.directories import calibration_file
 from radard.config.sections import GateSettings
-from radard.detect.calibration import Calibration, Provenance, load_calibration, utc_text
+from radard.detect.calibration import Calibration, Provenance, load_calibration
 from radard.detect.gate import Gate, level_over
 from radard.detect.survey import RoomNotEmpty, RoomSurvey, _factors, _reach, _share_over
 from radard.errors import ConfigError, NotAllowed, RadardError
@@ -19,6 +19,7 @@ from radard.run.components import use_calibration
 from tests.radar_helpers import dwell_of, noise, walker
 from x2radar.ports import parse_port
 from x2radar.radars import make_radar
+from x2radar.wall_clock import utc_text
 
 NOW = datetime(2026, 11, 21, 12, tzinfo=UTC)
 
@@ -281,7 +282,8 @@ def test_named_calibration_must_be_there_and_fit(made, tmp_path):
 )
 def test_staleness(made_at, device, software, words):
     _, made = surveyed(quiet_dwells(25))
-    origin = Provenance(made_utc=utc_text(made_at), device="a", software="1")
+    made_utc = utc_text(made_at.astimezone(UTC), "seconds")
+    origin = Provenance(made_utc=made_utc, device="a", software="1")
     reasons = list(
         replace(made, provenance=origin).stale(device=device, software=software, now=NOW)
     )

@@ -118,3 +118,31 @@ def test_a_demos_page_changes_its_own_run_and_no_later_one(state):
     later = ran("-c", code, check=True)
     assert later.stdout.strip() == "normal"
     assert not state.exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "argv"),
+    [
+        ("explain", ()),
+        ("walktest", ("--port", "replay:r.h5")),
+        ("bench", ("--port", "replay:r.h5", "--rounds", "1", "--duration", "4")),
+        ("detect", ("r.h5",)),
+        ("why", ("r.h5", "--at", "3")),
+    ],
+)
+def test_every_command_says_what_it_takes_from_a_file_that_nobody_named(
+    name, argv, state, capsys, caplog
+):
+    from radard.cli import main
+
+    tmp_path = state.parents[1]
+
+    write_recording(tmp_path / "r.h5", noise(300))
+    (tmp_path / "config.yaml").write_text("model: {name: none}\n")
+    assert main([name, *argv]) == 0
+    lines = [*capsys.readouterr().err.splitlines(), *caplog.messages]
+    told = [line for line in lines if "nobody named" in line]
+    assert [line.rpartition("nobody named: ")[2] for line in told] == ["config.yaml: model.name"]
+    caplog.clear()
+    assert main([name, *argv, "--config", "config.yaml"]) == 0
+    assert "nobody named" not in capsys.readouterr().err + caplog.text

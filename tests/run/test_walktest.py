@@ -1,5 +1,6 @@
 import json
 import signal
+from dataclasses import replace
 from importlib import resources
 
 import pytest
@@ -48,6 +49,24 @@ def test_what_lies_between_two_sightings_was_missed():
         (1, 1, 0),
     ]
     assert cells[3.0].first_seen_s == pytest.approx(0.8)
+
+
+def test_who_walks_fast_leaves_no_stretch_out():
+    """As on the page: a decision is of all the way since the last one."""
+    walk = [step(float(k), m, alarm=True) for k, m in enumerate((0.7, 2.2, 3.2, 1.2))]
+    cells = by_range(walk)
+    assert [c.near_m for c in cells] == [0.5, 1.0, 1.5, 2.0, 2.5, 3.0]
+    assert all(c.is_good for c in cells)
+    assert verdict(cells).startswith("passed")
+    # What was not seen on the way was missed there.
+    cells = by_range([step(0.0, 0.7, alarm=True), step(0.5), step(1.0, 2.2, alarm=True)])
+    assert [c.near_m for c in cells] == [0.5, 1.0, 2.0]
+
+
+def test_a_window_that_cannot_be_judged_is_not_held_against_the_mount():
+    walk = [step(float(k), 0.75 + 0.25 * k, alarm=True) for k in range(8)]
+    torn = replace(step(3.5), over_floor_db=None)
+    assert by_range([*walk[:4], torn, *walk[4:]]) == by_range(walk)
 
 
 @pytest.mark.parametrize(("gap_s", "n_cells"), [(10.0, 5), (10.1, 2)])

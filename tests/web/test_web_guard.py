@@ -229,6 +229,25 @@ def test_only_our_own_page_arms_and_with_json_alone(make, headers, body, code):
     assert client.post("/api/v1/command", body, bare).status_code == 403
 
 
+@pytest.mark.parametrize(
+    ("origin", "host", "code"),
+    [
+        ("http://localhost", "localhost:80", 202),
+        ("https://localhost", "localhost:443", 202),
+        ("http://localhost:8080", "localhost:8080", 202),
+        ("https://localhost:8443", "localhost", 403),
+        ("http://localhost", "localhost:443", 403),
+        ("https://evil.example", "localhost:443", 403),
+        ("http://[", "localhost", 403),
+        ("", "localhost", 403),
+    ],
+)
+def test_a_proxy_may_name_the_usual_port(make, origin, host, code):
+    client = make()
+    headers = {**HEADERS, "Origin": origin, "Host": host}
+    assert client.post("/api/v1/command", ARM, headers).status_code == code
+
+
 @pytest.mark.integration
 def test_another_page_gets_no_socket(make):
     client = make(served=True)

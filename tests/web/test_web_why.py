@@ -4,7 +4,7 @@ import pytest
 
 from radard.alarm.explain import explain
 from radard.alarm.sensor_state import SensorState
-from radard.config.config import load_config
+from radard.config.config import Config, load_config
 from tests.web_helpers import decision, event, open_decision
 
 HELLO = {"pet_limit": 0.8, "policy": "window"}
@@ -71,6 +71,22 @@ def test_a_decision_in_words(records, around, decided_by, headline, text):
     assert by == decided_by
     assert headline in said_headline
     assert text in said_text
+
+
+@pytest.mark.parametrize(
+    ("started_utc", "words"),
+    [
+        ("2026-03-01T05:59:00Z", "a quiet period: 0 h 30 min left."),
+        ("2026-03-01T12:00:00Z", "it counts from when it was armed"),
+        (None, "it counts from when it was armed"),
+    ],
+)
+def test_hours_of_a_replay_are_those_of_its_recording(started_utc, words):
+    config = Config(alarm={"quiet": ["05:00-06:30"], "timezone": "UTC"})
+    hello = {"policy": "window", "replayed": True, "started_utc": started_utc}
+    records = seen(62)
+    told = explain(records, hello, config)
+    assert words in told["stages"][-1]["text"]
 
 
 def test_who_left_undecided_is_not_called_nobody():

@@ -21,7 +21,6 @@ from x2radar.maps import range_time, spectrum, velocity_time
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 from x2radar.ports import is_port, parse_port, recording_path
 from x2radar.radars import make_radar
-from x2radar.recording.registry import check_no_recording
 
 _DEPTHS_DB = (40.0, 30.0)
 """Shown under the peak of range and of velocity: what a person's limbs need to show."""
@@ -60,8 +59,6 @@ def _run(args: argparse.Namespace) -> int:
     if args.out is not None and args.out.suffix not in _SUFFIXES:
         msg = f"--out {args.out}: must end in {', '.join(_SUFFIXES)}"
         raise SettingsError(msg)
-    if args.out is not None:
-        check_no_recording(args.out)
     needed("matplotlib", what="pictures")
     if is_port(args.what):
         look = _look_at_port(args.what, args.duration)

@@ -33,6 +33,7 @@ from x2radar.radars import make_radar
 from x2radar.recording.registry import check_name
 from x2radar.sim.scene.scene import load_scene
 from x2radar.sim.scene.stage import Stage
+from x2radar.wall_clock import utc_text
 
 if TYPE_CHECKING:
     from x2radar.recording.blocks import Label
@@ -69,7 +70,6 @@ def _run(args: argparse.Namespace) -> int:
     # Late, because h5py takes a while and the other subcommands do without it.
     from x2radar.recording.capture import CaptureWriter, capturing  # noqa: PLC0415
     from x2radar.recording.parts import RotatingWriter, check_free_name  # noqa: PLC0415
-    from x2radar.recording.stamps import utc_text  # noqa: PLC0415
 
     _check(args)
     check_free_name(args.file, rotating=bool(args.rotate_size or args.rotate_time))

@@ -23,6 +23,7 @@ from x2radar.errors import DeviceError, PortError, ReadTimeout, RecordingError, 
 from x2radar.frame import Frame, Samples
 from x2radar.ports import PORT_FORMS, parse_port
 from x2radar.radars import make_radar
+from x2radar.recording.registry import check_name
 from x2radar.wire.messages import GetSystemInfo, Message, Ping, Pong, Reply
 from x2radar.wire.wire_ids import InfoItem, PongCode
 
@@ -88,6 +89,7 @@ def _run(args: argparse.Namespace) -> int:
     check_above_zero("--duration", args.duration, "seconds")
     now = wall_clock.now()
     out = args.out or Path(f"x2radar-selftest-{now:%Y%m%dT%H%M%SZ}.h5")
+    check_name(out, "hdf5")
     if out.exists():
         msg = f"{out}: exists already; recordings are never overwritten"
         raise RecordingError(msg)
@@ -101,7 +103,7 @@ def _run(args: argparse.Namespace) -> int:
             **{name: version_of(name) for name in ("numpy", "pyserial", "h5py")},
         },
         "port": args.port,
-        "started_utc": now.isoformat(timespec="seconds").replace("+00:00", "Z"),
+        "started_utc": wall_clock.utc_text(now, "seconds"),
         "ping": found.ping or None,
         "info": found.info,
         "settings": asdict(radar.settings),

@@ -9,6 +9,7 @@ bytes and knows nothing about packets.
 import contextlib
 import errno
 import os
+import re
 import select
 import threading
 from collections import deque
@@ -65,7 +66,7 @@ class SerialTransport:
             else:
                 self._serial = serial.Serial(url, baudrate=_BAUD, timeout=0, exclusive=True)
             self._serial.write_timeout = _WRITE_TIMEOUT_S
-        except (serial.SerialException, OSError, ValueError) as err:
+        except (serial.SerialException, OSError, ValueError, re.error) as err:
             raise _port_error(url, err) from err
         self.url = url
 

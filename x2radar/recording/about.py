@@ -32,12 +32,7 @@ _OPTIONS = {
     "carrier_hz": "--carrier",
 }
 """What must be above 0, and how a user gives it where the file does not."""
-_BOUNDS = {
-    "frame_rate_hz": (1e-3, 1e6),
-    "bin_length_m": (1e-6, 1e3),
-    "carrier_hz": (1.0, 1e15),
-    "range_offset_m": (-1e6, 1e6),
-}
+_BOUNDS = {"frame_rate_hz": (1e-3, 1e6), "bin_length_m": (1e-6, 1e3), "carrier_hz": (1.0, 1e15)}
 """Beyond these a file is damaged, likewise."""
 NUMBERS = (*_OPTIONS, "sample_rate_hz", "range_offset_m", "bandwidth_hz", "phase_sign")
 TEXTS = ("kind", "started_utc", "device", "settings", "run_id")
@@ -125,15 +120,16 @@ def read_about(
     name = str(about.get("name", device))
     stream = overrides.apply(StreamInfo(axis, rate_hz, name, run_id))
     known = {"frame_rate_hz": stream.frame_rate_hz} | {
-        name: getattr(stream.axis, name) for name in list(_BOUNDS)[1:]
+        name: getattr(stream.axis, name) for name in ("bin_length_m", "carrier_hz")
     }
     if missing := [name for name in _OPTIONS if not known[name] > 0]:
         names = ", ".join(f"'{name}'" for name in missing)
         options = ", ".join(_OPTIONS[name] for name in missing)
         raise refuse(path, f"{names} is 0 or missing; convert it with {options}")
-    for name, (least, most) in _BOUNDS.items():
-        if not least <= known[name] <= most:
-            raise refuse(path, f"'{name}' is {known[name]:g}, which no radar has")
+    for name, value in (*known.items(), ("range_offset_m", stream.axis.range_offset_m)):
+        least, most = _BOUNDS.get(name, (-1e6, 1e6))
+        if not least <= value <= most:
+            raise refuse(path, f"'{name}' is {value:g}, which no radar has")
     return About(
         stream=stream,
         started_utc=str(said.get("started_utc") or ""),

@@ -16,14 +16,7 @@ from numpy.typing import NDArray
 
 from x2radar.closing import Closing
 from x2radar.frame import LONGEST_GAP, FastTimeAxis, Frame, Samples, StreamInfo, read_only
-from x2radar.recording.about import (
-    NO_OVERRIDES,
-    SAMPLE_DTYPES,
-    About,
-    Overrides,
-    plain,
-    root_attributes,
-)
+from x2radar.recording.about import NO_OVERRIDES, SAMPLE_DTYPES, About, Overrides, root_attributes
 from x2radar.recording.faults import refuse, unreadable
 
 Label = tuple[float, float, str]
@@ -117,7 +110,7 @@ class BlockReader(Closing):
     def labels(self) -> list[Label]:
         """Labelled stretches (t0_s, t1_s, label); empty when there are none."""
         with unreadable(self.path):
-            found = [(float(t0), float(t1), str(plain(n))) for t0, t1, n in self.read_labels()]
+            found = [(float(t0), float(t1), str(name)) for t0, t1, name in self.read_labels()]
             if not np.isfinite([label[:2] for label in found]).all():
                 raise refuse(self.path, "labels with times that are no numbers")
             return found

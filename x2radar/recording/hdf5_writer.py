@@ -23,7 +23,7 @@ from x2radar.frame import Frame, StreamInfo
 from x2radar.recording.about import SAMPLE_DTYPES, root_attributes
 from x2radar.recording.blocks import Block, BlockReader, Label
 from x2radar.recording.faults import refuse
-from x2radar.recording.stamps import utc_text
+from x2radar.wall_clock import utc_text
 
 _NOTHING: Mapping[str, Any] = MappingProxyType({})
 

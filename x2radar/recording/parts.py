@@ -24,8 +24,7 @@ from x2radar.recording.blocks import BlockReader, Label
 from x2radar.recording.faults import refuse, unreadable
 from x2radar.recording.hdf5_reader import RecordingReader
 from x2radar.recording.hdf5_writer import RecordingWriter, reason, write_labels
-from x2radar.recording.stamps import utc_text
-from x2radar.wall_clock import parse_utc
+from x2radar.wall_clock import parse_utc, utc_text
 
 
 def part_path(path: Path, part: int) -> Path:

@@ -163,12 +163,8 @@ def check_name(path: Path, kind: str) -> None:
 
 def check_no_recording(path: Path) -> None:
     """Raise RecordingError if a recording is there, which nothing else may replace."""
-    if path.is_file():
-        with path.open("rb") as file:
-            head = file.read(_MAX_MAGIC)
-        named = format_by_name(path)
-        if any(r.reader and (r is named or r.is_in(path, head)) for r in FORMATS.values()):
-            raise refuse(path, "is a recording, which is not overwritten")
+    if path.is_file() and any(row.reader for row in _candidates(path)):
+        raise refuse(path, "is a recording, which is not overwritten")
 
 
 def format_by_name(path: Path) -> Format | None:

@@ -1,17 +1,7 @@
-"""Times as text; from time stamps to frame counters, for formats that do not count frames."""
-
-from datetime import datetime
+"""From time stamps to frame counters, for formats that do not count frames."""
 
 import numpy as np
 from numpy.typing import NDArray
-
-from x2radar import wall_clock
-
-
-def utc_text(when: datetime | None = None) -> str:
-    """Return a UTC time, now by default, as ISO 8601 text with milliseconds and a Z."""
-    text = (when or wall_clock.now()).isoformat(timespec="milliseconds")
-    return text.replace("+00:00", "Z")
 
 
 def count_by_stamps(

@@ -16,7 +16,7 @@ from radard.alarm.sensitivity import alarm_policy
 from radard.alarm.sensor_state import SensorState
 from radard.alarm.zones import Zones, sight_of
 from radard.config.config import Config
-from radard.config.quiet_hours import QuietHours, parse_quiet, time_zone
+from radard.config.quiet_hours import QuietHours, parse_quiet, recorded_clock, time_zone
 from radard.detect.gate import GateReading
 from radard.judge.classifier import Probabilities
 from radard.judge.decision import MIN_P, Decision, TrackVerdict
@@ -62,7 +62,10 @@ def explain(
         zones = Zones(**config.zones.model_dump()).armed(state.mode)
         hits = [_is_hit(r, policy, zones, limit) for r in records[-policy.n :]]
         alarms = [e for e in events if e["kind"] == "alarm"]
-        stages += _confirmed(hits, _Panel(record, policy, alarms, state, config))
+        at: datetime | None = datetime.fromisoformat(record["time"])
+        if hello.get("replayed"):
+            at = recorded_clock(hello.get("started_utc") or "")(record["t_s"])
+        stages += _confirmed(hits, _Panel(record, policy, alarms, state, config, at))
     by = next((s for s in reversed(stages) if s.outcome == "decided"), stages[-1])
     return {
         "seq": record["seq"],
@@ -178,6 +181,7 @@ class _Panel:
     alarms: Sequence[Record]
     state: SensorState  # just before
     config: Config
+    at: datetime | None  # the clock on the wall, of the stream
 
 
 def _confirmed(hits: Sequence[bool], panel: _Panel) -> list[DecisionStage]:
@@ -242,7 +246,9 @@ def _held_by(panel: _Panel) -> str:
 
 def _quiet_left(panel: _Panel) -> str:
     """Return how much is left of a quiet period at the time of a decision; empty outside one."""
-    alarm, at = panel.config.alarm, datetime.fromisoformat(panel.record["time"])
+    alarm, at = panel.config.alarm, panel.at
+    if at is None:
+        return ""
     periods = [parse_quiet(text) for text in alarm.quiet]
     hours = QuietHours(periods, time_zone(alarm.timezone), lambda s: at + timedelta(seconds=s))
     whole = range(0, 7 * 86_400, 60)

@@ -121,7 +121,7 @@ class ClipKeeper:
         event = {**event, "clip": str(path)}
         self._running = _Running(event, first, last, t_s, [record for _, record in past])
         began = wall_clock.now() - timedelta(seconds=(end - first) / self._rate_hz)
-        utc = began.isoformat(timespec="milliseconds").replace("+00:00", "Z")
+        utc = wall_clock.utc_text(began)
         about = self._attributes
         self._do(lambda: self._open(path, first, utc, about))
         self._take(self._running, end)

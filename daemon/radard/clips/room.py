@@ -22,7 +22,8 @@ def prepare_folder(folder: Path, *, free_bytes: float) -> None:
     is deleted unless that makes the room.
     """
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-    clips = _oldest_first(folder)
+    # One that has another name, too, as in a backup, would make no room.
+    clips = [c for c in _oldest_first(folder) if all(p.stat().st_nlink == 1 for p in c)]
     needed = free_bytes - shutil.disk_usage(folder).free
     if needed > sum(map(_size_of, clips)):
         msg = f"{folder}: less than {free_bytes / 1e6:g} MB are free"

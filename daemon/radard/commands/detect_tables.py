@@ -18,8 +18,7 @@ from radard.outputs.records import Record
 from radard.run.replays import Judged
 from x2radar.command import legible
 from x2radar.extras import needed
-from x2radar.recording.stamps import utc_text
-from x2radar.wall_clock import parse_utc
+from x2radar.wall_clock import parse_utc, utc_text
 
 FORMATS = ("csv", "parquet", "jsonl")
 DECISIONS: Mapping[str, str] = {

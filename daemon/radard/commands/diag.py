@@ -28,7 +28,7 @@ from radard.config.directories import calibration_file, state_dir, status_dirs
 from radard.config.redact import MASK, redact, redact_value
 from radard.config.sources import ENV_PREFIX
 from radard.detect.calibration import load_calibration
-from radard.errors import RadardError, UsageError
+from radard.errors import RadardError
 from radard.health.status_file import read_status, status_path
 from radard.judge.bundle import bundle_names, load_bundle
 from radard.judge.model_choice import model_for
@@ -75,9 +75,6 @@ def run(argv: Sequence[str]) -> int:
         for name, text in parts.items():
             print(f"==== {name}\n{text.rstrip()}\n")
         return 0
-    if args.out is not None and args.out.suffix not in {"", ".gz", ".tgz"}:
-        msg = f"--out {args.out}: must end in .tar.gz or .tgz"
-        raise UsageError(msg)
     path = args.out or Path(f"radard-diag-{when:%Y%m%dT%H%M%SZ}.tar.gz")
     names = json.dumps([*parts, *(f"added/{file.name}" for file in args.add)], indent=1)
     about = scrub(_ABOUT.format(when=when.isoformat(timespec="seconds")) + names + "\n")

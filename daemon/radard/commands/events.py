@@ -3,7 +3,6 @@
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
-from datetime import datetime
 from pathlib import Path
 
 from radard.config.config import load_config
@@ -69,10 +68,7 @@ def _table(events: Sequence[StoredEvent]) -> Iterator[str]:
         return
     yield f"{'began (UTC)':<20} {'kind':<7} {'lasted':>8} {'peak':>5}  {'reason':<32} id"
     for e in events:
-        lasted = "-"
-        if e.end_time is not None:
-            s = datetime.fromisoformat(e.end_time) - datetime.fromisoformat(e.start_time)
-            lasted = f"{s.total_seconds():.0f} s"
+        lasted = "-" if e.lasted_s is None else f"{e.lasted_s:.0f} s"
         began = e.start_time[:19].replace("T", " ")
         mark = f"  {e.mark}" if e.mark else ""
         yield f"{began:<20} {e.kind:<7} {lasted:>8} {e.peak:>5.2f}  {e.reason:<32} {e.id}{mark}"

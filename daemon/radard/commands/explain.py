@@ -6,7 +6,7 @@ from radard.alarm.sensitivity import alarm_policy
 from radard.commands.explain_profile import profile_lines
 from radard.commands.explain_rates import passage_rates, window_rates
 from radard.config.config import Config, load_config
-from radard.config.options import add_options, config_options
+from radard.config.options import add_options, config_options, tell_taken
 from radard.config.sections import AUTO_MODEL, AlarmSection
 from radard.judge.bundle import load_bundle
 from radard.judge.card import read_card
@@ -28,7 +28,7 @@ def run(argv: Sequence[str]) -> int:
     args = parser.parse_args(argv)
     if not 1 <= args.pass_time <= 120:
         parser.error(f"--pass-time {args.pass_time:g}: must be 1 to 120 s")
-    config = load_config(args.config, options=config_options(args))
+    config = tell_taken(load_config(args.config, options=config_options(args)))
     if args.sensor or not config.sensors:
         config = config.of_sensor(args.sensor)
     print("\n".join(explained(config, pass_s=args.pass_time)))

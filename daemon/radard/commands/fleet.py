@@ -99,6 +99,8 @@ def run(argv: Sequence[str]) -> int:
         while True:
             rows = watch.fleet.rows(time.monotonic())
             lines = [json.dumps(row) for row in rows] if args.json else list(table(rows))
+            if watch.fleet.n_ignored and not args.json:
+                lines.append(f"{watch.fleet.n_ignored} messages there are no radar's")
             if not args.once and sys.stdout.isatty():
                 # To the top left, and nothing below.
                 print("\x1b[H\x1b[2J", end="")

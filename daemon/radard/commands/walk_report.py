@@ -82,6 +82,7 @@ def step_of(decision: Decision) -> WalkDecision:
 
 def by_range(steps: Sequence[WalkDecision]) -> list[RangeCell]:
     """Return the cells that the walker was in, near to far, from decisions in their order."""
+    steps = [step for step in steps if step.over_floor_db is not None]
     times_s = np.array([step.t_s for step in steps])
     where_m = _walk(times_s, steps)
     cells = [None if math.isnan(m) else math.floor(m / CELL_M) for m in where_m]
@@ -89,9 +90,14 @@ def by_range(steps: Sequence[WalkDecision]) -> list[RangeCell]:
     for k, cell in enumerate(cells):
         if cell is None:
             continue
-        if k == 0 or cells[k - 1] != cell:
+        before = cells[k - 1] if k else None
+        if before != cell:
             visits.setdefault(cell, []).append([])
         visits[cell][-1].append(k)
+        if before is not None and None not in {steps[k - 1].range_m, steps[k].range_m}:
+            # A decision is of all the way since the last one: who walks fast leaves nothing out.
+            for passed in range(min(before, cell) + 1, max(before, cell)):
+                visits.setdefault(passed, []).append([k])
     return [_cell(cell, visits[cell], steps, where_m) for cell in sorted(visits)]
 
 

@@ -8,6 +8,7 @@ from dataclasses import asdict
 from statistics import median
 
 from radard.commands.walk_report import WalkDecision, by_range, report, step_of
+from radard.config.directories import calibration_file
 from radard.config.options import (
     LISTENING,
     LONGEST_S,
@@ -46,6 +47,8 @@ def run(argv: Sequence[str]) -> int:
     with listen(config) as listening:
         # What holds for the daemon holds for the test of it.
         use_calibration(config, listening.pipeline, is_live=listening.source.is_live)
+        if config.gate.calibration == "auto" and listening.pipeline.calibration is not None:
+            sys.stderr.write(f"calibration: {calibration_file(config)}\n")
         steps, level_db = _walked(listening, args)
     cells = by_range(steps)
     if args.json:

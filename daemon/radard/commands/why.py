@@ -14,7 +14,6 @@ from radard.judge.occlusion import MapView, Part, effects, map_views, occluded
 from radard.run.moment import Moment, moment_of
 from x2radar.command import Parser, legible, new_parser
 from x2radar.extras import needed
-from x2radar.recording.registry import check_no_recording
 
 _EXAMPLES = """\
 examples:
@@ -37,7 +36,6 @@ def run(argv: Sequence[str]) -> int:
         if out.suffix not in _SUFFIXES:
             msg = f"--out {out}: must end in {', '.join(_SUFFIXES)}"
             raise UsageError(msg)
-        check_no_recording(out)
         needed("matplotlib", what="pictures")
     if not 0 <= args.at < 1e9:
         msg = f"--at {args.at:g}: must be 0 or more, in seconds"

@@ -116,15 +116,9 @@ class Loaded:
         return self.places.get(where, "built-in")
 
 
-def load_config(
-    file: Path | None = None,
-    *,
-    environ: Mapping[str, str] | None = None,
-    options: Mapping[str, Any] | None = None,
-    port: str | None = None,
-) -> Config:
+def load_config(file: Path | None = None, **given: Any) -> Config:
     """Return the configuration that holds; see `load_with_origins`."""
-    return load_with_origins(file, environ=environ, options=options, port=port).config
+    return load_with_origins(file, **given).config
 
 
 def load_with_origins(

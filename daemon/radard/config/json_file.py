@@ -5,6 +5,7 @@ keys. Nothing is converted but whole numbers to floats and lists to tuples.
 """
 
 import reprlib
+from codecs import BOM_UTF8
 from functools import lru_cache
 from typing import Any, TypeVar
 
@@ -31,7 +32,8 @@ def parse_json(kind: type[T], text: str | bytes, within: str = "") -> T:
     """
     key: Any = kind
     try:
-        made: T = _adapter(key).validate_json(text)
+        data = text.encode() if isinstance(text, str) else text
+        made: T = _adapter(key).validate_json(data.removeprefix(BOM_UTF8))
     except ValidationError as err:
         fault = err.errors()[0]
         kind_of = NotJson if fault["type"] == "json_invalid" else ValueError

@@ -1,6 +1,7 @@
 """Options of the commands that are configuration, and how they become it."""
 
 import argparse
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -76,12 +77,19 @@ def listening_config(args: argparse.Namespace, default_port: str | None = None) 
     Raises ConfigError or UsageError if it is wrong, or does not say which of several sensors is
     meant.
     """
-    config = load_config(args.config, options=config_options(args))
+    config = tell_taken(load_config(args.config, options=config_options(args)))
     if args.port is None and default_port is not None and not args.sensor:
         port = rated(config.sensor.port or default_port, config.model.profile)
         own = config.sensor.model_copy(update={"port": port})
         return config.model_copy(update={"sensor": own, "sensors": {}})
     return config.of_sensor(args.sensor)
+
+
+def tell_taken(config: Config) -> Config:
+    """Say what comes from files that nobody named; return the configuration."""
+    if config.taken:
+        sys.stderr.write(f"taken from files that nobody named: {'; '.join(config.taken)}\n")
+    return config
 
 
 def judging_config(args: argparse.Namespace, recording: object) -> Config:

@@ -109,7 +109,7 @@ def change(path: Path, kind: Kind, sections: Sections) -> None:
     OutputError if the disk does not take them.
     """
     given = check_saved(kind, sections)
-    now = wall_clock.now().isoformat(timespec="milliseconds").replace("+00:00", "Z")
+    now = wall_clock.utc_text()
     with _lock:
         tree: dict[str, Any] = {}
         for (section, key), value, _ in _read(path, kind):

@@ -1,6 +1,6 @@
 """Sections of the configuration that concern a radar and what is made of it."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
@@ -34,14 +34,8 @@ class Section(BaseModel):
         return {k: None if k in may_lack and v in _NULLS else v for k, v in tree.items()}
 
 
-def _check_quiet(text: str) -> str:
-    parse_quiet(text)
-    return text
-
-
-def _check_zone(name: str | None) -> str | None:
-    time_zone(name)
-    return name
+def _read_by(read: Callable[[Any], object]) -> AfterValidator:
+    return AfterValidator(lambda value: (read(value), value)[1])
 
 
 def _check_span(span: tuple[float, float]) -> tuple[float, float]:
@@ -161,10 +155,10 @@ class AlarmSection(AlarmChoices):
     )
     latch_s: float = Field(15.0, ge=0, le=86_400, description="alarm stays on unseen so long")
     refractory_s: float = Field(10.0, ge=0, le=3600, description="no new alarm after one")
-    quiet: tuple[Annotated[str, AfterValidator(_check_quiet)], ...] = Field(
+    quiet: tuple[Annotated[str, _read_by(parse_quiet)], ...] = Field(
         (), description="22:00-06:30, Mon-Fri 08:00-17:00: no alarm then"
     )
-    timezone: Annotated[str | None, AfterValidator(_check_zone)] = Field(
+    timezone: Annotated[str | None, _read_by(time_zone)] = Field(
         None, description="of the quiet periods; null: the machine's"
     )
 

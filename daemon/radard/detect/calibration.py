@@ -14,7 +14,7 @@ are dB over the floor. The provenance, which may be missing, says where all this
 import json
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -193,8 +193,3 @@ def load_calibration(path: Path) -> Calibration:
         threshold_db=np.array(made.threshold_db),
         provenance=made.provenance,
     )
-
-
-def utc_text(when: datetime) -> str:
-    """Return a time as a provenance has it, to the second."""
-    return when.astimezone(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")

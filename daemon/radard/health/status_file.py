@@ -59,7 +59,7 @@ def read_status(path: Path, *, stale_s: float = STALE_S) -> StatusReport:
         return StatusReport(False, f"no radard runs here: no {path}", {})
     except (OSError, ValueError, KeyError, TypeError) as err:
         return StatusReport(False, f"{path}: cannot be read ({err})", {})
-    if content.get("boot_id") not in {"", _boot_id()} or age_s < -1:
+    if content.get("boot_id") not in ("", _boot_id()) or not age_s >= -1:
         return StatusReport(False, f"{path}: left over from before the last boot", content)
     if age_s > stale_s and status.state != "offline":
         return StatusReport(False, f"stuck or killed: silent for {age_s:.0f} s", content)

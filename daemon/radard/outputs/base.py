@@ -151,7 +151,7 @@ class SinkState:
     status: Literal["ok", "retrying"] = "ok"  # retrying: also when nothing is connected yet
     reason: str = ""  # why it is retrying
     n_sent: int = 0  # records handed on
-    n_events: int | None = None  # of them; None where they are not counted apart
+    n_events: int | None = None  # of them; a plug-in may not count them apart
     n_waiting: int = 0  # with those of an earlier run
     n_dropped: int = 0  # given up: no room, refused too often, too old, or left at the end
     n_failures: int = 0  # attempts
@@ -162,6 +162,11 @@ class SinkState:
     def is_ok(self) -> bool:
         """Whether the last attempt succeeded."""
         return self.status == "ok"
+
+    @property
+    def n_told(self) -> int:
+        """Events that were handed on, as far as that is known."""
+        return self.n_sent if self.n_events is None else self.n_events
 
 
 class Sink(Protocol):

@@ -15,16 +15,11 @@ from radard.health.health import Status
 from radard.judge.classifier import Probabilities
 from radard.judge.decision import Decision, TrackVerdict, pet_limit_of
 from radard.pipeline import Pipeline
-from x2radar import wall_clock
 from x2radar.command import installed_version
+from x2radar.wall_clock import utc_text
 
 SCHEMA = 1  # of output.schema.json
 Record = dict[str, Any]
-
-
-def utc_now() -> str:
-    """Return the wall clock as ISO 8601 in UTC, to the millisecond."""
-    return wall_clock.now().isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
 def hello_record(
@@ -37,7 +32,7 @@ def hello_record(
         "type": "hello",
         "schema": SCHEMA,
         "version": installed_version(),
-        "time": utc_now(),
+        "time": utc_text(),
         "sensor": config.sensor.name,
         "port": redact(config.sensor.port or ""),
         "device": pipeline.stream.device,
@@ -68,7 +63,7 @@ def decision_record(decision: Decision) -> Record:
         "type": "decision",
         "seq": decision.seq,
         "t_s": round(decision.t_s, 3),
-        "time": utc_now(),
+        "time": utc_text(),
         "gate": decision.gate,
         "power_db": _round(r.power_db, 2) if r else None,
         "noise_floor_db": _round(r.noise_floor_db, 2) if r else None,
@@ -93,7 +88,7 @@ def event_record(event: Event) -> Record:
         "phase": event.phase,
         "kind": event.kind,
         "t_s": round(event.t_s, 3),
-        "time": utc_now(),
+        "time": utc_text(),
         "start_t_s": round(event.start_t_s, 3),
         "end_t_s": _round(event.end_t_s, 3) if event.end_t_s is not None else None,
         "peak": round(event.peak, 4),

@@ -27,9 +27,9 @@ from radard.log_file import (
     put_aside,
 )
 from radard.outputs.base import PASSING, DeliveryError, Record, SinkContext
-from radard.outputs.records import utc_now
 from radard.outputs.thread_sink import DirectSink
 from x2radar.backoff import Backoff
+from x2radar.wall_clock import utc_text
 
 _COMMIT_S = 10.0  # what a power cut may cost of decisions
 _PRUNE_S = 600.0  # a file grows by less than a megabyte meanwhile
@@ -123,7 +123,7 @@ class StoreSink(DirectSink):
             db.execute(_PUT_DECISION, {**row, "time_s": time_s, "run_s": run_s})
             self._n_open += 1
             return
-        text = json.dumps({"time": utc_now(), **row})
+        text = json.dumps({"time": utc_text(), **row})
         db.execute(_PUT, (uuid.uuid4().hex, run_s, text))
         self._commit()
 

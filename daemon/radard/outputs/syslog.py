@@ -21,10 +21,10 @@ from urllib.parse import urlsplit
 from radard.config.sink_table import SinkOptions
 from radard.errors import UsageError
 from radard.outputs.base import DeliveryError, Record, SinkContext
-from radard.outputs.records import utc_now
 from radard.outputs.thread_sink import DirectSink
 from radard.outputs.tls import check_host, client_context, explain, shown_host
 from x2radar.backoff import Backoff
+from x2radar.wall_clock import utc_text
 
 JOURNAL = Path("/run/systemd/journal/socket")
 DEV_LOG = Path("/dev/log")
@@ -155,7 +155,7 @@ class SyslogSink(DirectSink):
     def _dated(self, severity: int, text: str, record: Record) -> bytes:
         """Return a message of RFC 5424, 6: a datagram, a line, or with its octets counted."""
         priority = self._facility << 3 | severity
-        head = f"<{priority}>1 {record.get('time') or utc_now()} {socket.gethostname() or '-'}"
+        head = f"<{priority}>1 {record.get('time') or utc_text()} {socket.gethostname() or '-'}"
         text = f"{head} radard {os.getpid()} {record['type']} - {self._of(record)}: {text}"
         message = text.encode(errors="replace")
         scheme = self._address[0] if self._address else ""

@@ -29,18 +29,13 @@ def tried(
 
 def _has_answered(sink: Sink, was: SinkState) -> bool:
     now = sink.state
-    return now.n_failures > was.n_failures or (now.is_ok and _n_of(now) > _n_of(was))
-
-
-def _n_of(state: SinkState) -> int:
-    """Return how many events were handed on; of a plug-in that does not tell, records."""
-    return state.n_sent if state.n_events is None else state.n_events
+    return now.n_failures > was.n_failures or (now.is_ok and now.n_told > was.n_told)
 
 
 def _answer(sink: Sink, was: SinkState) -> str:
     now = sink.state
     if not now.is_ok:
         return f"failed: {now.reason}"
-    if _n_of(now) > _n_of(was):
+    if now.n_told > was.n_told:
         return "taken"
     return "no answer yet" if now.n_waiting else "not wanted there"

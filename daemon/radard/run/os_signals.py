@@ -9,8 +9,6 @@ import threading
 from types import FrameType, TracebackType
 from typing import Any
 
-from x2radar.startup import early
-
 _STOP = (signal.SIGINT, signal.SIGTERM)
 _ASK = {
     getattr(signal, name): wish
@@ -36,8 +34,8 @@ class Signals:
             self._before = {
                 number: signal.signal(number, self._handle) for number in (*_STOP, *_ASK)
             }
-            while early:
-                self._handle(early.pop(), None)
+            # Those that have come before.
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, _ASK)
         return self
 
     def __exit__(

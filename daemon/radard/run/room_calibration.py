@@ -16,7 +16,7 @@ from radard.alarm.sensor_state import CalibrationProgress
 from radard.config.config import Config
 from radard.config.directories import kept_calibration
 from radard.config.redact import redact
-from radard.detect.calibration import Calibration, Provenance, utc_text
+from radard.detect.calibration import Calibration, Provenance
 from radard.errors import RadardError
 from radard.judge.classifier import Classifier
 from radard.stream.ring import Dwell
@@ -36,7 +36,7 @@ def can_calibrate(config: Config) -> bool:
 def origin_of(stream: StreamInfo, classifier: Classifier | None, port: str) -> Provenance:
     """Return what is known of a calibration of a stream that is made now."""
     return Provenance(
-        made_utc=utc_text(wall_clock.now()),
+        made_utc=wall_clock.utc_text(timespec="seconds"),
         device=stream.device,
         port=redact(port),
         software=installed_version(),

@@ -92,6 +92,7 @@ class Sensor:
         self._run: RunningSensor | None = None
         self._waiting_command: str | None = None
         self._has_said_hello = False
+        self._n_decided = 0
         self.recent: tuple[Record, ...] = ()
         """Its last decisions and events, the oldest first."""
 
@@ -246,7 +247,9 @@ class Sensor:
         # What comes faster or slower on purpose says nothing about the module.
         is_real_time = source.is_live and self._factor == 1.0
         rate = RateWatch(source.stream.frame_rate_hz) if is_real_time else None
-        worker = Worker(parts, ring, self.put, self.health, store, rate=rate)
+        worker = Worker(
+            parts, ring, self.put, self.health, store, rate=rate, n_decided=self._n_decided
+        )
         warning = getattr(source, "warning", None)
         if warning:
             self.log.warning("%s", warning)
@@ -314,7 +317,8 @@ class Sensor:
 
     def _leave_run(self) -> None:
         if (run := self._run) is not None:
-            self._config, self._run = run.worker.parts.config, None
+            self._config, self._n_decided = run.worker.parts.config, run.worker.n_decided
+            self._run = None
 
     def _try_alarm(self) -> None:
         state = self.panel()
@@ -334,4 +338,5 @@ def _hello(worker: Worker, parts: Parts, opened: OpenedSensor, mark: str) -> Rec
         parts.config, parts.pipeline, is_live=opened.is_live, has_state=worker.has_kept
     )
     hello = hello_record(parts.pipeline, parts.config, is_armed=is_armed, taken=taken)
-    return marked({**hello, "module": getattr(opened.source, "module", None)}, mark)
+    about = {name: getattr(opened.source, name, None) for name in ("module", "started_utc")}
+    return marked({**hello, **about}, mark)

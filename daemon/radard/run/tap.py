@@ -13,9 +13,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from radard.outputs.base import PASSING
-from radard.outputs.records import utc_now
 from x2radar.errors import RecordingError
 from x2radar.frame import Frame, StreamInfo
+from x2radar.wall_clock import utc_text
 
 log = logging.getLogger("radard")
 _MAX_WAITING_S = 10.0
@@ -57,7 +57,7 @@ class Tap:
         try:
             self._check_space()
             self._writer = RecordingWriter(
-                self._path, stream, started_utc=utc_now(), device={"name": stream.device}
+                self._path, stream, started_utc=utc_text(), device={"name": stream.device}
             )
         except RecordingError as err:
             cause = err.__cause__

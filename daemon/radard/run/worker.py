@@ -43,6 +43,7 @@ class Worker:
         store: StateStore,
         *,
         rate: RateWatch | None = None,
+        n_decided: int = 0,
     ) -> None:
         self.parts = parts
         self._rate = rate
@@ -51,7 +52,8 @@ class Worker:
         self._put = put
         self._health = health
         self._store = store
-        self._n_decided = 0
+        self.n_decided = n_decided
+        """Number of the last decision; of a sensor that works again it goes on."""
         self._t_s = 0.0
         self._last: Decision | None = None
         self._log = logger_of(parts.config)
@@ -152,11 +154,11 @@ class Worker:
 
     def _take_dwell(self, dwell: Dwell) -> None:
         parts = self.parts
-        self._n_decided += 1
+        self.n_decided += 1
         self._is_moved = False
         if self._room is not None:
             self._room.take(dwell)
-        decision = replace(self._decide(dwell), seq=self._n_decided)
+        decision = replace(self._decide(dwell), seq=self.n_decided)
         self._last, self._t_s = decision, decision.t_s
         self._tell(self._health.on_decision(decision))
         record = decision_record(decision)

@@ -121,8 +121,9 @@ class Api:
             "sensors": {**{n: f"/sensor/{n}/" for n in others}, **view.section.sensors},
             "has_store": view.store is not None,
             "outputs": [
-                {"name": s.name, "status": s.state.status, "reason": s.state.reason}
+                {"name": s.name, "status": now.status, "reason": now.reason or now.remark}
                 for s in self._sinks()
+                for now in (s.state,)
             ],
         }
 

@@ -182,7 +182,10 @@ class AccessControl:
         origin = headers.get("origin")
         if origin is None:
             return True
-        return urlsplit(origin).netloc == headers.get("host", "") != ""
+        scheme, _, name = origin.partition("://")
+        # A browser leaves the usual port out, and a proxy may name it.
+        usual = {"http": ":80", "https": ":443"}.get(scheme, "")
+        return name == headers.get("host", "").removesuffix(usual) != ""
 
     def _role_of(self, token: str, address: str) -> Role:
         if self.is_locked(address):

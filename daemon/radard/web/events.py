@@ -20,7 +20,6 @@ from radard.clips.spectrogram_png import decode_png, encode_png
 from radard.config.sink_table import KINDS
 from radard.errors import RadardError, UsageError
 from radard.log_file import MARKS, StoredEvent, parse_since
-from radard.outputs.records import utc_now
 from radard.web.guard import Guard, attached, query_number, refusal
 from radard.web.labels import LABELS, add_label, read_labels
 from radard.web.pictures.clip_process import ClipTimeoutError, read_clip
@@ -121,7 +120,7 @@ class EventRoutes:
             "label": label,
             **{key: event[key] for key in ("clip", "sensor", "kind", "peak")},
             "model": self._view.history.hello.get("model"),
-            "time": utc_now(),
+            "time": wall_clock.utc_text(),
         }
         await self._read(add_label, self._view.label_file, line)
         return JSONResponse({"event": event_id, "label": label}, 201)
@@ -155,6 +154,7 @@ class EventRoutes:
             "sensor": event.sensor or self._view.config.sensor.name,
             "began": event.start_time,
             "ended": event.end_time,
+            "lasted_s": event.lasted_s,
             **({event.mark: True} if event.mark else {}),
             "has_clip": clip is not None and clip.is_file(),
             "has_picture": clip is not None and clip.with_suffix(".png").is_file(),

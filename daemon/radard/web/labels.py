@@ -25,7 +25,7 @@ _MAX_BYTES = 20_000_000  # a hundred thousand labels
 def read_labels(path: Path) -> dict[str, str]:
     """Return the label of every labelled event, by its id; lines that are none are left out."""
     try:
-        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+        lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
     except OSError:
         return {}
     found = {}

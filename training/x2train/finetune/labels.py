@@ -98,7 +98,7 @@ class _Line:
 
 def _last_lines(path: Path) -> Mapping[str, _Line]:
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as err:
         msg = f"{path}: cannot read the labels ({err})"
         raise UsageError(msg) from err

@@ -49,7 +49,7 @@ class Labelled:
 def read_list(path: Path) -> list[Labelled]:
     """Return the rows of a list; raise UsageError, naming file and row, if one makes no sense."""
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
         if path.suffix.lower() in {".yaml", ".yml"}:
             raw = load_yaml(text)
         else:

@@ -67,7 +67,7 @@ def read_motions(
 def _read(path: Path, asf: Path | None, rate_hz: float) -> Iterator[RawMotion]:
     suffix = path.suffix.lower()
     if suffix == ".bvh":
-        joints, parents, position, own_hz = read_bvh(path.read_text("utf-8"))
+        joints, parents, position, own_hz = read_bvh(path.read_text("utf-8-sig"))
         yield RawMotion(path.stem, tuple(joints), tuple(parents), position, own_hz)
     elif suffix == ".amc":
         skeleton = _read_asf((asf or _asf_of(path)).read_text("latin-1"))

@@ -68,7 +68,7 @@ def read_map(path: Path) -> JointMap:
     Raises SceneError if it cannot be read, or names a joint that there is not, or leaves one out.
     """
     try:
-        raw: Any = load_yaml(path.read_text("utf-8"))
+        raw: Any = load_yaml(path.read_text("utf-8-sig"))
     except (OSError, UnicodeDecodeError, YamlError) as err:
         why = err.strerror if isinstance(err, OSError) else err
         msg = f"{path}: no map that can be read: {why}"

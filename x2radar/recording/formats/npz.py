@@ -81,7 +81,7 @@ class NpzReader(BlockReader):
 
     def read_labels(self) -> Iterable[Label]:
         """Return what the archive says."""
-        columns = [column.ravel().tolist() for column in self._labels if column is not None]
+        columns = [c.ravel().astype(str).tolist() for c in self._labels if c is not None]
         if len(columns) not in {0, len(_LABELS)}:
             raise refuse(self.path, f"its labels lack one of {', '.join(_LABELS)}")
         return zip(*columns, strict=True)

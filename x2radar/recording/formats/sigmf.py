@@ -27,8 +27,6 @@ META = ".sigmf-meta"
 DATA = ".sigmf-data"
 _VERSION = "1.0.0"
 _KINDS: dict[str, tuple[Kind, str]] = {"cf32_le": ("baseband", "<c8"), "rf32_le": ("rf", "<f4")}
-_USUAL = {"core:metadata_only": False, "core:offset": 0}
-"""What of the global object would mean other samples."""
 _MAX_META_BYTES = 1 << 26
 """A capture segment a gap, for days; as JSON in memory some hundred MB."""
 _KEPT = ("bin_length_m", "range_offset_m", "bandwidth_hz", "sample_rate_hz")
@@ -47,12 +45,11 @@ class SigmfReader(BlockReader):
         super().__init__(path, overrides)
         meta, data = pair_of(path)
         head, segments, self._annotations = _read_meta(meta)
-        for name, usual in {**_USUAL, "core:dataset": data.name}.items():
-            if (value := head.get(name, usual)) != usual:
-                raise refuse(meta, f"'{name}' is {value!r}, which is not read")
-        needed = [each["name"] for each in head.get("core:extensions", ()) if not each["optional"]]
-        if set(needed) - {"x2radar"}:
-            raise refuse(meta, f"needs extensions that are not known: {needed}")
+        usual = {"core:metadata_only": False, "core:offset": 0, "core:dataset": data.name}
+        odd = [name for name, value in usual.items() if head.get(name, value) != value]
+        odd += [each["name"] for each in head.get("core:extensions", ()) if not each["optional"]]
+        if set(odd) - {"x2radar"}:
+            raise refuse(meta, f"{', '.join(odd)}: means samples that are not read")
         datatype, n_range = str(head.get("core:datatype")), head.get("core:num_channels", 1)
         if datatype not in _KINDS or type(n_range) is not int or not 0 < n_range <= MAX_BINS:
             why = f"{datatype} x {n_range} channels; "

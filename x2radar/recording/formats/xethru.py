@@ -31,8 +31,7 @@ from x2radar.frame import Samples
 from x2radar.recording.about import MAX_BINS, NO_OVERRIDES, Overrides, read_about
 from x2radar.recording.blocks import BlockReader, Label
 from x2radar.recording.faults import refuse
-from x2radar.recording.stamps import utc_text
-from x2radar.wall_clock import parse_utc
+from x2radar.wall_clock import parse_utc, utc_text
 
 META = "xethru_recording_meta.dat"
 _MAGIC, _VERSION, _HEAD = 0xA0B1C2D3, 13, 0x55

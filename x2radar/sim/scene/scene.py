@@ -114,7 +114,7 @@ def load_scene(name: str) -> Scene:
     """
     if name.endswith((".yaml", ".yml")):
         try:
-            text = Path(name).read_text(encoding="utf-8")
+            text = Path(name).read_text(encoding="utf-8-sig")
         except (OSError, ValueError) as err:
             # ValueError: bytes that are no UTF-8, or a name that no file can have.
             msg = f"{name}: cannot read the scene file ({err})"

@@ -71,8 +71,9 @@ def first_config(name: str | None = None, port: str = PORT) -> str:
         if not _NAME.fullmatch(name):
             msg = f"--name '{name}': must be letters, digits, - and _ only"
             raise UsageError(msg)
+        quoted = json.dumps(port, ensure_ascii=False)
         head = _HEAD.format(
-            what=f"radard@{name}.service", keys=_KEYS.format(name=name, port=json.dumps(port))
+            what=f"radard@{name}.service", keys=_KEYS.format(name=name, port=quoted)
         )
     out = "http://127.0.0.1:8434" if name is None else f"store:/var/lib/radard-{name}/radard.db"
     built_in = re.sub(r"(?m)^(?=[^#\n])", "#", shipped("config.yaml"))

@@ -35,7 +35,7 @@ _SHORT_S = 5.0  # a connection as short as this hints at a second client of this
 _MAX_UNSENT = 50  # messages of QoS 0: a minute of decisions
 _STANDS_STILL = "the output's own thread stands still"
 _UNSUPPORTED = "Unsupported protocol version"
-_NO_RETAIN, _NO_QOS = "Retain not supported", "QoS not supported"
+_NO_RETAIN = "Retain not supported"
 _NO_ANSWER = "no answer; is it an MQTT broker?"
 _HEAD = 12  # bytes of a packet beside topic and payload, at most
 _MIN_SUSPECT = 1024  # no broker limits packets to less; events and states are below it
@@ -70,8 +70,8 @@ class PacketLimits:
         self._flying: list[tuple[str, int, Callable[[], bool]]] = []
         self._suspects: dict[str, _Suspect] = {}
         self._said: set[str] = set()
-        self.can_retain, self.max_qos = True, 2
-        """Whether the broker keeps messages, and the highest quality of service that it takes."""
+        self.can_retain = True
+        """Whether the broker keeps messages."""
         self.max_bytes: int | None = None
         """The largest packet that the broker states; None: it states none."""
 
@@ -331,9 +331,7 @@ class MqttLink:
             context.check_hostname = o.check_hostname
             client.tls_set_context(context)
         if (will := self._will) is not None:
-            limits = self._limits
-            qos = min(will.qos, limits.max_qos)
-            client.will_set(will.topic, will.payload, qos, retain=limits.can_retain)
+            client.will_set(will.topic, will.payload, will.qos, self._limits.can_retain)
         client.on_connect = self._connected
         client.on_publish = self._answered
         client.on_subscribe = self._subscribed
@@ -350,11 +348,9 @@ class MqttLink:
         if code.is_failure:
             # It says so of the last will: the next connection's is one that it takes.
             self._limits.can_retain &= str(code) != _NO_RETAIN
-            self._limits.max_qos = 0 if str(code) == _NO_QOS else self._limits.max_qos
             self._lose(client, f"the broker refuses: {code}")
             return
         self._limits.can_retain = bool(getattr(p, "RetainAvailable", 1))
-        self._limits.max_qos = getattr(p, "MaximumQoS", 2)
         self._refused.clear()
         if self._subscriptions:
             client.subscribe([(topic, 1) for topic in self._subscriptions])
@@ -385,10 +381,9 @@ class MqttLink:
         return is_over
 
     def _publish(self, client: paho.Client, message: Publication) -> paho.MQTTMessageInfo:
-        payload, limits = message.payload, self._limits
+        payload, is_kept = message.payload, message.is_retained and self._limits.can_retain
         payload = payload.encode() if isinstance(payload, str) else payload
-        qos, is_retained = min(message.qos, limits.max_qos), message.is_retained
-        return client.publish(message.topic, payload, qos, is_retained and limits.can_retain)
+        return client.publish(message.topic, payload, message.qos, is_kept)
 
     def _received(self, _client: paho.Client, _data: Any, message: paho.MQTTMessage) -> None:
         self._on_message(message.topic, bytes(message.payload), message.retain)

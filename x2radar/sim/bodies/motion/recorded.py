@@ -140,7 +140,7 @@ def read_motion(file: str | None, *, scale: float = 1.0, up: str = "y") -> Recor
         if path.suffix == ".npz":
             names, parent, position, rate_hz = _read_archive(path)
         else:
-            text = path.read_text(encoding="utf-8", errors="strict")
+            text = path.read_text(encoding="utf-8-sig", errors="strict")
             names, parent, position, rate_hz = read_bvh(text)
     except OSError as err:
         msg = f"{file}: cannot read the motion ({err.strerror or err})"

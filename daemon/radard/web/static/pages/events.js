@@ -237,10 +237,9 @@ class EventsPage {
   show(event) {
     this.shown = event.id;
     this.detail.classList.add("open");
-    const lasted = event.ended ? (new Date(event.ended) - new Date(event.began)) / 1000 : null;
     const facts = [
       ["Began", `${day(event.began)}, ${clock(event.began)}`],
-      ["Lasted", lasted === null ? "still on" : duration(lasted)],
+      ["Lasted", event.ended ? duration(event.lasted_s ?? NaN) : "still on"],
       ["How sure of a person", event.kind === "alarm" ? percent(event.peak) : "–"],
       ["Reason", inWords(event.reason)],
       ["Id", event.id, "exact"],
