@@ -8,7 +8,7 @@ import { below, connect, post, watchPictures } from "./net.js";
 import { watchForNews } from "./notify.js";
 import { setupPage } from "./pages/setup.js";
 import { hindrance, isOperator, lastDecision, on, state } from "./state.js";
-import { clock, duration, h, inWords, minutes, replace, setText, toast, verdict } from "./ui.js";
+import { clock, duration, h, inWords, minutes, qualified, replace, setText, toast, verdict } from "./ui.js";
 import { whyPage } from "./pages/why.js";
 
 const PAGES = { live: livePage, why: whyPage, events: eventsPage, setup: setupPage };
@@ -193,8 +193,7 @@ function alarmText() {
 }
 
 function presentText() {
-  const [now] = verdict(lastDecision());
-  return `Now: ${now.charAt(0).toLowerCase()}${now.slice(1)}. The alarm stays on until nobody was seen for ${duration(state.latch_s)}.`;
+  return `${qualified("Now", verdict(lastDecision())[0])}. The alarm stays on until nobody was seen for ${duration(state.latch_s)}.`;
 }
 
 let bannerKey = "";

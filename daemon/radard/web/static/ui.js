@@ -125,7 +125,14 @@ export const VERDICTS = {
 
 export function verdict(decision) {
   if (!decision) return ["Waiting", "none"];
+  // Who stays undecided counts as a person, and is not called one.
+  if (decision.label === "human" && decision.fused_p_human !== null && decision.fused_p_human < 0.5) return ["Maybe a person", "human"];
   return VERDICTS[decision.label ?? "moving"] ?? VERDICTS.moving;
+}
+
+// "Now: pet" for "Pet".
+export function qualified(when, word) {
+  return `${when}: ${word.charAt(0).toLowerCase()}${word.slice(1).replace(" …", "")}`;
 }
 
 export function download(name, text, type) {

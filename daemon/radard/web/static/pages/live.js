@@ -3,7 +3,7 @@ import { GaitMap, HeatMap, TITLES, drawScale } from "../charts/heatmap.js";
 import { chancesPlot, powerPlot } from "../charts/plots.js";
 import { themeVersion } from "../charts/chart.js";
 import { lastDecision, limit, on, pictures, state } from "../state.js";
-import { card, clock, duration, fixed, h, hasDetails, percent, replace, setText, timesText, verdict, words } from "../ui.js";
+import { card, clock, duration, fixed, h, hasDetails, percent, qualified, replace, setText, timesText, verdict, words } from "../ui.js";
 
 const SPAN_S = 30;
 const SLOW_MS = 500;
@@ -251,7 +251,8 @@ function makeHero() {
       const [text, tone] = verdict(d);
       element.dataset.tone = state.panel.panel === "alarm" ? "alarm" : tone;
       const isOn = state.panel.panel === "alarm";
-      setText(word, isOn ? `Now: ${text.charAt(0).toLowerCase()}${text.slice(1)}` : text);
+      const isOld = state.connection === "lost" || state.state === "offline";
+      setText(word, isOld ? qualified("Last", text) : isOn ? qualified("Now", text) : text);
       setText(sub, subtitle(d));
       const hasChances = d && d.fused_p_human !== null;
       const [human, pet] = bar.children;
