@@ -17,10 +17,11 @@ ensure_venv() {
         return 0
     [ -x "$here/.venv/bin/python" ] || "$python" -m venv "$here/.venv"
     echo "installing into .venv (once) ..." >&2
-    "$here/.venv/bin/python" -m pip install --quiet --disable-pip-version-check \
+    # --no-compile: what is imported is compiled then, which takes a tenth of compiling all of it.
+    "$here/.venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-compile \
         --require-hashes --requirement "$here/requirements.txt" >&2
     [ "$extras" = daemon ] && set -- --no-index || set --
-    "$here/.venv/bin/python" -m pip install --quiet --disable-pip-version-check "$@" \
+    "$here/.venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-compile "$@" \
         --no-build-isolation --constraint "$here/constraints.txt" \
         --editable "$here[$extras]" >&2
     : >"$stamp"
