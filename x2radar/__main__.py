@@ -2,11 +2,15 @@
 
 import sys
 
-from x2radar.command import start
+from x2radar.startup import begin
 
 
 def main() -> int:
     """Run `x2radar`; return its exit code."""
+    begin()
+    # Late: signals are heard before anything else is loaded.
+    from x2radar.command import start  # noqa: PLC0415
+
     return start("x2radar", "x2radar.cli")
 
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, NoReturn, TextIO
 
 from x2radar.extras import DISTRIBUTION, install_hint
-from x2radar.startup import begin, interrupts
+from x2radar.startup import interrupts
 
 _EXTRAS = {"radard": "daemon", "train-export": "train"}
 """What pyproject.toml calls the packages that a command needs."""
@@ -150,16 +150,21 @@ def version_of(distribution: str) -> str:
 
 
 def start(prog: str, module: str) -> int:
-    """Run a command as a process; `main` of `module` is imported once signals are heard.
+    """Run a command as a process; a signal while `main` of `module` is imported ends it at once.
 
     Where a package of the command's extra is missing, that is one line which names the extra.
     """
-    begin()
-    return run_command(prog, lambda argv: int(import_module(module).main(argv)))
+    return run_command(
+        prog, lambda argv: int(import_module(module).main(argv)), raises_interrupts=False
+    )
 
 
 def run_command(
-    prog: str, body: Callable[[Sequence[str]], int], argv: Sequence[str] | None = None
+    prog: str,
+    body: Callable[[Sequence[str]], int],
+    argv: Sequence[str] | None = None,
+    *,
+    raises_interrupts: bool = True,
 ) -> int:
     """Run a command's body and turn what it raises into one line and an exit code.
 
@@ -167,7 +172,7 @@ def run_command(
     """
     args = list(sys.argv[1:] if argv is None else argv)
     try:
-        with interrupts():
+        with interrupts() if raises_interrupts else contextlib.nullcontext():
             code = body(args)
         sys.stdout.flush()
     except KeyboardInterrupt:
