@@ -88,6 +88,12 @@ class StoreError(RadardError):
     exit_code = 66
 
 
+def marks_of(record: Mapping[str, Any]) -> str:
+    """Return how a text says so of an event, behind a blank; nothing of a live one."""
+    marks = [mark for mark in MARKS if record.get(mark)]
+    return f" ({', '.join(marks)})" if marks else ""
+
+
 def open_log_file(path: Path, more: str = "") -> sqlite3.Connection:
     """Open or make a log in autocommit mode; every commit reaches the disk.
 

@@ -172,7 +172,8 @@ def test_addon_gives_its_options_to_radard(tmp_path):
     shown = yaml.safe_load(done.stdout)
     assert (shown["sensor"]["name"], shown["sensor"]["port"]) == ("hall", "/dev/ttyACM0")
     assert (shown["alarm"]["sensitivity"], shown["alarm"]["entry_delay_s"]) == ("high", 20)
-    assert shown["output"] == ["http://0.0.0.0:8434", "mqtt://addons@core-mosquitto:1883"]
+    assert shown["output"] == ["http://0.0.0.0:8434", "mqtt://core-mosquitto:1883"]
+    assert shown["mqtt"]["username"] == "addons"
     names = (shown["web"]["token_env"], shown["mqtt"]["password_env"])
     assert names == ("DASHBOARD_TOKEN", "MQTT_PASSWORD")
     assert TOKEN not in done.stdout + done.stderr

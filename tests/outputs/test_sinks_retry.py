@@ -176,15 +176,16 @@ def program(tmp_path, text):
 
 def test_a_program_gets_the_event_on_stdin_and_in_its_environment(tmp_path):
     out = tmp_path / "out"
-    text = f"open({str(out)!r}, 'w').write(sys.stdin.read() + os.environ['RADAR_EVENT_KIND'])"
+    told = "os.environ['RADAR_EVENT_KIND'] + os.environ['RADAR_EVENT_TEST']"
+    text = f"open({str(out)!r}, 'w').write(sys.stdin.read() + {told})"
     sink = opened(program(tmp_path, text))
-    sink.write(event(1))
+    sink.write({**event(1), "test": True})
     wait_for(lambda: sink.state.n_sent == 1)
     sink.close()
     body, kind = out.read_text().rsplit("}", 1)
-    assert json.loads(body + "}") == {"sensor": "hall", **event(1)}
-    # A line, as `read` of a shell and `while read` want it.
-    assert kind == "\nalarm"
+    assert json.loads(body + "}") == {"sensor": "hall", **event(1), "test": True}
+    # A line, as `read` of a shell and `while read` want it; a siren must know a test.
+    assert kind == "\nalarmTrue"
 
 
 @pytest.mark.parametrize(
@@ -397,14 +398,18 @@ def test_syslog_over_udp_with_severity():
         far.settimeout(60)
         url = f"syslog:udp://127.0.0.1:{far.getsockname()[1]}"
         sink = opened(url, syslog=SyslogSection(facility="local3"))
+        trial = {**event(2), "test": True, "simulated": True}
         for record in (hello(), decision(), event(1), event(1, phase="end")):
             sink.write(record)
         sink.write(status("offline", "device absent"))
-        told = [far.recv(4096).decode() for _ in range(3)]
+        sink.write(trial)
+        told = [far.recv(4096).decode() for _ in range(4)]
         sink.close()
     facility = 19 << 3
     heads = [re.match(r"(<\d+>1) 20\S+Z \S+ radard \d+ \w+ - hall: ", text)[1] for text in told]
-    assert heads == [f"<{facility | severity}>1" for severity in (1, 5, 4)]
+    # A test rouses nobody at night, and is no real alarm to who reads it later.
+    assert heads == [f"<{facility | severity}>1" for severity in (1, 5, 4, 5)]
+    assert "hall: alarm new (test, simulated): human at 2.0 m" in told[3]
     assert not any("\0" in text for text in told)
     assert "hall: alarm new: human at 1.0 m" in told[0]
     assert "offline: device absent" in told[2]

@@ -102,3 +102,11 @@ def test_sensors_are_told_apart_by_a_label():
         assert found["radard_decision_latency_seconds_bucket", ("le", "+Inf"), label] == 1
     assert text.count("# TYPE radard_up ") == 1
     assert "odd" not in text
+
+
+def test_a_test_alarm_is_no_alarm_for_those_who_count():
+    metrics = Metrics()
+    metrics.on_record({**event(1), "test": True})
+    found = samples(exposition([metrics]))
+    assert found["radard_event_active", ("kind", "alarm")] == 0
+    assert not any(name == "radard_events_total" for name, *_ in found)

@@ -71,4 +71,5 @@ def _table(events: Sequence[StoredEvent]) -> Iterator[str]:
         lasted = "-" if e.lasted_s is None else f"{e.lasted_s:.0f} s"
         began = e.start_time[:19].replace("T", " ")
         mark = f"  {e.mark}" if e.mark else ""
-        yield f"{began:<20} {e.kind:<7} {lasted:>8} {e.peak:>5.2f}  {e.reason:<32} {e.id}{mark}"
+        peak = f"{e.peak:.2f}" if e.kind == "alarm" else "-"
+        yield f"{began:<20} {e.kind:<7} {lasted:>8} {peak:>5}  {e.reason:<32} {e.id}{mark}"

@@ -123,12 +123,13 @@ class View:
             last = _decisions(answer)[-1:] or [{}]
             line = _line(answer) if name not in self._faults else self._faults[name]
             waiting = sum(each["n_waiting"] for each in answer["outputs"])
+            is_well = all(each["status"] == "ok" for each in answer["outputs"])
             table.add_row(
                 name,
                 _sees(last[0]),
                 _bar(last[0].get("fused_p_human"), 10),
                 _bar(last[0].get("fused_p_pet"), 10),
-                f"{waiting} wait" if waiting else "ok",
+                f"{waiting} wait" if waiting else "ok" if is_well else "in trouble",
                 _styled(line, no_wrap=True, overflow="ellipsis"),
             )
         return table

@@ -16,6 +16,7 @@ from typing import Any
 from radard.config.credentials import read_secret
 from radard.config.sink_table import AppriseSection, SinkOptions
 from radard.errors import OutputError, UsageError
+from radard.log_file import marks_of
 from radard.outputs.alarm_picture import picture_path
 from radard.outputs.base import DeliveryError, Record, SinkContext
 from radard.outputs.delivery import Delivery, Item, wants_events
@@ -100,11 +101,9 @@ def _service(apprise: Any, url: str) -> Any:
 
 def message_of(record: Record, sensor: str) -> tuple[str, str]:
     """Return title and text, for people, of an event."""
-    marks = [mark for mark in ("test", "simulated", "replayed") if record.get(mark)]
     what = record["kind"] if record["phase"] == "new" else f"{record['kind']} {record['phase']}"
     head = f"{record.get('sensor', sensor)}: {what}"
-    title = f"{head} ({', '.join(marks)})" if marks else head
-    return title, f"{record['reason']}\n{record['time']}"
+    return f"{head}{marks_of(record)}", f"{record['reason']}\n{record['time']}"
 
 
 def _picture(record: Record, options: AppriseSection) -> Path | None:

@@ -15,11 +15,12 @@ import subprocess
 
 from radard.config.sink_table import SinkOptions
 from radard.errors import OutputError, UsageError
+from radard.log_file import MARKS
 from radard.outputs.base import DeliveryError, Record, SinkContext
 from radard.outputs.delivery import Delivery, wants_events
 from radard.outputs.stdout import json_line
 
-_FIELDS = ("id", "phase", "kind", "t_s", "time", "peak", "reason", "clip")
+_FIELDS = ("id", "phase", "kind", "t_s", "time", "peak", "reason", "clip", *MARKS)
 
 
 def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> Delivery:

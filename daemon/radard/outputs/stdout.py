@@ -12,6 +12,7 @@ from collections.abc import Callable
 
 from radard.config.sink_table import SinkOptions
 from radard.errors import OutputError
+from radard.log_file import marks_of
 from radard.outputs.base import Record, SinkContext
 from radard.outputs.thread_sink import DirectSink
 from x2radar.backoff import Backoff
@@ -92,7 +93,9 @@ class Table:
             self._n_lines += 1
             return head + self._styled(*_decision_line(record))
         if kind == "event":
-            what = f"{record['kind'].upper()} {record['phase']}: {record['reason']}"
+            what = (
+                f"{record['kind'].upper()} {record['phase']}{marks_of(record)}: {record['reason']}"
+            )
             style = _RED if record["phase"] == "new" else ""
             return self._styled(f"{record['t_s']:7.2f}s  {what}", style)
         if kind == "status":

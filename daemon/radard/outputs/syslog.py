@@ -20,6 +20,7 @@ from urllib.parse import urlsplit
 
 from radard.config.sink_table import SinkOptions
 from radard.errors import UsageError
+from radard.log_file import marks_of
 from radard.outputs.base import DeliveryError, Record, SinkContext
 from radard.outputs.thread_sink import DirectSink
 from radard.outputs.tls import check_host, client_context, explain, shown_host
@@ -181,10 +182,11 @@ class SyslogSink(DirectSink):
 def _message_of(record: Record) -> tuple[int, str]:
     kind = record["type"]
     if kind == "event":
-        severity = _NEW.get(record["kind"], _WARNING) if record["phase"] == "new" else _NOTICE
+        is_news = record["phase"] == "new" and not record.get("test")
+        severity = _NEW.get(record["kind"], _WARNING) if is_news else _NOTICE
         where = f" clip={record['clip']}" if record["clip"] else ""
-        text = f"{record['kind']} {record['phase']}: {record['reason']} id={record['id']}{where}"
-        return severity, text
+        head = f"{record['kind']} {record['phase']}{marks_of(record)}"
+        return severity, f"{head}: {record['reason']} id={record['id']}{where}"
     if kind == "status":
         reason = f": {record['reason']}" if record["reason"] else ""
         return _STATE.get(record["state"], _WARNING), f"{record['state']}{reason}"

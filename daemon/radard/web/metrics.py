@@ -69,7 +69,7 @@ class Metrics:
             kind = record["type"]
             if kind == "decision":
                 self._on_decision(record)
-            elif kind == "event":
+            elif kind == "event" and not record.get("test"):
                 self._add("radard_events_total", kind=record["kind"], phase=record["phase"])
                 self._set("radard_event_active", record["phase"] != "end", kind=record["kind"])
             elif kind == "status":

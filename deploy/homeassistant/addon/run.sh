@@ -29,9 +29,9 @@ if bashio::services.available mqtt; then
         scheme=mqtts
     fi
     MQTT_PASSWORD=$(bashio::services mqtt password)
-    export MQTT_PASSWORD RADARD_MQTT__PASSWORD_ENV=MQTT_PASSWORD
-    user=$(bashio::services mqtt username)
-    set -- "$@" -o "$scheme://$user@$(bashio::services mqtt host):$(bashio::services mqtt port)"
+    RADARD_MQTT__USERNAME=$(bashio::services mqtt username)
+    export MQTT_PASSWORD RADARD_MQTT__USERNAME RADARD_MQTT__PASSWORD_ENV=MQTT_PASSWORD
+    set -- "$@" -o "$scheme://$(bashio::services mqtt host):$(bashio::services mqtt port)"
 else
     bashio::log.warning "no MQTT broker: Home Assistant will have no entities of the radar"
 fi
