@@ -62,6 +62,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     add("--rounds", type=int, default=9, help="how often CPU time is measured (9)")
     add("--duration", type=float, default=20.0, metavar="S", help="seconds of stream (20)")
     add("--cpu-only", action="store_true", help="keep --file's errors on simulated passages")
+    add("--errors-only", action="store_true", help="keep --file's CPU time; no settings' table")
     add(
         "--recorded",
         nargs="+",
@@ -82,10 +83,14 @@ def _run(args: argparse.Namespace) -> None:
     check_picture(args.plot)
     check_picture(args.levers_plot)
     rows: list[Figures] = []
-    made, about = _timed_again(args) if args.cpu_only else _everything(args, rows)
+    if args.errors_only:
+        made, about = _judged_again(args)
+    else:
+        made, about = _timed_again(args) if args.cpu_only else _everything(args, rows)
+        load = f"load {os.getloadavg()[0]:.1f} of {os.cpu_count()}"
+        about = replace(about, timed_on=f"{processor()}, {load}")
     measured = sorted(choose(made), key=lambda p: (_candidate(p) == BEST, p.cpu_open))
-    load = f"load {os.getloadavg()[0]:.1f} of {os.cpu_count()}"
-    told = replace(about, timed_on=f"{processor()}, {load}", measured=tuple(measured), untimed=())
+    told = replace(about, measured=tuple(measured), untimed=())
     page, lines = list(table(told)), list(levers.table(rows, args.passages)) if rows else []
     say("\n".join([*page, *lines]))
     args.file.parent.mkdir(parents=True, exist_ok=True)
@@ -116,25 +121,56 @@ def _timed_again(args: argparse.Namespace) -> tuple[list[Profile], Front]:
     return made, before
 
 
+def _judged_again(args: argparse.Namespace) -> tuple[list[Profile], Front]:
+    """Measure the errors of all whose CPU time is known."""
+    before = parse_json(Front, args.file.read_bytes())
+    timed = {_candidate(p): p for p in before.measured}
+    tried = tuple(each for each in candidates() if each in timed)
+    found, recorded, _ = _errors(args, tried, ())
+    made = [
+        replace(
+            _profile(c, found[c.case], recorded.get(c.case), args.passages),
+            cpu_open=timed[c].cpu_open,
+            cpu_one=timed[c].cpu_one,
+            cpu_closed=timed[c].cpu_closed,
+        )
+        for c in tried
+    ]
+    return made, replace(before, command=_command(args), bundles=_bundles(tried))
+
+
 def _everything(args: argparse.Namespace, rows: list[Figures]) -> tuple[list[Profile], Front]:
     """Measure everything; put the settings' figures into `rows`."""
     tried = candidates()
     with counted("timing") as tell:
         shares = cpu_shares(tried, args.duration, args.rounds, tell)
-    own = tuple(dict.fromkeys(each.case for each in tried))
-    with counted("passages") as tell:
-        figures = measure((*own, *levers.cases(levers.MODELS)), args.passages, tell)
-    with counted("recorded motion") as tell:
-        recorded = judge_recorded(own, args.recorded, tell)
-    found = {f.case: f for f in figures[: len(own)]}
-    rows += figures[len(own) :]
+    found, recorded, others = _errors(args, tried, levers.cases(levers.MODELS))
+    rows += others
     made = [
         _timed(_profile(c, found[c.case], recorded.get(c.case), args.passages), shares[c])
         for c in tried
     ]
-    command = f"python research/profiles.py --passages {args.passages}"
-    bundles = {each.case.model: load_bundle(each.case.model).sha256 for each in tried}
-    return made, Front(command=command, timed_on="", bundles=bundles, measured=())
+    return made, Front(command=_command(args), timed_on="", bundles=_bundles(tried), measured=())
+
+
+def _errors(
+    args: argparse.Namespace, tried: Sequence[Candidate], more: Sequence[levers.Case]
+) -> tuple[dict[levers.Case, Figures], dict[levers.Case, Recorded], list[Figures]]:
+    """Return the errors of candidates, simulated and recorded, and those of more settings."""
+    own = tuple(dict.fromkeys(each.case for each in tried))
+    with counted("passages") as tell:
+        figures = measure((*own, *more), args.passages, tell)
+    with counted("recorded motion") as tell:
+        recorded = judge_recorded(own, args.recorded, tell)
+    return {f.case: f for f in figures[: len(own)]}, recorded, list(figures[len(own) :])
+
+
+def _command(args: argparse.Namespace) -> str:
+    return f"python research/profiles.py --passages {args.passages}"
+
+
+def _bundles(tried: Sequence[Candidate]) -> dict[str, str]:
+    return {each.case.model: load_bundle(each.case.model).sha256 for each in tried}
 
 
 def _candidate(p: Profile) -> Candidate:
