@@ -3,12 +3,15 @@
 import numpy as np
 import pytest
 
+from benchmarks import bench_scene
 from tests.sim.test_sim_scene import FULL
 from x2radar.cli import main
 from x2radar.modules.x2 import RadarSettings
+from x2radar.sim.bodies.skins.draw import SKINS
 from x2radar.sim.module import cost, stream
 from x2radar.sim.place.antenna import Antenna
 from x2radar.sim.scene import stage
+from x2radar.sim.scene.cast import BODIES
 from x2radar.sim.scene.scene import ERRORS_DB, load_scene, parse_scene
 from x2radar.sim.signal import receiver
 from x2radar.sim.signal.effects import FrameDraws
@@ -123,3 +126,21 @@ def test_the_command_prints_the_bill(capsys):
     assert "CPU for a second of the stream" in head
     assert rows[0].startswith("noise of the receiver")
     assert all(" ms" in row for row in rows)
+
+
+def test_the_table_has_every_part_that_a_scene_may_name(tmp_path):
+    lines = list(bench_scene.rows(tmp_path))
+    parts = {line.part for line in lines}
+    assert len(parts) == len(lines)
+    skinned = {body for body in BODIES if not body.startswith("thesis")}
+    assert {f"body: {body}, skin {skin}" for body in skinned for skin in SKINS} <= parts
+    assert {f"body: {body}" for body in set(BODIES) - skinned} <= parts
+    assert {f"thing: {thing}" for thing in THINGS} <= parts
+    keys = {key.partition(":")[0] for key in bench_scene.KEYS.values()}
+    assert keys == {key.partition(":")[0] for key in NAMED} - {"receiver"}
+    assert bench_scene.unnamed() == {"burst_s", "burst_least_db", "burst_most_db"}
+
+
+def test_a_person_costs_more_than_the_noise_alone(tmp_path):
+    person = next(bench_scene.rows(tmp_path))
+    assert bench_scene.measured([person], 3)[person.part] > 0

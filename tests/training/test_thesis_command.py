@@ -1,6 +1,7 @@
 import json
 import re
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -168,10 +169,25 @@ def test_the_page_says_what_it_counts(tmp_path):
         CellResult(cell.name, "relu", 0, (100,) * 3, some, some, some, "x", settings)
         for cell in wanted_cells()
     ]
-    text = page(results, {}, commands=("full", "trial"), folder=tmp_path)
+    results.append(replace(results[0], label="its own optimiser"))
+    text = page(results, {}, commands=("full", "trial", "one"), folder=tmp_path)
     assert "Mean of the eight relu sets: 50.0 (thesis 79.4)." in text
+    assert "| T1D60 | its own optimiser | 3 | 50.0 | +0.0 | 0.693 |" in text
+    assert "its own optimiser: 3 of 3 repeats stay at chance" in text
     assert "| T1D60 | relu | 50.0 (50.0, 50.0) | -11.4 | 50.0 |" in text
     assert "| T1D60 | relu | 61.4 | 50.0 | 100.0 | 0.0 | 50.0 | 0.369 | 0.693 | 0.693 |" in text
+
+
+def test_frames_themselves_are_a_row(tmp_path, capsys):
+    how = [*ONE, "--parts", "switches", "--rows", "raw frames"]
+    assert thesis(tmp_path, *how) == 0
+    path = ResultFile(tmp_path / "results").path("T2D60", "raw frames")
+    result = json.loads(path.read_text())
+    assert (result["evaluation"]["n"], result["fresh"]["n"]) == (8, 40)
+    assert len(result["fresh"]["total"]) == 2
+    assert "T2D60 raw frames:" in capsys.readouterr().out
+    assert thesis(tmp_path, *how, "--kept") == 0
+    assert json.loads(path.read_text()) == result
 
 
 def record(path, labels, rate_hz=60, seconds=6):

@@ -16,6 +16,7 @@ from x2train.commands import Commands, progress, result_console, tell_bundle, to
 
 if TYPE_CHECKING:
     from x2train.thesis.own import OwnJob
+    from x2train.thesis.raw import RawJob
     from x2train.thesis.recipe import Job, StudyRecipe, Variant
     from x2train.thesis.results import CellResult
 
@@ -32,6 +33,8 @@ A run that was interrupted goes on with the next training when the command is gi
 PARTS = ("networks", "own", "switches")
 _TRIAL = {"share": 0.01, "animal": "dog", "frame_rate": 60, "parts": "networks,own"}
 """What the page has beside its command: a minute of one core."""
+_ONE = {"animal": "dog", "frame_rate": 60, "vector": 2, "parts": "networks", "finetune": None}
+"""One set whole: ten minutes."""
 _MIN_ELEMENTS = 60  # of a share: three of each class evaluate
 
 
@@ -154,9 +157,11 @@ def _run(args: argparse.Namespace) -> int:
         from x2train.thesis.pictures import publish  # noqa: PLC0415
 
         trial = argparse.Namespace(**{**vars(given), **_TRIAL})
+        one = argparse.Namespace(**{**vars(given), **_ONE})
         commands = (
             _command(given, "--publish", f"docs/{args.publish.name}"),
             _command(trial, "--folder", "build/trial", "--publish", "build/trial.md"),
+            _command(one, "--publish", "build/T2D60.md"),
         )
         console.print(str(publish(recipe, results, args.publish, commands)))
     return 0
@@ -213,9 +218,11 @@ def _parts(args: argparse.Namespace) -> tuple[str, ...]:
 
 def _jobs(
     args: argparse.Namespace, recipe: "StudyRecipe", parts: tuple[str, ...]
-) -> Iterator["Job | OwnJob"]:
+) -> Iterator["Job | OwnJob | RawJob"]:
     from x2train.thesis.fit import fit_settings  # noqa: PLC0415
     from x2train.thesis.own import OwnJob, OwnSettings  # noqa: PLC0415
+    from x2train.thesis.raw import LABEL as RAW  # noqa: PLC0415
+    from x2train.thesis.raw import RawJob  # noqa: PLC0415
     from x2train.thesis.recipe import Job, variants, wanted_cells  # noqa: PLC0415
     from x2train.thesis.sets import load_recordings  # noqa: PLC0415
 
@@ -238,12 +245,13 @@ def _jobs(
     tried = next(c for c in (*cells, *wanted_cells()) if c.vector == 2)
     if "switches" in parts:
         base = fit_settings("relu", **_fit_changes(args))
-        rows = {v.label: v for v in variants(base)}
+        rows: dict[str, Job | RawJob] = {v.label: Job(recipe, tried, v) for v in variants(base)}
+        rows[RAW] = RawJob(recipe, tried, base)
         wrong = set(args.rows or ()) - set(rows)
         if wrong:
             msg = f"--rows {', '.join(sorted(wrong))}: must be of {', '.join(rows)}"
             raise UsageError(msg)
-        yield from (Job(recipe, tried, rows[name]) for name in args.rows or rows)
+        yield from (rows[name] for name in args.rows or rows)
     if args.finetune:
         wanted = cells if "networks" in parts and not args.publish else (tried,)
         for cell in wanted:

@@ -128,12 +128,12 @@ def confidence(path: Path, result: CellResult) -> Path:
 
 
 def publish(
-    recipe: StudyRecipe, results: Sequence[CellResult], path: Path, commands: tuple[str, str]
+    recipe: StudyRecipe, results: Sequence[CellResult], path: Path, commands: tuple[str, str, str]
 ) -> Path:
     """Write tables of results, and pictures into a folder of the page's name beside it.
 
-    The page has the command that made it, and a trial of it. Raises RecordingError if the disk
-    does not take it.
+    The page has the command that made it, a trial of it, and that of one set. Raises
+    RecordingError if the disk does not take it.
     """
     try:
         return _publish(recipe, results, path, commands)
@@ -143,7 +143,7 @@ def publish(
 
 
 def _publish(
-    recipe: StudyRecipe, results: Sequence[CellResult], path: Path, commands: tuple[str, str]
+    recipe: StudyRecipe, results: Sequence[CellResult], path: Path, commands: tuple[str, str, str]
 ) -> Path:
     folder = path.parent / path.stem
     main = [r for r in results if r.label in MAIN]

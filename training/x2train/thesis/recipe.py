@@ -70,8 +70,8 @@ def variants(base: FitSettings) -> tuple[Variant, ...]:
         row("one layer of 100", layers=(100,), pretrain_epochs=first),
         row("tanh", activation="tanh"),
         row("mean square error", error="mse"),
-        # The thesis' own (3.5). Behind autoencoders of unit-norm inputs sigmoid units stay on a
-        # plateau, 50 % in every repeat; ReLU units at a rate of 0.05 do not.
+        # The thesis' own (3.5). Behind autoencoders of unit-norm inputs most repeats stay on a
+        # plateau, 50 %, with ReLU units at a rate of 0.05 as with sigmoid units.
         row("momentum SGD", optimiser="momentum", learning_rate=0.05, decay=1e-4),
         row(
             "momentum SGD, no pre-training",
@@ -196,18 +196,16 @@ class StudyRecipe:
         if variant.trains_on_all:
             stop, stopped_by = evaluate, f"the {len(evaluate.y)} evaluation elements"
         elif recordings is None:
-            n_fit = len(train.y) - max(2, len(train.y) // _STOP_SHARE // 2 * 2)
-            train, stop = train.part(0, n_fit), train.part(n_fit, len(train.y))
-            stopped_by = f"a validation part of {len(stop.y)} training elements"
+            train, stop, stopped_by = with_stop(train)
         else:
             stop, stopped_by = recordings, f"{len(recordings.y)} windows of recordings"
-        fitted = _last(fit(train, stop, variant.fit), cell, tell)
+        fitted = last_of(fit(train, stop, variant.fit), cell, tell)
         if recordings is not None:
             n = len(recordings.y)
             half, rest = recordings.part(0, n // 2), recordings.part(n // 2, n)
             rate = variant.fit.learning_rate * _RETRAIN_RATE
             short = replace(variant.fit, learning_rate=rate)
-            fitted = _last(fit(half, rest, short, start=fitted), cell, tell)
+            fitted = last_of(fit(half, rest, short, start=fitted), cell, tell)
             stopped_by = f"{len(rest.y)} windows of recordings, after retraining on {len(half.y)}"
         return fitted, evaluate, fresh, stopped_by
 
@@ -280,7 +278,15 @@ def drawn_classes(data: CellData, rng: np.random.Generator) -> CellData:
     return CellData(data.x[rows], data.y[rows], data.in_view[rows])
 
 
-def _last(steps: Iterator[Look | Fitted], cell: Cell, tell: Tell) -> Fitted:
+def with_stop(train: CellData) -> tuple[CellData, CellData, str]:
+    """Return what trains, what stops the training, and the name of that."""
+    n_fit = len(train.y) - max(2, len(train.y) // _STOP_SHARE // 2 * 2)
+    stop = train.part(n_fit, len(train.y))
+    return train.part(0, n_fit), stop, f"a validation part of {len(stop.y)} training elements"
+
+
+def last_of(steps: Iterator[Look | Fitted], cell: Cell, tell: Tell) -> Fitted:
+    """Return a training's result, telling how far it is."""
     result: Fitted | None = None
     for step in steps:
         if isinstance(step, Fitted):

@@ -52,9 +52,9 @@ def bill(scene: Scene, seed: int = 0) -> list[Cost]:
     for name, (played, settings) in streams.items():
         rounds = []
         for _ in range(_ROUNDS):
-            spent = _cpu_ms(played, seed, settings)
+            spent = cpu_ms(played, seed, settings)
             # Side by side, so that a busy computer slows both.
-            rounds.append(_cpu_ms(scene, seed, usual) - spent if name in without else spent)
+            rounds.append(cpu_ms(scene, seed, usual) - spent if name in without else spent)
         lines.append(Cost(name, float(np.median(rounds))))
     return [*lines, *echoes(scene, seed, usual)]
 
@@ -147,7 +147,7 @@ def _each_step(scene: Scene, change: Callable[[SceneStep], SceneStep]) -> Scene:
     return replace(scene, steps=tuple(steps))
 
 
-def _cpu_ms(scene: Scene, seed: int, settings: RadarSettings) -> float:
+def cpu_ms(scene: Scene, seed: int, settings: RadarSettings) -> float:
     """Return the CPU time of a second of the stream, evenly over the scene's steps."""
     # Every step lasts a second.
     short = _each_step(scene, lambda step: replace(step, least_s=1.0, most_s=1.0))

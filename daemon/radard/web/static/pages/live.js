@@ -85,7 +85,7 @@ export function livePage(_argument, signal) {
     h(
       "p",
       { class: "caption" },
-      words("How sure it is, with all it has seen of this visit. Dotted: from the last two seconds alone.", "Fused probabilities; dotted: this window alone."),
+      words("How sure it is, with all it has seen of this visit. Dotted: from the last window alone.", "Fused probabilities; dotted: this window alone."),
     ),
   );
   const chances = chancesPlot(made, { label: "Person or pet over time", height: 178, hasWindows: true });
