@@ -72,11 +72,18 @@ def shrink(path: Path) -> None:
 
 
 def live(page: Page) -> None:
-    """Fill the pictures and wait for somebody."""
+    """Fill the pictures and wait for the dog."""
     page.goto(f"{BASE}/#/live")
-    page.wait_for_selector(".columns")
     page.wait_for_timeout(24_000)
-    wait_for(lambda: page.inner_text("#verdict") in {"Person", "Pet"})
+    wait_for(lambda: page.inner_text("#verdict") == "Pet")
+    page.wait_for_timeout(2500)
+
+
+def alarm(page: Page) -> None:
+    """Fill the pictures and wait for an alarm."""
+    page.goto(f"{BASE}/#/live")
+    page.wait_for_timeout(24_000)
+    page.wait_for_selector(".banner.alarm", timeout=60_000)
     page.wait_for_timeout(2500)
 
 
@@ -115,7 +122,7 @@ def setup(page: Page) -> None:
 
 SHOTS: dict[str, tuple[Callable[[Page], None], tuple[int, int], str]] = {
     "live": (live, WIDE, "light"),
-    "live-dark": (live, WIDE, "dark"),
+    "live-dark": (alarm, WIDE, "dark"),
     "live-phone": (live, PHONE, "light"),
     "why": (why, WIDE, "light"),
     "events": (events, WIDE, "light"),
