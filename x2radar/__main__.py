@@ -3,7 +3,7 @@
 import os
 import sys
 
-from x2radar.startup import begin
+from x2radar.start import start
 
 # As radard does, before numpy loads: a second thread burns up to three times what the work takes.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -12,10 +12,6 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 def main() -> int:
     """Run `x2radar`; return its exit code."""
-    begin()
-    # Late: signals are heard before anything else is loaded.
-    from x2radar.command import start  # noqa: PLC0415
-
     return start("x2radar", "x2radar.cli")
 
 

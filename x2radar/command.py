@@ -12,7 +12,6 @@ import sys
 import traceback
 from collections.abc import Callable, Iterable, Sequence
 from difflib import get_close_matches
-from importlib import import_module
 from pathlib import Path
 from typing import Any, NoReturn, TextIO
 
@@ -21,6 +20,7 @@ from x2radar.startup import interrupts
 
 _EXTRAS = {"radard": "daemon", "train-export": "train"}
 """What pyproject.toml calls the packages that a command needs."""
+Body = Callable[[Sequence[str]], int]
 _OURS = ("x2radar", "radard", "x2train")
 
 
@@ -149,30 +149,16 @@ def version_of(distribution: str) -> str:
         return "unknown"
 
 
-def start(prog: str, module: str) -> int:
-    """Run a command as a process; a signal while `main` of `module` is imported ends it at once.
-
-    Where a package of the command's extra is missing, that is one line which names the extra.
-    """
-    return run_command(
-        prog, lambda argv: int(import_module(module).main(argv)), raises_interrupts=False
-    )
-
-
 def run_command(
-    prog: str,
-    body: Callable[[Sequence[str]], int],
-    argv: Sequence[str] | None = None,
-    *,
-    raises_interrupts: bool = True,
+    prog: str, body: Body, argv: Sequence[str] | None = None, *, is_loaded: bool = True
 ) -> int:
     """Run a command's body and turn what it raises into one line and an exit code.
 
-    `argv` are the process' own arguments by default.
+    `argv` are the process' own arguments by default; `is_loaded` says that signals may raise now.
     """
     args = list(sys.argv[1:] if argv is None else argv)
     try:
-        with interrupts() if raises_interrupts else contextlib.nullcontext():
+        with interrupts() if is_loaded else contextlib.nullcontext():
             code = body(args)
         sys.stdout.flush()
     except KeyboardInterrupt:

@@ -121,8 +121,7 @@ def _check_url(url: str) -> None:
         return
     try:
         parts = urlsplit(url)
-        is_bare = not parts.fragment and not parts.path.strip("/")
-        is_good = is_bare and parts.port and is_host(parts.hostname or "")
+        is_good = parts.port and is_host(parts.hostname or "") and not parts.path.strip("/")
     except ValueError:
         is_good = False
     if not is_good:

@@ -13,10 +13,7 @@ def now_s() -> float:
 
 
 def parse_utc(text: str) -> datetime | None:
-    """Return the time of an ISO 8601 text, in UTC unless it says otherwise.
-
-    None if it names none, or one that no recording begins at: before 1970, or past counting.
-    """
+    """Return the time of an ISO 8601 text, UTC unless it says so; None of none from 1970 on."""
     try:
         when = datetime.fromisoformat(text)
         when = when.replace(tzinfo=when.tzinfo or UTC).astimezone(UTC)

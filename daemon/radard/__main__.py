@@ -3,7 +3,7 @@
 import signal
 import sys
 
-from x2radar.startup import begin
+from x2radar.start import start
 
 
 def main() -> int:
@@ -11,10 +11,6 @@ def main() -> int:
     if sys.argv[1:2] and sys.argv[1].startswith("-"):
         # The daemon heeds them once it can, see `radard.run.os_signals`.
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGHUP, signal.SIGUSR1})
-    begin()
-    # Late: signals are heard before anything else is loaded.
-    from x2radar.command import start  # noqa: PLC0415
-
     return start("radard", "radard.cli")
 
 

@@ -65,7 +65,6 @@ def test_strings_that_are_no_port(text, wanted):
         "socket://h:x",
         "socket://a b:7000",
         "socket://h:7000/path",
-        "rfc2217://h:7000#x",
         "socket://[::1:7000",
         "rfc2217://h",
         "spy://",

@@ -2,15 +2,11 @@
 
 import sys
 
-from x2radar.startup import begin
+from x2radar.start import start
 
 
 def main() -> int:
     """Run `train-export`; return its exit code."""
-    begin()
-    # Late: signals are heard before anything else is loaded.
-    from x2radar.command import start  # noqa: PLC0415
-
     return start("train-export", "x2train.cli")
 
 

@@ -11,7 +11,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass
 from itertools import chain
 from pathlib import Path
@@ -166,10 +166,8 @@ def free_bytes(*paths: Path) -> float:
     """Return the least free space where `paths` are made, in bytes; inf when unknown."""
     least = math.inf
     for path in paths:
-        try:
+        with suppress(OSError):
             least = min(least, shutil.disk_usage(path.parent).free)
-        except OSError:
-            continue
     return least
 
 

@@ -19,10 +19,11 @@ from x2radar import wall_clock
 from x2radar.command import installed_version, version_of
 from x2radar.commands import Commands, add_command, check_above_zero
 from x2radar.device.device import X2Radar
-from x2radar.errors import DeviceError, PortError, ReadTimeout, RecordingError, TransportClosed
+from x2radar.errors import DeviceError, PortError, ReadTimeout, TransportClosed
 from x2radar.frame import Frame, Samples
 from x2radar.ports import PORT_FORMS, parse_port
 from x2radar.radars import make_radar
+from x2radar.recording.faults import refuse_taken
 from x2radar.recording.registry import check_name
 from x2radar.wire.messages import GetSystemInfo, Message, Ping, Pong, Reply
 from x2radar.wire.wire_ids import InfoItem, PongCode
@@ -90,9 +91,7 @@ def _run(args: argparse.Namespace) -> int:
     now = wall_clock.now()
     out = args.out or Path(f"x2radar-selftest-{now:%Y%m%dT%H%M%SZ}.h5")
     check_name(out, "hdf5")
-    if out.exists():
-        msg = f"{out}: exists already; recordings are never overwritten"
-        raise RecordingError(msg)
+    refuse_taken(out)
     radar = make_radar(parse_port(args.port))
     found = _tested(radar, args.duration)
     report = {

@@ -19,6 +19,7 @@ from x2radar.recording.faults import refuse
 
 FORMAT = "x2radar-recording"
 VERSION = 1
+_VERSIONS = (f"{VERSION}", f"{VERSION}.0")
 SAMPLE_DTYPES: dict[str, type[np.float32 | np.complex64]] = {
     "rf": np.float32,
     "baseband": np.complex64,
@@ -112,7 +113,9 @@ def read_about(
     kind, n_range = frames
     if said.get("kind") not in {None, "", kind}:
         raise refuse(path, f"its samples are {kind}, which is no {said['kind']} data")
-    check_version(path, said.get("format_version", VERSION))
+    # As a number or as text, as other programs save it.
+    if (version := said.get("format_version")) is not None and str(version) not in _VERSIONS:
+        raise refuse(path, f"format_version {version}, this reads {VERSION}")
     rate_hz, sign = max(numbers.pop("frame_rate_hz"), 0.0), numbers.pop("phase_sign")
     axis = FastTimeAxis(kind=kind, n_range=n_range, **numbers)  # type: ignore[arg-type]
     about = _mapping(said.get("device"))
@@ -137,12 +140,6 @@ def read_about(
         settings=_mapping(said.get("settings")),
         is_rising=kind == "baseband" and sign > 0,
     )
-
-
-def check_version(path: object, version: Any) -> None:
-    """Raise RecordingError unless this is the version of our formats, as number or text."""
-    if version is not None and str(version) not in {str(VERSION), f"{VERSION}.0"}:
-        raise refuse(path, f"format_version {version}, this reads {VERSION}")
 
 
 def root_attributes(

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from x2radar.errors import RecordingError, SettingsError, X2RadarError
 from x2radar.recording.about import NO_OVERRIDES, Overrides
-from x2radar.recording.faults import refuse
+from x2radar.recording.faults import refuse, refuse_taken
 from x2radar.recording.registry import FORMATS, WRITABLE, Format, format_by_name, open_recording
 
 
@@ -40,7 +40,7 @@ def convert(
     """
     found = _format_to_write(out, out_kind)
     for path in found.files(out):
-        _refuse_taken(path)
+        refuse_taken(path)
     with open_recording(source, kind=source_kind, overrides=overrides) as reader:
         with _beside(out) as folder:
             try:
@@ -85,7 +85,7 @@ def _put_in_place(folder: Path, out: Path) -> None:
     try:
         # Data before meta: a program that sees the meta file finds its data.
         for made in sorted(folder.iterdir()):
-            _refuse_taken(place := out.parent / made.name)
+            refuse_taken(place := out.parent / made.name)
             made.rename(place)
             moved.append(place)
     except (OSError, RecordingError) as err:
@@ -94,8 +94,3 @@ def _put_in_place(folder: Path, out: Path) -> None:
         if isinstance(err, RecordingError):
             raise
         raise refuse(out, f"cannot make it there: {err.strerror}") from err
-
-
-def _refuse_taken(path: Path) -> None:
-    if path.exists():
-        raise refuse(path, "exists already; recordings are never overwritten")

@@ -2,6 +2,7 @@
 
 import contextlib
 from collections.abc import Iterator
+from pathlib import Path
 
 from x2radar.errors import RecordingError, X2RadarError
 
@@ -13,6 +14,12 @@ def refuse(path: object, why: str) -> RecordingError:
     """Return the error that says in one line, of bounded length, what is wrong with a file."""
     rest = " …" if len(why) > _MAX_MESSAGE else ""
     return RecordingError(f"{path}: {why[:_MAX_MESSAGE]}{rest}")
+
+
+def refuse_taken(path: Path) -> None:
+    """Raise RecordingError if there is something of this name."""
+    if path.exists():
+        raise refuse(path, "exists already; recordings are never overwritten")
 
 
 @contextlib.contextmanager

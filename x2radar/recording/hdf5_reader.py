@@ -35,7 +35,6 @@ from x2radar.recording.about import (
     SAMPLE_DTYPES,
     TEXTS,
     Overrides,
-    check_version,
     kind_of,
     plain,
     read_about,
@@ -367,7 +366,6 @@ class RecordingReader(BlockReader):
         }
         if said["format"] != FORMAT:
             raise refuse(self.path, f"no recording (attribute 'format' is not '{FORMAT}')")
-        check_version(self.path, said["format_version"])
         for name, value in said.items():
             if value is None and name not in _OPTIONAL:
                 raise refuse(self.path, f"attribute '{name}' is missing")

@@ -21,7 +21,7 @@ from x2radar.errors import RecordingError
 from x2radar.frame import Frame, Samples, StreamInfo
 from x2radar.recording.about import NO_OVERRIDES, Overrides
 from x2radar.recording.blocks import BlockReader, Label
-from x2radar.recording.faults import refuse, unreadable
+from x2radar.recording.faults import refuse, refuse_taken, unreadable
 from x2radar.recording.hdf5_reader import RecordingReader
 from x2radar.recording.hdf5_writer import RecordingWriter, reason, write_labels
 from x2radar.wall_clock import parse_utc, utc_text
@@ -150,8 +150,8 @@ class RotatingWriter(Closing):
 
 def check_free_name(path: Path, *, rotating: bool) -> None:
     """Raise RecordingError if the recording, or one of its parts, exists already."""
-    for taken in [path] if path.exists() else existing_parts(path) if rotating else []:
-        raise refuse(taken, "exists already; recordings are never overwritten")
+    for taken in [path, *(existing_parts(path) if rotating else [])]:
+        refuse_taken(taken)
 
 
 def open_hdf5(path: Path, overrides: Overrides = NO_OVERRIDES) -> BlockReader:

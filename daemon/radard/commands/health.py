@@ -1,6 +1,7 @@
 """`radard health` and `status`: how is the daemon that runs on this machine? Exit code 0 or 1."""
 
 import json
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -75,12 +76,5 @@ def run(argv: Sequence[str], name: str) -> int:
 
 def _report(name: str, config: Config) -> StatusReport:
     paths = [status_path(folder, name) for folder in status_dirs(config)]
-    return read_status(next(filter(_is_there, paths), paths[-1]))
-
-
-def _is_there(path: Path) -> bool:
-    try:
-        return path.is_file()
-    except OSError:
-        # A folder that others may not look into.
-        return False
+    # Not Path.is_file, which raises where others may not look into the folder.
+    return read_status(next(filter(os.path.isfile, paths), paths[-1]))

@@ -67,9 +67,7 @@ def wall_clock(t_s: float) -> datetime | None:  # noqa: ARG001 - a live stream's
 def recorded_clock(started_utc: str) -> Now:
     """Return the wall clock of a recording: its start plus stream time; None if it has none."""
     started = clock.parse_utc(started_utc)
-    if started is None:
-        return lambda _t_s: None
-    return lambda t_s: started + timedelta(seconds=t_s)
+    return lambda t_s: started + timedelta(seconds=t_s) if started is not None else None
 
 
 def parse_quiet(text: str) -> QuietPeriod:

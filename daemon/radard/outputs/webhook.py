@@ -110,8 +110,7 @@ class _Poster:
         while n_hops and location and code in _REDIRECTS:
             n_hops -= 1
             before, url = url, urljoin(url, location)
-            schemes = {"https"} if urlsplit(before).scheme == "https" else _SCHEMES
-            if urlsplit(url).scheme not in schemes:
+            if urlsplit(url).scheme not in {"https", urlsplit(before).scheme}:
                 msg = "the server redirects to what is no https"
                 raise DeliveryError(msg)
             if urlsplit(url)[:2] != urlsplit(before)[:2]:

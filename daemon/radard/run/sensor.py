@@ -247,9 +247,8 @@ class Sensor:
         # What comes faster or slower on purpose says nothing about the module.
         is_real_time = source.is_live and self._factor == 1.0
         rate = RateWatch(source.stream.frame_rate_hz) if is_real_time else None
-        worker = Worker(
-            parts, ring, self.put, self.health, store, rate=rate, n_decided=self._n_decided
-        )
+        worker = Worker(parts, ring, self.put, self.health, store, rate=rate)
+        worker.n_decided = self._n_decided
         warning = getattr(source, "warning", None)
         if warning:
             self.log.warning("%s", warning)

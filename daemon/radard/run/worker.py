@@ -43,7 +43,6 @@ class Worker:
         store: StateStore,
         *,
         rate: RateWatch | None = None,
-        n_decided: int = 0,
     ) -> None:
         self.parts = parts
         self._rate = rate
@@ -52,7 +51,7 @@ class Worker:
         self._put = put
         self._health = health
         self._store = store
-        self.n_decided = n_decided
+        self.n_decided = 0
         """Number of the last decision; of a sensor that works again it goes on."""
         self._t_s = 0.0
         self._last: Decision | None = None
