@@ -103,7 +103,9 @@ class Pipeline:
             frame_rate_hz=stream.frame_rate_hz,
             n_cpi=self._features.n_cpi,
         )
-        self._mount = Mount(config.mount.height_m, config.mount.tilt_deg, config.mount.level_db)
+        # How strong an echo is counts once, in the evidence: networks hardly learned from it.
+        self._mount = Mount(config.mount.height_m, config.mount.tilt_deg)
+        self._level_db = config.mount.level_db
         self.gate = Gate(config.gate, hop_s)
         """The gate, with what it saw of the last dwell."""
         self.calibration: Calibration | None = None
@@ -203,7 +205,7 @@ class Pipeline:
             self._evidence.reset()
         else:
             try:
-                answer = self._ask(moving if self._features.clutter == "removed" else dwell, gate)
+                answer = self._ask(moving if self._features.clutter == "removed" else dwell)
                 verdicts = self._judge_tracks(moving, tracks, answer)
             except (ModelMismatch, FeatureError) as err:
                 # No verdict is better announced than guessed.
@@ -211,7 +213,7 @@ class Pipeline:
             if answer is not None:
                 fused = window = answer.window
                 if self.policy == "fused":
-                    fused = self._evidence.fuse(answer)
+                    fused = self._evidence.fuse(answer, self._strength_db(gate, dwell))
                 label, alarm = self._verdict.judge(fused, dwell.t_s)
         findings: tuple[Finding, ...] = ()
         if self.tamper is not None:
@@ -235,16 +237,22 @@ class Pipeline:
             t_mono_s=dwell.t_mono_s,
         )
 
-    def _ask(self, dwell: Dwell, gate: Gate) -> Answer | None:
-        """Return what the network says of a dwell that `gate` has read; None without one."""
+    def _ask(self, dwell: Dwell) -> Answer | None:
+        """Return what the network says of a dwell; None without one."""
         if self.classifier is None:
             return None
         known = None
         if INSTALLATION in self._feature_names:
-            echo_db = echo_at_1m_db(gate.power, gate.noise, dwell.axis.range_m)
-            known = installation(dwell.frame_rate_hz, self._mount, echo_db)
+            known = installation(dwell.frame_rate_hz, self._mount)
         features = self._stream.extract(dwell, known)
         return self.classifier.answer(features, self._evidence.hidden)
+
+    def _strength_db(self, gate: Gate, dwell: Dwell) -> float | None:
+        """Return how strong what moves is over an adult; None where that is not known."""
+        if self._level_db is None:
+            return None
+        echo_db = echo_at_1m_db(gate.power, gate.noise, dwell.axis.range_m)
+        return None if echo_db is None else echo_db - self._level_db
 
     def _judge_tracks(
         self, moving: Dwell, tracks: tuple[Track, ...], answer: Answer | None

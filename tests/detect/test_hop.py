@@ -67,9 +67,11 @@ def test_a_check_says_what_it_means_for_the_model(case, monkeypatch, capsys):
     assert (said in err) if said else err == ""
 
 
-def test_explain_tells_the_hop(monkeypatch, capsys):
+def test_explain_tells_the_hop_and_what_the_evidence_is_of(monkeypatch, capsys):
     monkeypatch.setenv("RADARD_DECISION__HOP_S", "0.5")
+    monkeypatch.setenv("RADARD_MOUNT__LEVEL_DB", "50")
     assert run_command("radard", run_explain, ["--model", "accurate"]) == 0
     out = capsys.readouterr().out
     assert "judged every 0.5 s" in out
+    assert "strength over an adult's (mount.level_db)" in out
     assert "decision.hop_s 0.5: model 'accurate' learned" in out

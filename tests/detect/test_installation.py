@@ -1,8 +1,15 @@
 """What an installation knows: strength of the echo, and the input made of it."""
 
+import itertools
+
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from radard.config.config import load_config
+from radard.judge.bundle import load_bundle
+from radard.judge.classifier import Classifier
 from radard.judge.features import FEATURES, FeatureSettings, FeatureStream, feature_shape
 from radard.judge.installation import (
     INSTALLATION,
@@ -10,8 +17,12 @@ from radard.judge.installation import (
     Mount,
     echo_at_1m_db,
     installation,
+    size_nats,
 )
-from tests.radar_helpers import dwell_of, noise
+from radard.pipeline import Pipeline
+from radard.stream.ring import Dwell
+from tests.radar_helpers import BASEBAND, dwell_of, frames_of, noise, walker
+from x2radar.frame import StreamInfo
 
 RANGE_M = np.arange(0.5, 3.5, 0.03)
 
@@ -86,3 +97,34 @@ def test_what_is_known_is_told_within_bounds_and_the_rest_is_zero(rate_hz, mount
     found = installation(rate_hz, mount, echo_db)
     assert found.dtype == np.float32
     assert found.tolist() == made
+
+
+@given(st.lists(st.floats(-1e6, 1e6), min_size=2))
+def test_more_strength_never_speaks_for_a_pet_and_never_for_more_than_its_bounds(strengths_db):
+    nats = [size_nats(each) for each in sorted(strengths_db)]
+    assert all(a <= b for a, b in itertools.pairwise(nats))
+    assert min(nats) >= -2.0
+    assert max(nats) <= 0.5
+    # Of bodies as strong as an adult it says next to nothing.
+    assert abs(size_nats(0.0)) < 0.1
+    assert size_nats(-8.0) == pytest.approx(-1.07, abs=0.02)
+
+
+def test_a_level_changes_the_verdict_by_what_size_says_and_nothing_else():
+    """The network sees the same; as strong an echo before a stronger radar is a smaller body."""
+    classifier = Classifier(load_bundle("fast"))
+    moving = walker(480, 60.0, speed_mps=0.2, start_m=2.0, level=60.0)
+    frames = (moving + noise(480)).astype(np.complex64)
+    made = {}
+    for level_db in (None, 20.0, 90.0):
+        config = load_config(environ={}, options={"mount": {"level_db": level_db}})
+        pipeline = Pipeline(StreamInfo(BASEBAND, 60.0, "module"), config, classifier)
+        ring = pipeline.make_ring()
+        dwells = [d for f in frames_of(frames) for d in ring.items(f) if isinstance(d, Dwell)]
+        decided = [d for d in map(pipeline.decide, dwells) if d.fused is not None]
+        made[level_db] = [d.window for d in decided], [d.fused for d in decided]
+    plain, large, small = (np.log([p.human / p.pet for p in fused]) for _, fused in made.values())
+    assert len(plain) >= 3
+    assert made[None][0] == made[20.0][0] == made[90.0][0]
+    assert large - plain == pytest.approx(np.full(len(plain), 0.5), abs=1e-6)
+    assert small - plain == pytest.approx(np.full(len(plain), -2.0), abs=1e-6)

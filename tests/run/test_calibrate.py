@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from radard.cli import main
-from radard.commands.calibrate import _own_file
 from radard.config.config import load_config
-from radard.config.directories import calibration_file
+from radard.config.directories import calibration_file, for_service
 from radard.config.sections import GateSettings
 from radard.detect.calibration import Calibration, Provenance, load_calibration
 from radard.detect.gate import Gate, level_over
@@ -198,17 +197,18 @@ def test_it_replaces_a_calibration_and_nothing_else(made, tmp_path, capsys):
 
 def test_calibration_goes_where_the_daemon_looks(tmp_path, monkeypatch):
     service = tmp_path / "service"
-    monkeypatch.setattr("radard.commands.calibrate.SYSTEM_STATE_DIR", service)
+    monkeypatch.setattr("radard.config.directories.SYSTEM_STATE_DIR", service)
     mine = config_of("auto", "/dev/ttyX", tmp_path / "mine")
     nobodys = config_of("auto", "/dev/ttyX", None)
-    assert _own_file(mine) == tmp_path / "mine" / "radar.calibration.json"
-    assert _own_file(nobodys) == calibration_file(nobodys)
+    own = tmp_path / "mine" / "radar.calibration.json"
+    assert for_service(mine, calibration_file(mine)) == own
+    assert for_service(nobodys, calibration_file(nobodys)) == calibration_file(nobodys)
     service.mkdir()
-    assert _own_file(mine) == tmp_path / "mine" / "radar.calibration.json"
-    assert _own_file(nobodys) == service / "radar.calibration.json"
-    monkeypatch.setattr("radard.commands.calibrate.os.access", lambda *_: False)
+    assert for_service(mine, calibration_file(mine)) == own
+    assert for_service(nobodys, calibration_file(nobodys)) == service / "radar.calibration.json"
+    monkeypatch.setattr("radard.config.directories.os.access", lambda *_: False)
     with pytest.raises(NotAllowed, match="use sudo"):
-        _own_file(nobodys)
+        for_service(nobodys, calibration_file(nobodys))
 
 
 def pipeline_of(port="sim:empty"):

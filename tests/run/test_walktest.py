@@ -8,8 +8,12 @@ import pytest
 from radard.cli import main
 from radard.commands import walk_report
 from radard.commands.walk_report import RangeCell, WalkDecision, by_range, report, verdict
+from radard.config.config import load_config
+from tests.device_helpers import plugged
 from tests.processes import environ, started
 from tests.waiting import unmeasured
+from x2radar.sim.module.module import SimulatedModule
+from x2radar.sim.scene.scene import load_scene
 
 
 def step(t_s, range_m=None, *, alarm=False):
@@ -175,3 +179,20 @@ def test_the_page_has_the_same_rule():
     page = resources.files("radard.web").joinpath("static/pages/walk.js").read_text()
     for name in ("CELL_M", "MIN_SEEN", "MIN_HUMAN", "MIN_CELLS"):
         assert f"const {name} = {getattr(walk_report, name):g};" in page
+
+
+def test_an_adults_level_is_kept_where_the_daemon_finds_it(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("RADARD_SERVICE__STATE_DIR", str(tmp_path))
+    with plugged(SimulatedModule(load_scene("human")), speed=20.0) as far:
+        argv = ["walktest", "--adult", "--model", "none", "--port", far.path]
+        assert main([*argv, "--duration", "15", "--json"]) == 0
+        told = capsys.readouterr()
+        level_db = json.loads(told.out)["level_db"]
+        kept = tmp_path / "radar.settings.yaml"
+        assert f"{level_db:.1f}, an adult's level, is kept in {kept}" in told.err
+        environment = {"RADARD_SERVICE__STATE_DIR": str(tmp_path)}
+        assert load_config(environ=environment).mount.level_db == pytest.approx(level_db)
+        assert main([*argv, "--duration", "3"]) == 1
+        assert "which tells no level" in capsys.readouterr().err
+    assert main(["walktest", "--adult", "--port", "sim:human"]) == 2
+    assert "only a real radar's level" in capsys.readouterr().err

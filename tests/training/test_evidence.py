@@ -13,6 +13,7 @@ from radard.judge.bundle import EvidenceSettings
 from radard.judge.classifier import Answer, Probabilities
 from radard.judge.decision import Verdict
 from radard.judge.evidence import Evidence
+from radard.judge.installation import size_nats
 from radard.stream.ring import DwellShape
 from x2train.sets.windows import dwell_ends
 
@@ -241,6 +242,21 @@ def test_a_temporal_head_answers_instead_of_the_sum():
     without = Evidence(EvidenceSettings(prior_human=1.0))
     assert evidence.fuse(Answer(own)) == without.add(own)
     assert evidence.hidden is None
+
+
+def test_size_counts_by_the_strongest_echo_of_a_visit():
+    evidence, plain = (Evidence(EvidenceSettings(prior_human=0.3)) for _ in range(2))
+    answer = Answer(window(0.3, 0.6, 0.1), np.log([0.4, 0.5, 0.1]), np.arange(4.0))
+
+    def gain(strength_db):
+        ours, others = evidence.fuse(answer, strength_db), plain.fuse(answer)
+        return math.log(ours.human / ours.pet) - math.log(others.human / others.pet)
+
+    strengths = (None, -15.0, -6.0, -9.0, None, -30.0)
+    expected = [0.0, *map(size_nats, (-15.0, -6.0, -6.0, -6.0, -6.0))]
+    assert [gain(each) for each in strengths] == pytest.approx(expected)
+    evidence.reset()
+    assert gain(None) == pytest.approx(0.0)
 
 
 def test_what_a_sidecar_without_evidence_stands_for():

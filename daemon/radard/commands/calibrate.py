@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import os
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -10,12 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from radard.config.config import Config
-from radard.config.directories import calibration_file, named_state_dir
+from radard.config.directories import calibration_file, for_service
 from radard.config.options import LISTENING, add_options, check_seconds, listening_config
 from radard.detect.calibration import Calibration, load_calibration
 from radard.detect.gate import DAY_S
 from radard.detect.survey import RoomSurvey
-from radard.errors import NotAllowed, RadardError, UsageError
+from radard.errors import RadardError, UsageError
 from radard.run.listening import Listening, listen
 from radard.run.room_calibration import origin_of
 from radard.stream.ring import Notice
@@ -27,8 +26,6 @@ examples:
   radard calibrate --port /dev/ttyACM0 --with-machines the fan belongs there
   radard calibrate --port sim:empty --speed max --out empty.json
 """
-SYSTEM_STATE_DIR = Path("/var/lib/radard")
-"""Where the installed service keeps its state."""
 _MIN_S = 25.0  # of listening: `MIN_INDEPENDENT` dwells and some more
 _CELL_M = 0.5  # of the report
 
@@ -42,7 +39,10 @@ def run(argv: Sequence[str]) -> int:
         msg = f"--false-gates {args.false_gates:g}: must be above 0, and 86400 a day at most"
         raise UsageError(msg)
     config = listening_config(args)
-    path = args.out or _own_file(config)
+    if args.out is None and config.sensor.kind in {"sim", "replay"}:
+        msg = "--out FILE: needed here; only a real radar's calibration is kept as its own"
+        raise UsageError(msg)
+    path = args.out or for_service(config, calibration_file(config))
     if path.exists():
         # Else it is somebody's recording, or configuration.
         load_calibration(path)
@@ -105,22 +105,6 @@ def _surveyed(listening: Listening, config: Config, args: argparse.Namespace) ->
         line.show(f"[{bar((item.t_s - begun_s) / args.duration)}] {told}")
     line.clear()
     return survey
-
-
-def _own_file(config: Config) -> Path:
-    """Return where the daemon looks for it: the service, where one is installed."""
-    if config.sensor.kind in {"sim", "replay"}:
-        msg = "--out FILE: needed here; only a real radar's calibration is kept as its own"
-        raise UsageError(msg)
-    own = calibration_file(config)
-    # Not is_dir(): for anybody but root it may be a link into a folder that is closed.
-    is_for_service = named_state_dir(config) is None and os.path.lexists(SYSTEM_STATE_DIR)
-    if not is_for_service:
-        return own
-    if not os.access(SYSTEM_STATE_DIR, os.W_OK | os.X_OK):
-        msg = f"{SYSTEM_STATE_DIR}: the service keeps its calibration there: use sudo, or --out"
-        raise NotAllowed(msg)
-    return SYSTEM_STATE_DIR / own.name
 
 
 def make_parser() -> Parser:

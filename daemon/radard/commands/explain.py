@@ -70,6 +70,8 @@ def explained(config: Config, *, pass_s: float) -> Iterator[str]:
         yield f"judged every {hop_s:g} s on one window alone: {columns_s:g} s of columns"
     else:
         yield f"judged every {hop_s:g} s on the evidence of all windows since motion began"
+        if config.mount.level_db is not None:
+            yield "and on the visit's greatest strength over an adult's (mount.level_db)"
     if warning := hop_warning(bundle, hop_s):
         yield warning
     yield from profile_lines(config, bundle)

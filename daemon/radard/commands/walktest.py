@@ -5,10 +5,12 @@ import json
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
+from pathlib import Path
 from statistics import median
 
 from radard.commands.walk_report import WalkDecision, by_range, report, step_of
-from radard.config.directories import calibration_file
+from radard.config.config import Config
+from radard.config.directories import calibration_file, for_service, saved_file
 from radard.config.options import (
     LISTENING,
     LONGEST_S,
@@ -16,6 +18,8 @@ from radard.config.options import (
     check_seconds,
     listening_config,
 )
+from radard.config.saved import change
+from radard.errors import RadardError, UsageError
 from radard.judge.installation import echo_at_1m_db
 from radard.run.components import use_calibration
 from radard.run.listening import Listening, listen
@@ -25,6 +29,7 @@ from x2radar.command import Parser, StatusLine, bar, new_parser
 _EXAMPLES = """\
 examples:
   radard walktest --port /dev/ttyACM0          Ctrl-C ends it with the report
+  radard walktest --port /dev/ttyACM0 --adult  and keep how strong an adult's echo is
   radard walktest --port sim:human --speed max --duration 60
   radard walktest --port replay:walk.h5 --json > walk.json
 
@@ -35,7 +40,7 @@ _BAR = 20
 _MIN_ECHOES = 5  # decisions that a level needs: a walk there and back
 _LEVEL = (
     "Level: {0:.1f} dB at 1 m. If an adult walked, mount.level_db: {0:.1f} in the configuration "
-    "lets the network judge sizes."
+    "lets the alarm judge sizes; --adult keeps it."
 )
 
 
@@ -44,6 +49,7 @@ def run(argv: Sequence[str]) -> int:
     args = make_parser().parse_args(argv)
     check_seconds("--duration", args.duration, 1.0)
     config = listening_config(args)
+    kept = _kept_file(config) if args.adult else None
     with listen(config) as listening:
         # What holds for the daemon holds for the test of it.
         use_calibration(config, listening.pipeline, is_live=listening.source.is_live)
@@ -56,9 +62,31 @@ def run(argv: Sequence[str]) -> int:
         print(json.dumps({**shown, "level_db": level_db}))
     else:
         print("", *report(steps, cells), sep="\n")
-        if level_db is not None:
+        if level_db is not None and kept is None:
             print(_LEVEL.format(level_db))
+    if kept is not None:
+        _keep(kept, level_db)
     return 0
+
+
+def _kept_file(config: Config) -> Path:
+    """Return where the daemon finds an adult's level."""
+    if config.sensor.kind in {"sim", "replay"}:
+        msg = "--adult: only a real radar's level is kept as its own"
+        raise UsageError(msg)
+    return for_service(config, saved_file(config, "settings"))
+
+
+def _keep(path: Path, level_db: float | None) -> None:
+    if level_db is None:
+        msg = f"--adult: seen in fewer than {_MIN_ECHOES} windows, which tells no level"
+        raise RadardError(msg)
+    try:
+        change(path, "settings", {"mount": {"level_db": level_db}})
+    except ValueError as err:
+        msg = f"--adult: {err}"
+        raise RadardError(msg) from err
+    sys.stderr.write(f"mount.level_db: {level_db:.1f}, an adult's level, is kept in {path}\n")
 
 
 def line_of(step: WalkDecision) -> str:
@@ -119,5 +147,6 @@ def make_parser() -> Parser:
     add_options(parser, *LISTENING)
     add = parser.add_argument
     add("--duration", type=float, default=LONGEST_S, metavar="S", help="seconds (till Ctrl-C)")
+    add("--adult", action="store_true", help="an adult walks: keep the level, so that size counts")
     add("--json", action="store_true", help="log and report as one JSON object at the end")
     return parser

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from radard.config.saved import Kind
-from radard.errors import ConfigError
+from radard.errors import ConfigError, NotAllowed
 from x2radar.ports import parse_port
 
 if TYPE_CHECKING:
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 SYSTEM_RUNTIME_DIR = Path("/run/radard")
 """RuntimeDirectory= of the unit in deploy/systemd."""
+SYSTEM_STATE_DIR = Path("/var/lib/radard")
+"""StateDirectory= of the same."""
 
 
 def named_state_dir(config: "Config", environ: Mapping[str, str] = os.environ) -> Path | None:
@@ -84,6 +86,20 @@ def saved_file(
 def calibration_file(config: "Config", environ: Mapping[str, str] = os.environ) -> Path:
     """Return where the calibration of the sensor's room is kept."""
     return state_dir(config, environ) / f"{config.sensor.name}.calibration.json"
+
+
+def for_service(config: "Config", own: Path) -> Path:
+    """Return where a command keeps a file of the state: the service's, where one is installed.
+
+    Raises NotAllowed if the service's folder is not the user's to write in.
+    """
+    # Not is_dir(): for anybody but root it may be a link into a folder that is closed.
+    if named_state_dir(config) is not None or not os.path.lexists(SYSTEM_STATE_DIR):
+        return own
+    if not os.access(SYSTEM_STATE_DIR, os.W_OK | os.X_OK):
+        msg = f"{SYSTEM_STATE_DIR}: the service keeps its {own.name} there: use sudo"
+        raise NotAllowed(msg)
+    return SYSTEM_STATE_DIR / own.name
 
 
 def kept_calibration(config: "Config") -> Path:

@@ -23,7 +23,7 @@ from typing import Any, Literal
 from pydantic import ValidationError, model_validator
 
 from radard.config.atomic import write_atomically
-from radard.config.sections import AlarmChoices, MountChoices, Section, Span, ZonesSection
+from radard.config.sections import AlarmChoices, MountSection, Section, Span, ZonesSection
 from radard.config.sources import ENV_PREFIX, Places, Where, explain, put, read_yaml
 from radard.errors import ConfigError, OutputError
 from x2radar import wall_clock
@@ -66,7 +66,7 @@ class SavedSettings(Section):
     """The file of the settings."""
 
     alarm: AlarmChoices = AlarmChoices()
-    mount: MountChoices = MountChoices()
+    mount: MountSection = MountSection()
 
 
 KINDS: dict[Kind, type[Section]] = {"zones": SavedZones, "settings": SavedSettings}

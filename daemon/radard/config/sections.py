@@ -63,16 +63,11 @@ class SensorSection(Section):
         return None if self.port is None else parse_port(self.port).kind
 
 
-class MountChoices(Section):
-    """What of the mount can be set on the dashboard."""
+class MountSection(Section):
+    """How the radar hangs, as far as it is known: what is evidence besides the motion."""
 
     height_m: float | None = Field(None, ge=0.1, le=5, description="over the floor; null: unknown")
     tilt_deg: float | None = Field(None, ge=-30, le=60, description="down from level, likewise")
-
-
-class MountSection(MountChoices):
-    """How the radar hangs, as far as it is known: what a network may use besides the motion."""
-
     level_db: float | None = Field(
         None, ge=-20, le=100, description="what an adult shows at 1 m, from `radard walktest`"
     )

@@ -13,7 +13,9 @@ is in proportion to the hop, so a second counts as much.
 With l the fused log-likelihoods of the classes, p a window's probabilities, r the discount
 and b the bound::
 
-    l += r log p;   l -= max l;   l = max(l, -b);   fused = softmax(l + prior)
+    l += r log p;   l -= max l;   l = max(l, -b);   fused = softmax(l + prior + size)
+
+`size` is what the greatest strength of the visit says, where an adult's is known.
 """
 
 import math
@@ -24,6 +26,7 @@ from numpy.typing import NDArray
 
 from radard.judge.bundle import EvidenceSettings
 from radard.judge.classifier import Answer, Hidden, Probabilities, softmax
+from radard.judge.installation import size_nats
 
 HOP_S = 1.0
 """Stream time from one window to the next, as bundles learned it: half a dwell."""
@@ -42,6 +45,7 @@ class Evidence:
         self._settings = settings
         self._discount = min(1.0, settings.discount * hop_s / HOP_S)
         self._log = np.zeros(3)
+        self._strongest_db = -math.inf
         self._hidden: deque[Hidden | None] = deque(maxlen=windows_a_feed(hop_s))
 
     @property
@@ -52,14 +56,17 @@ class Evidence:
     def reset(self) -> None:
         """Forget: nobody is there any more."""
         self._log[:] = 0.0
+        self._strongest_db = -math.inf
         self._hidden.clear()
 
-    def fuse(self, answer: Answer) -> Probabilities:
+    def fuse(self, answer: Answer, strength_db: float | None = None) -> Probabilities:
         """Take what the network says of a window, given `hidden`; return the fused probabilities.
 
         They are those of its temporal head, with the prior of the settings, or else those of
-        `add`.
+        `add`. `strength_db` is how strong the echo is over an adult's, where that is known.
         """
+        if strength_db is not None:
+            self._strongest_db = max(self._strongest_db, strength_db)
         if answer.fused_log_p is None:
             return self.add(answer.window)
         self._hidden.append(answer.hidden)
@@ -81,5 +88,7 @@ class Evidence:
         return self._with_prior(known)
 
     def _with_prior(self, log_p: NDArray[np.float64]) -> Probabilities:
-        weighed = log_p + np.array([self._settings.prior_human, 0.0, 0.0])
+        is_known = self._strongest_db > -math.inf
+        size = size_nats(self._strongest_db) if is_known else 0.0
+        weighed = log_p + np.array([self._settings.prior_human + size, 0.0, 0.0])
         return Probabilities(*(float(p) for p in softmax(weighed)))

@@ -2,7 +2,7 @@
 
 A network that was trained on it takes it as one more input, in which everything may be missing.
 The strength is that of the whole body, compared with an adult before the same radar
-(`mount.level_db`): for a radar whose level is known, size is evidence.
+(`mount.level_db`): for a radar whose level is known, size is evidence (`size_nats`).
 """
 
 from dataclasses import dataclass
@@ -16,6 +16,12 @@ N_INSTALLATION = 7
 _RATE_HZ, _HEIGHT_M, _TILT_DEG, _STRENGTH_DB = 60.0, 1.5, 30.0, 10.0  # units of the input
 _MAX = 4.0  # units that any of them counts at most
 _STANDS_OUT = 10**0.5  # times its floor, a bin's power counts: as the gate has it
+_HUMAN_DB, _PET_DB, _SIGMA_DB = 2.6, -3.4, 6.2
+"""A visit's greatest strength: medians of 2,127 people and 2,034 pets who come in, linger and
+leave before simulated radars, of generators and recorded, and half of the middle 68 %."""
+_LEVEL_DB = 2.0  # sigma: what a walk test repeats to
+_FOR_HUMAN, _FOR_PET = 0.5, 2.0
+"""At most so many nats: a person may be far off, half hidden or crawl."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,3 +66,14 @@ def installation(
     ):
         values += [0.0, 0.0] if value is None else [1.0, (value - middle) / unit]
     return np.clip(values, -_MAX, _MAX).astype(np.float32)
+
+
+def size_nats(strength_db: float) -> float:
+    """Return what the greatest strength of a visit says for a person, in nats of log odds.
+
+    `strength_db` is over an adult's (`mount.level_db`). Negative is for a pet. It is the ratio of
+    two normal distributions with one sigma, so more strength never speaks for a pet.
+    """
+    per_db = (_HUMAN_DB - _PET_DB) / (_SIGMA_DB**2 + _LEVEL_DB**2)
+    nats = per_db * (strength_db - (_HUMAN_DB + _PET_DB) / 2)
+    return min(max(nats, -_FOR_PET), _FOR_HUMAN)
