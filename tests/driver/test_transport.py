@@ -278,3 +278,9 @@ def test_foreign_errors_get_their_class(monkeypatch, error, kind, exit_code) -> 
     with pytest.raises(PortError, match=r"^/dev/ttyACM0: ") as caught:
         SerialTransport("/dev/ttyACM0")
     assert (type(caught.value), caught.value.exit_code) == (kind, exit_code)
+
+
+def test_a_pattern_of_ports_that_is_none_is_one_line():
+    with pytest.raises(PortError, match="cannot be opened") as caught:
+        SerialTransport("hwgrep://(")
+    assert "\n" not in str(caught.value)
