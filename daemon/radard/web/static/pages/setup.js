@@ -2,7 +2,7 @@
 import { command, offer } from "../command.js";
 import { powerPlot } from "../charts/plots.js";
 import { get, post } from "../net.js";
-import { lastDecision, on, pictures, state, swath } from "../state.js";
+import { hindrance, lastDecision, on, pictures, state, swath } from "../state.js";
 import { card, copy, day, fixed, h, setText, toast, words } from "../ui.js";
 import { news } from "./news.js";
 import { alarmSettings, mounting } from "./settings.js";
@@ -98,6 +98,7 @@ function zones(signal) {
   const draw = () => {
     setText(lines, editor.yaml());
     undo.hidden = !editor.isTouched;
+    suggest.disabled = Boolean(hindrance(true));
     for (const each of offers) each.draw();
   };
   const begin = () => {

@@ -1,6 +1,6 @@
 // Walk test: where a person is noticed, and whether that is everywhere.
 import { command, offer } from "../command.js";
-import { isOperator, on, state, swath } from "../state.js";
+import { hindrance, isOperator, on, state, swath } from "../state.js";
 import { card, download, fixed, h, replace, setText } from "../ui.js";
 
 const CELL_M = 0.5;
@@ -38,6 +38,7 @@ export function walkTest(signal) {
     const offersDisarm = isArmed && !hasDisarmed;
     const offersArm = !isArmed && hasDisarmed;
     arming.hidden = !isOperator() || !(offersDisarm || offersArm);
+    arming.disabled = Boolean(hindrance());
     setText(arming, offersDisarm ? "Disarm for the test" : "Arm again");
   };
   arming.addEventListener("click", () => {
