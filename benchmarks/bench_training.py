@@ -1,7 +1,8 @@
 """What a window costs in training: as torch runs it, in bfloat16, compiled, in one run.
 
-Medians of interleaved steps of 128 windows on one thread, augmentation and optimiser included;
-windows and GFLOP a second of the plain way beside those of a matrix product on the same thread.
+CPU time, which a busy computer hardly changes: medians of interleaved steps of 128 windows on one
+thread, augmentation and optimiser included; windows and GFLOP a second of the plain way beside
+those of a matrix product on the same thread.
 """
 
 import argparse
@@ -76,22 +77,29 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--size", choices=sorted(WIDTHS), default="balanced")
     parser.add_argument("--steps", type=int, default=20)
+    others = list(_WAYS)[1:]
+    parser.add_argument("--ways", nargs="*", default=others, choices=others, help="beside plain")
     args = parser.parse_args()
     torch.set_num_threads(1)
-    steps = {k: step_of(args.size, is_half=h, is_compiled=c) for k, (h, c) in _WAYS.items()}
+    ways = ["plain", *args.ways]
+    steps = {
+        name: step_of(args.size, is_half=half, is_compiled=compiled)
+        for name, (half, compiled) in _WAYS.items()
+        if name in ways
+    }
     flops = flops_of(steps["plain"])
     steps["matrix_product"] = matrix_product
     took_s: dict[str, list[float]] = {name: [] for name in steps}
     for number in range(_N_FIRST + args.steps):
         for name, step in steps.items():
-            started_s = time.perf_counter()
+            started_s = time.process_time()
             step()
             if number >= _N_FIRST:
-                took_s[name].append(time.perf_counter() - started_s)
+                took_s[name].append(time.process_time() - started_s)
     batch = MapFitSettings().batch
     median_s = {name: float(np.median(t)) for name, t in took_s.items()}
-    us = {f"us_{name}": 1e6 * median_s[name] / batch for name in _WAYS}
-    ratios = {f"speedup_{k}": us["us_plain"] / us[f"us_{k}"] for k in _WAYS if k != "plain"}
+    us = {f"us_{name}": 1e6 * median_s[name] / batch for name in ways}
+    ratios = {f"speedup_{k}": us["us_plain"] / us[f"us_{k}"] for k in ways[1:]}
     machine = 2e-9 * _N_MATRIX**3 / median_s["matrix_product"]
     network = 1e-9 * flops / median_s["plain"]
     rates = {"windows_per_s": batch / median_s["plain"], "gflops": network}
