@@ -31,7 +31,8 @@ def bundle(tmp_path_factory):
     sets = folder / "sets"
     small = ["--passages", "15", "--families", "all", "--workers", "1"]
     assert main(["dataset", "--out", str(sets), "--seed", "1", *small]) == 0
-    fit = ["fit", "--half", "--train", str(sets), "--validate", str(sets), "--epochs", "1"]
+    fit = ["fit", "--half", "--threads", "2", "--train", str(sets), "--validate", str(sets)]
+    fit += ["--epochs", "1"]
     out = ["--name", "tiny", "--size", "fast", "--out", str(folder / "models")]
     assert main([*fit, *out]) == 0
     return folder / "models" / "tiny.onnx"
@@ -41,7 +42,7 @@ def test_the_sidecar_says_how_it_came_about(bundle):
     sidecar = json.loads(bundle.with_suffix(".json").read_text())
     assert sidecar["policy"] == "fused"
     assert sidecar["training"]["command"].startswith("train-export fit --train ")
-    assert sidecar["training"]["command"].endswith(" --half")
+    assert sidecar["training"]["command"].endswith(" --half --threads 2")
     assert "Families kept out of training: none" in sidecar["training"]["recipe"]
     about, columns = read_all(bundle.parents[1] / "sets")
     assert sidecar["training"]["sets"] == [about]

@@ -86,6 +86,7 @@ def register(commands: Commands) -> None:
         help="let torch compile the network: faster, needs a C++ compiler",
     )
     add("--batch", type=int, default=_BATCH, help=f"windows a step ({_BATCH}); a GPU likes 512")
+    add("--threads", type=int, default=1, help="of a processor; others, other weights (1)")
     add(
         "--device",
         choices=("auto", "cpu", "cuda"),
@@ -105,7 +106,7 @@ def stream_of(abouts: Sequence[Mapping[str, Any]]) -> Mapping[str, tuple[float, 
 
 
 def _run(args: argparse.Namespace) -> int:
-    check_least(args, epochs=1, seed=0, batch=2)
+    check_least(args, epochs=1, seed=0, batch=2, threads=1)
     # Late: torch takes seconds, and --help must not.
     from x2train.bundle.export import DIFFERENCE, exported  # noqa: PLC0415
     from x2train.bundle.metrics import (  # noqa: PLC0415
@@ -143,6 +144,7 @@ def _run(args: argparse.Namespace) -> int:
     settings = MapFitSettings(
         epochs=args.epochs,
         batch=args.batch,
+        threads=args.threads,
         device=args.device,
         seed=args.seed,
         widths=widths,
@@ -213,7 +215,7 @@ def _started(model: str, start: Bundle, training: Mapping[str, Any]) -> dict[str
 def _command(args: argparse.Namespace) -> str:
     args = argparse.Namespace(**vars(args))
     args.out = _OUT if args.out.is_absolute() else args.out
-    others = {"half": False, "compile": False, "batch": _BATCH, "teacher": None, "start": None}
+    others = {"half": False, "compile": False, "batch": _BATCH, "threads": 1, "teacher": None}
     return "train-export fit " + told(
-        args, "train validate name size epochs seed", **others, stream=None, out=_OUT
+        args, "train validate name size epochs seed", **others, start=None, stream=None, out=_OUT
     )
