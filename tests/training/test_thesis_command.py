@@ -173,6 +173,7 @@ def test_the_page_says_what_it_counts(tmp_path):
     text = page(results, {}, commands=("full", "trial", "one"), folder=tmp_path)
     assert "Mean of the eight relu sets: 50.0 (thesis 79.4)." in text
     assert "| T1D60 | its own optimiser | 3 | 50.0 | +0.0 | 0.693 |" in text
+    assert "Not run: rectified profile, static clutter," in text
     assert "its own optimiser: 3 of 3 repeats stay at chance" in text
     assert "| T1D60 | relu | 50.0 (50.0, 50.0) | -11.4 | 50.0 |" in text
     assert "| T1D60 | relu | 61.4 | 50.0 | 100.0 | 0.0 | 50.0 | 0.369 | 0.693 | 0.693 |" in text

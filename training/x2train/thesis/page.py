@@ -7,7 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from x2train.thesis.cells import PRINTED, Activation
+from x2train.thesis.fit import FitSettings
 from x2train.thesis.own import LABEL as OWN
+from x2train.thesis.raw import LABEL as RAW
+from x2train.thesis.recipe import variants
 from x2train.thesis.results import IN_VIEW, CellResult
 
 _CHOSEN = (
@@ -252,6 +255,10 @@ def _switches(rest: Sequence[CellResult], main: Sequence[CellResult]) -> list[st
                 f"{r.label}: {stuck} of {len(r.fresh.total)} repeats stay at chance, as that of "
                 f"figure 5.2 does; the best reaches {max(r.fresh.total):.1f}.",
             ]
+    known = (*(v.label for v in variants(FitSettings())), RAW)
+    missing = [label for label in known if label not in {r.label for r in rest}]
+    if missing:
+        out += ["", f"Not run: {', '.join(missing)}."]
     stopped = {r.stopped_by: r.label for r in rest if "recordings" in r.stopped_by}
     for by, label in stopped.items():
         out += ["", f"{label}: scored on {by}."]
