@@ -45,7 +45,7 @@ class House:
     def __init__(self, folder: Path, broker: Broker, rng: random.Random) -> None:
         self._folder, self._rng = folder, rng
         self._outputs = Outputs(folder, broker)
-        self._n = 0
+        self._n = self._n_before = 0
         self._is_armed = True
         self._open_alarm: str | None = None
         self._over: set[str] = set()
@@ -81,7 +81,7 @@ class House:
     def _started(self) -> Daemon:
         self._n += 1
         arguments = ["--record", str(self._recording), *self._outputs.arguments]
-        n_before = self._n_told("decision")
+        self._n_before = n_before = self._n_told("decision")
         daemon = Daemon(self._folder / "radard", *arguments, config=_CONFIG)
 
         def is_at_work() -> bool:
@@ -90,7 +90,11 @@ class House:
                 raise RuntimeError(msg)
             return self._n_told("decision") > n_before
 
-        wait_for(is_at_work, "a decision")
+        try:
+            wait_for(is_at_work, "a decision")
+        except TimeoutError:
+            daemon.kill()
+            raise
         return daemon
 
     @property
@@ -141,7 +145,7 @@ class House:
 
     def _look_at_recording(self) -> None:
         # Behind the last one that had its frames there may be nothing to record.
-        made = list(self._outputs.records("decision"))
+        made = list(self._outputs.records("decision"))[self._n_before :]
         last = [row for row in made if row["gate"] != "invalid"][-1:] or made[:1]
         try:
             with open_recording(self._recording) as reader:
