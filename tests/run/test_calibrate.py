@@ -190,9 +190,11 @@ def test_it_replaces_a_calibration_and_nothing_else(made, tmp_path, capsys):
         assert "not a calibration" in capsys.readouterr().err
         assert (tmp_path / name).read_bytes() == content
     kept = tmp_path / "room.json"
-    kept.write_bytes(made.read_bytes())
+    before = load_calibration(made)
+    older = replace(before.provenance, made_utc="2001-02-03T04:05:06.000Z")
+    replace(before, provenance=older).save(kept)
     assert command(*listen, kept) == 0
-    assert kept.read_bytes() != made.read_bytes()
+    assert load_calibration(kept).provenance.made_utc != older.made_utc
 
 
 def test_calibration_goes_where_the_daemon_looks(tmp_path, monkeypatch):
