@@ -1,8 +1,8 @@
 """What every part that a scene may name costs, against a person who walks, in one run.
 
 A part costs what a second of the stream takes with it, less what it takes without it. Both are
-played side by side, part after part, in rounds that draw anew; printed are medians of the rounds.
-CPU time of one thread, as Markdown.
+played side by side, part after part, in rounds, each with draws of its own; printed are medians of
+the rounds. CPU time of one thread, as Markdown.
 """
 
 import argparse

@@ -125,7 +125,7 @@ export const VERDICTS = {
 
 export function verdict(decision) {
   if (!decision) return ["Waiting", "none"];
-  // Who stays undecided counts as a person, and is not called one.
+  // An undecided body counts as a person, and is not called one.
   if (decision.label === "human" && decision.fused_p_human !== null && decision.fused_p_human < 0.5) return ["Maybe a person", "human"];
   return VERDICTS[decision.label ?? "moving"] ?? VERDICTS.moving;
 }
