@@ -4,11 +4,7 @@ import zlib
 
 
 class Backoff:
-    """Waits that double, from `first_s` up to `longest_s` seconds.
-
-    `name` shifts them by up to a third, so that many sensors do not come back to a far end at the
-    same moment; it gives the same waits every time.
-    """
+    """Waits that double, from `first_s` up to `longest_s` seconds, shifted by `name`."""
 
     def __init__(self, first_s: float, longest_s: float, name: str) -> None:
         self._first_s = first_s

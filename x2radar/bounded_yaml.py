@@ -23,11 +23,7 @@ class YamlError(ValueError):
 
 
 def compose_yaml(text: str) -> yaml.Node | None:
-    """Return the node tree of a YAML document; None of an empty one.
-
-    Raises YamlError if it is not YAML, has a key twice, or is longer or deeper, with aliases
-    written out, than any scene or configuration.
-    """
+    """Return the node tree of a YAML document, None of an empty one; or YamlError."""
     if len(text) > MAX_CHARACTERS:
         msg = f"{len(text)} characters, at most {MAX_CHARACTERS} are read"
         raise YamlError(msg)
@@ -99,10 +95,7 @@ def _count(node: yaml.Node, known: dict[int, int], above: set[int]) -> int:
 
 
 def _check_keys(node: yaml.MappingNode) -> None:
-    """Raise YamlError, naming both lines, if a mapping has a key twice.
-
-    Keys are compared as they are written, since a reader may take `on` and `007` for text.
-    """
+    """Raise YamlError, naming both lines, if a mapping has a key twice, as it is written."""
     lines: dict[str, int] = {}
     for key, _ in node.value:
         if not isinstance(key, yaml.ScalarNode):

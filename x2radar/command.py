@@ -85,10 +85,7 @@ def nearest(word: str, known: Iterable[str]) -> str:
 
 
 class StatusLine:
-    """One line that changes while a command works, where a person watches; silence elsewhere.
-
-    `out` is usually stderr: stdout carries data only.
-    """
+    """One line that changes while a command works, where a person watches `out`."""
 
     def __init__(self, out: TextIO) -> None:
         self.is_on = out.isatty()
@@ -152,10 +149,7 @@ def version_of(distribution: str) -> str:
 def run_command(
     prog: str, body: Body, argv: Sequence[str] | None = None, *, is_loaded: bool = True
 ) -> int:
-    """Run a command's body and turn what it raises into one line and an exit code.
-
-    `argv` are the process' own arguments by default; `is_loaded` says that signals may raise now.
-    """
+    """Run a command's body and turn what it raises into one line and an exit code."""
     args = list(sys.argv[1:] if argv is None else argv)
     try:
         with interrupts() if is_loaded else contextlib.nullcontext():

@@ -109,11 +109,7 @@ class CounterTracker:
         self.index = -1
 
     def update(self, counter: int) -> tuple[Step, int]:
-        """Take the counter, 0 to 2**32 - 1, of the frame just received.
-
-        Returns how it follows, and how many frames are missing in between (`Step.GAP`). `index`
-        then holds the frame's unwrapped number; a repeat leaves it as it was.
-        """
+        """Take a frame's counter; return how it follows, and how many are missing (`Step.GAP`)."""
         last, self._last = self._last, counter
         if last is None:
             self.index = 0

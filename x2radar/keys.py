@@ -93,20 +93,12 @@ class Checked:
 
 
 def settings_from(cls: type[_T], raw: Any, where: str) -> _T:
-    """Return a settings object from a mapping as a scene file holds it.
-
-    Fields that are not named keep their defaults; None is empty. Raises SceneError, one line
-    with `where` and the key, if `raw` is no mapping, or a key is unknown or impossible.
-    """
+    """Return a settings object from a mapping; SceneError names `where` and the key."""
     return cls(**checked(raw, _keys_of(cls), where))
 
 
 def checked(raw: Any, keys: Mapping[str, Key | None], where: str) -> dict[str, Any]:
-    """Return a copy of the mapping `raw` once every key and value in it has been judged.
-
-    A key of None takes any value: its reader judges it. Raises SceneError as
-    `settings_from`.
-    """
+    """Return a copy of `raw` once every key and value is judged, None takes any; or SceneError."""
     if raw is None:
         return {}
     if not isinstance(raw, Mapping):

@@ -189,10 +189,7 @@ def _columns(
 
 
 def _lines(samples: Samples, axis: FastTimeAxis) -> tuple[NDArray[np.complex128], Reals]:
-    """Return the frames by radio frequency, shape (n, n_frequencies), and the frequencies.
-
-    A wave of f turns by 2 f / c cycles a metre of range; baseband lacks those of the carrier.
-    """
+    """Return the frames by radio frequency, shape (n, n_frequencies), and the frequencies."""
     n_range = samples.shape[1]
     if axis.kind == "rf":
         turns_per_m = np.fft.rfftfreq(n_range, axis.bin_length_m)

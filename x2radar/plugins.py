@@ -29,10 +29,7 @@ class Plugin:
         return self.guard(lambda: self.made(*args, **options))
 
     def guard(self, work: Callable[[], Any]) -> Any:
-        """Return what `work` does; raise PluginError for what goes wrong in it.
-
-        Errors that X2Radar and the daemon raise on purpose, those with an exit code, pass.
-        """
+        """Return what `work` does; PluginError for what goes wrong, but not on purpose, in it."""
         try:
             return work()
         except Exception as err:
@@ -50,10 +47,7 @@ class Plugin:
 
 
 def find_plugin(group: str, name: str) -> Plugin | None:
-    """Return the plug-in of a group with a name, loaded; None if there is none.
-
-    Raises PluginError if it cannot be loaded, or two distributions offer it.
-    """
+    """Return the plug-in of a group with a name; None if there is none, or PluginError."""
     # Late: the import alone is more than most runs should pay.
     from importlib.metadata import entry_points  # noqa: PLC0415
 

@@ -78,11 +78,7 @@ class Port:
 
 @lru_cache(maxsize=256)
 def parse_port(text: str) -> Port:
-    """Take a port string apart.
-
-    Raises SettingsError if a key is given twice or without a value, or nothing stands before them;
-    PortUrlError if it is a URL that cannot be opened whatever listens.
-    """
+    """Take a port string apart; SettingsError or PortUrlError if it makes no sense."""
     target, _, query = text.partition("?")
     if not target:
         msg = f"port '{text}': no port in front of '?'" if text else "port '': no port given"
@@ -155,10 +151,7 @@ def recording_path(what: str) -> Path:
 
 
 def parse_speed(text: str) -> float | None:
-    """Return stream seconds per real second of a --speed; None is as fast as possible.
-
-    Raises SettingsError unless `text` is realtime, max or a number above zero.
-    """
+    """Return stream seconds per real second, None for all speed; or SettingsError."""
     if text in {"realtime", "max"}:
         return 1.0 if text == "realtime" else None
     try:

@@ -31,12 +31,7 @@ def make_radar(
     speed: float | None = 1.0,
     settings: ModuleSettings | None = None,
 ) -> X2Radar:
-    """Return the radar that a port names, not opened yet.
-
-    `speed` is for ``sim:``, in scene seconds per real second; None is as fast as it is read.
-    `settings` go before what device, rate and kind ask for. Raises SettingsError or SceneError if
-    the port names something unknown or impossible.
-    """
+    """Return the radar that a port names, not opened yet; SettingsError or SceneError."""
     if port.kind == "replay":
         msg = f"port 'replay:{port.target}': a recording is no radar that can be opened"
         raise SettingsError(msg)
@@ -54,11 +49,7 @@ def make_radar(
 
 
 def port_settings(port: Port) -> ModuleSettings | SettingsChooser:
-    """Return the settings that the keys of a port ask for.
-
-    For device=auto that is what gives them for the module's order code. Raises SettingsError if
-    a key's value makes no sense.
-    """
+    """Return the settings that a port's keys ask for, by order code for device=auto."""
     is_sim = port.kind == "sim"
     known = tuple(MODULES) if is_sim else ("auto", *MODULES)
     device = port.options.get("device", _SIM_DEVICE if is_sim else "auto")

@@ -6,10 +6,7 @@ from x2radar.startup import begin
 
 
 def start(prog: str, module: str) -> int:
-    """Run a command as a process; a signal while `main` of `module` is imported ends it at once.
-
-    Where a package of the command's extra is missing, that is one line which names the extra.
-    """
+    """Run a command as a process; a signal while `module` is imported ends it at once."""
     begin()
     # Late: signals are heard before anything else is loaded.
     from x2radar.command import run_command  # noqa: PLC0415

@@ -115,10 +115,7 @@ def _body(argv: Sequence[str]) -> int:
 
 
 def whole_parser() -> Parser:
-    """Return the parser with every subcommand in it, as man page and completion need it.
-
-    The command itself parses a subcommand's arguments alone, so that only its file is read.
-    """
+    """Return the parser with every subcommand in it, as man page and completion need it."""
     parser = _parser()
     commands = parser.add_subparsers(metavar="COMMAND")
     for name, text in _COMMANDS.items():

@@ -1,14 +1,9 @@
 """EventLog: what happened, once and in order, until every output has it.
 
 Memory is the log, and a SQLite file (`radard.log_file`) its copy, which a thread of its own
-writes: no disk holds up an alarm for longer than half a second, and one that is full, hangs or
-damages the file costs nothing that this process knows. Every record gets a number when it is
-appended, and a key that no other record ever has. An output is a `Cursor`: what it has still to
-be told, in order. After a kill it is told again what the file does not yet say it has: each at
-least once, none skipped.
-
-Nothing goes by the clock on the wall. The oldest records go when there are too many, and how long
-a record has waited is counted in seconds for which a daemon ran.
+writes: no disk holds up an alarm for longer than half a second. Every record has a number and a
+key that no other ever has. An output is a `Cursor`; after a kill it is told again what the file
+does not yet say it has. Nothing goes by the clock on the wall.
 """
 
 import contextlib
@@ -47,11 +42,7 @@ _SAID_S = 3600.0  # so long the state says that a file was put aside, or events 
 
 
 class EventLog:
-    """Keep records in order, in memory and in a file; any thread may call.
-
-    Without `path` there is memory alone. Beyond `max_events` the oldest go, delivered or not.
-    Without `keeps_events` the file has only what `keep` is given.
-    """
+    """Keep the last `max_events` records in order, in memory and in a file; for any thread."""
 
     def __init__(
         self, path: Path | None, *, max_events: int = 10_000, keeps_events: bool = True
@@ -93,10 +84,7 @@ class EventLog:
         return self._said if time.monotonic() - self._said_s < _SAID_S else ""
 
     def append(self, record: Record) -> Entry:
-        """Add a record; return once it is on disk, or after half a second.
-
-        Outputs hear of it afterwards: what anybody was told outlives a kill.
-        """
+        """Add a record; return once it is on disk, or after half a second; then tell outputs."""
         with self._changed:
             self._last += 1
             key = f"{self._id}-{self._last}"
@@ -120,13 +108,7 @@ class EventLog:
         return self._told
 
     def cursor(self, name: str, wants: Wants, after: int | None = None) -> Cursor:
-        """Return the cursor of an output, which goes on where it was.
-
-        `name` is the same for this output in every run and shows no secret, for it is readable;
-        `wants` says whether a record is for it. An output that was owed nothing begins behind
-        `after`, or with what comes next: what was appended while there was no such output is not
-        for it.
-        """
+        """Return the cursor of an output, which goes on where it was, or behind `after`."""
         with self._changed:
             before = self._cursors.get(name)
             cursor = self._cursors[name] = Cursor(name, wants, self._changed, self._has_moved)
@@ -292,10 +274,7 @@ class EventLog:
         return self._db
 
     def _load(self, db: sqlite3.Connection, path: Path) -> None:
-        """Take what the file holds; what has come since is put behind it.
-
-        Of a damaged file everything is taken that can be read, before it is put aside.
-        """
+        """Take what the file holds, of a damaged one what can be read; newer is put behind it."""
         rows: list[tuple[int, str, float, bytes]] = []
         places: dict[str, Place] = {}
         kept: dict[str, str] = {}

@@ -35,11 +35,7 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a cursor stands, as the file has it.
-
-    Everything up to `done` is delivered, but for those in `deferred`; `seen` is the last that was
-    appended while there was this cursor.
-    """
+    """Where a cursor stands in the file: `done` but for `deferred`; `seen` is the last offered."""
 
     done: int = 0
     seen: int = 0
@@ -52,11 +48,7 @@ class Place:
 
 
 class Cursor:
-    """What one output has still to be told, in order; any thread may use it.
-
-    `lock` is the log's; `on_move` is called with the name, under the lock, when something was
-    delivered or put behind.
-    """
+    """What one output has still to be told, in order, under the log's `lock`; for any thread."""
 
     def __init__(
         self, name: str, wants: Wants, lock: threading.Condition, on_move: Callable[[str], None]
@@ -131,10 +123,7 @@ class Cursor:
         self._deferred.extendleft(reversed(last))
 
     def place(self, told: int, last: int) -> Place:
-        """Return where it stands; under the log's lock.
-
-        `told` is the last number that cursors were offered, `last` the last that was appended.
-        """
+        """Return where it stands, by the last number offered and appended; under the lock."""
         done = self._waiting[0].n - 1 if self._waiting else told
         return Place(done, last, tuple(entry.n for entry in self._deferred))
 

@@ -124,10 +124,7 @@ def open_log_file(path: Path, more: str = "") -> sqlite3.Connection:
 
 
 def check_pages(path: Path) -> None:
-    """Read every page of a log; raises a DatabaseError that `is_damage` if one is bad.
-
-    By a connection of its own: what another one has in its cache hides that the disk lost it.
-    """
+    """Read every page of a log, past all caches; DatabaseError if one `is_damage`."""
     uri = f"{path.resolve().as_uri()}?mode=ro"
     with closing(sqlite3.connect(uri, uri=True, timeout=_BUSY_S)) as db:
         found = db.execute("PRAGMA quick_check(1)").fetchone()[0]
@@ -215,10 +212,7 @@ def fold_events(
     kinds: Sequence[str] = (),
     limit: int | None = None,
 ) -> list[StoredEvent]:
-    """Return one event for all records of its phases, in the order of their beginnings.
-
-    `records` of any type are in the order of a log; the rest is as in `read_events`.
-    """
+    """Return one event for all records of its phases, in the order of their beginnings."""
     found: dict[str, StoredEvent] = {}
     for record in records:
         if record["type"] != "event" or (kinds and record["kind"] not in kinds):
@@ -289,11 +283,7 @@ def parse_record(text: str | bytes) -> dict[str, Any] | None:
 
 
 def parse_since(text: str, now_s: float) -> float:
-    """Return a wall-clock time in seconds since 1970; raises UsageError if `text` is none.
-
-    `text` is 90s, 30min, 24h, 7d, 2w before `now_s`, or an ISO 8601 date or time, in UTC unless
-    it says otherwise.
-    """
+    """Return `text`, 90s to 2w ago or ISO 8601, in seconds since 1970; or UsageError."""
     match = re.fullmatch(r"(\d+(?:\.\d+)?)\s*(s|min|h|d|w)", text)
     if match:
         return now_s - float(match[1]) * _UNIT_S[match[2]]

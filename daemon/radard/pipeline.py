@@ -132,11 +132,7 @@ class Pipeline:
         return DownConverter(axis, self._features.range_step(axis))
 
     def warm_up(self) -> None:
-        """Judge a made-up dwell and forget it, so that the first real one takes no longer.
-
-        Whatever libraries prepare at their first use is prepared then, once for all radars that
-        are alike. A body oscillates in noise, so that the gate opens and all behind it takes part.
-        """
+        """Judge a made-up dwell and forget it, so that the first real one takes no longer."""
         bundle = self.classifier.bundle.name if self.classifier else ""
         alike = (self.stream.axis, self.shape, self._features, bundle)
         if alike in _warm:
@@ -162,10 +158,7 @@ class Pipeline:
             other.decide(dwell)
 
     def use(self, calibration: Calibration | None) -> None:
-        """Give the gate the calibration of its room, or take it away; it starts afresh.
-
-        Raises ConfigError if it was made for another stream or model; the old one then stays.
-        """
+        """Give the gate its room's calibration, or none; ConfigError if it does not fit."""
         if calibration is not None:
             calibration.check(self._converter().axis, self.stream.frame_rate_hz)
         self.calibration = calibration
@@ -257,11 +250,7 @@ class Pipeline:
     def _judge_tracks(
         self, moving: Dwell, tracks: tuple[Track, ...], answer: Answer | None
     ) -> tuple[TrackVerdict, ...]:
-        """Judge every body by itself, by what its own range gate lets through.
-
-        Of one that is alone the window says as much, at no cost. Unless `decision.bodies` is
-        'apart' nothing is said of each of several.
-        """
+        """Judge every body of several by its own range gate, if `decision.bodies` asks."""
         if not tracks or not self._judges_tracks:
             return ()
         gates = None

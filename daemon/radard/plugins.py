@@ -1,9 +1,7 @@
 """Plug-ins of the daemon: sources, sinks and features that other distributions bring.
 
-Each is called by the name of its entry point, which is the word before the colon of --port or
--o, or a feature's name in a bundle's sidecar. The contracts stand where they are used:
-`radard.stream.source.SourceOpener`, `radard.outputs.registry.Opener`,
-`radard.judge.features.FeatureMaker`.
+Each is called by its entry point's name; the contracts are `radard.stream.source.SourceOpener`,
+`radard.outputs.registry.Opener` and `radard.judge.features.FeatureMaker`.
 """
 
 import re
@@ -26,8 +24,5 @@ def scheme_of(text: str) -> str:
 
 
 def plugged(group: str, name: str) -> Plugin | None:
-    """Return a plug-in, loaded; None if the name is empty or no distribution offers it.
-
-    Raises PluginError if it is broken.
-    """
+    """Return a plug-in; None if no distribution offers it, PluginError if it is broken."""
     return find_plugin(group, name) if name else None

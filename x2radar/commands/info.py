@@ -76,11 +76,7 @@ def _answer(radar: X2Radar, command: Message) -> Message | None:
 
 
 def describe_recording(path: Path) -> dict[str, Any]:
-    """Return facts about a recording, JSON-safe; counters and times are read, not samples.
-
-    measured_rate_hz is that of t_s over the counters, null for one frame. Raises RecordingError
-    if it cannot be read.
-    """
+    """Return facts about a recording, JSON-safe, of counters and times, not samples."""
     # Late: h5py takes a while, and a port does without.
     from x2radar.recording.registry import format_of, open_recording  # noqa: PLC0415
 

@@ -148,10 +148,7 @@ def _check(args: argparse.Namespace) -> None:
 
 
 def _labels(name: str | None, port: Port, radar: X2Radar, counter: int) -> "list[Label]":
-    """Return who was there, as the user or the scene says; `counter` is the first frame's.
-
-    A simulated module that has restarted began its scene again: nobody knows when.
-    """
+    """Return who was there, as the user or the scene says; nobody knows after a restart."""
     if name is not None:
         return [(0.0, math.inf, name)]
     if port.kind != "sim" or radar.stats.restarts:
@@ -173,10 +170,7 @@ def free_bytes(*paths: Path) -> float:
 
 @contextmanager
 def stop_flag() -> Iterator[threading.Event]:
-    """Lend an event that the first SIGINT or SIGTERM sets; the second interrupts.
-
-    Outside the main thread nobody sets it.
-    """
+    """Lend an event that the first SIGINT or SIGTERM sets; the second interrupts."""
     stop = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield stop
@@ -216,10 +210,8 @@ def record(
 ) -> Tally:
     """Write frames until the stream is long enough, `stop` is set or the disk is full.
 
-    `max_frames` counts lost frames, too. Every `check_every` frames a terminal is told how it
-    goes, and the disks of `paths` are looked at: `floor_bytes` are to stay free. The caller
-    closes the writer. Raises X2RadarError if the disk does not take a frame, ReadTimeout or
-    TransportClosed if the device is lost and `stop` is not set.
+    Every `check_every` frames a terminal is told how it goes, and `floor_bytes` are to stay free
+    on the disks of `paths`. The caller closes the writer.
     """
     tally, line, begun_s = Tally(), StatusLine(sys.stderr), time.monotonic()
     try:

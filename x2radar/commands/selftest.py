@@ -150,11 +150,7 @@ def _lines(report: dict[str, Any]) -> list[str]:
 
 
 def _tested(radar: X2Radar, duration_s: float) -> Report:
-    """Test a module for `duration_s` seconds of stream time; it is closed before and afterwards.
-
-    `error` of the report is set when the module did not stream, or not to the end. Raises
-    PortError if the port cannot be opened at all.
-    """
+    """Test a module for `duration_s` of stream time; `error` of the report if it fails."""
     report = Report()
     try:
         radar.open(stream=False)
@@ -244,11 +240,7 @@ def _judge_pace(report: Report, stamps: Sequence[tuple[float, int]], asked_hz: f
 
 
 def judge_signal(report: Report) -> None:
-    """Measure the samples of `report.frames`, of which three at least have one length.
-
-    Noise comes from second differences over time: neither clutter nor slow drift nor a
-    movement in some of the bins counts. An empty room shows most.
-    """
+    """Measure the samples of `report.frames`, at least three; an empty room shows most."""
     judge = report.judge
     shape = report.frames[0].samples.shape
     rows: Any = np.stack([f.samples for f in report.frames if f.samples.shape == shape])
@@ -296,11 +288,7 @@ def judge_signal(report: Report) -> None:
 
 
 def noise_sigma(rows: Samples) -> float:
-    """Return the temporal noise, median over bins: rms, of the modulus if complex.
-
-    The median over time makes spikes and short movements harmless; ratio is that of the
-    median of a squared normal, or of an exponential variable, to its mean.
-    """
+    """Return the temporal noise, median over bins: rms, of the modulus if complex."""
     second = np.diff(rows, 2, axis=0)
     ratio = np.log(2) if np.iscomplexobj(rows) else _CHI2_MEDIAN
     per_bin = np.sqrt(np.median(np.abs(second) ** 2, axis=0) / ratio / 6)
@@ -308,10 +296,7 @@ def noise_sigma(rows: Samples) -> float:
 
 
 def phase_jitter_rad(rows: Samples, at: int) -> float:
-    """Return the rms phase noise from frame to frame in bin `at`, in radians.
-
-    RF rows, without their idle level, are taken to analytic signals first.
-    """
+    """Return the rms phase noise from frame to frame in bin `at`, in radians."""
     if np.iscomplexobj(rows):
         signal = rows[:, at].astype(np.complex128)
     else:
@@ -325,10 +310,7 @@ def phase_jitter_rad(rows: Samples, at: int) -> float:
 
 
 def clipped_samples(rows: Samples) -> int:
-    """Return how many samples lie at the highest or lowest value, `_FLAT_RUN` in a row.
-
-    Noise reaches its extreme now and then, but not in neighbouring bins of one frame.
-    """
+    """Return how many samples lie at the highest or lowest value, `_FLAT_RUN` in a row."""
     n = 0
     for part in (rows.real, rows.imag) if np.iscomplexobj(rows) else (rows,):
         for end in (part.max(), part.min()):

@@ -17,10 +17,7 @@ from x2radar.wire.wire_ids import ContentId
 
 
 class FrameAssembler:
-    """Build frames from messages, with unwrapped counters.
-
-    `settings` are what the module was told; they give raw frames their axis, which carry none.
-    """
+    """Build frames from messages, with unwrapped counters; `settings` give raw ones an axis."""
 
     def __init__(self, settings: ModuleSettings) -> None:
         self._settings = settings
@@ -31,12 +28,7 @@ class FrameAssembler:
         self.n_repeated = 0
 
     def frame(self, message: Message, t_mono_s: float) -> Frame | None:
-        """Return the frame in `message`, or None when it holds none or repeats the last.
-
-        Another echo under the same number is no repeat: a counter that restarts at 1 right behind
-        the first frame looks so. Samples are float32 for RF frames and complex64 for baseband,
-        read-only. `t_mono_s` is when the message was complete, on the host's monotonic clock.
-        """
+        """Return the frame in `message`, or None when it holds none or repeats the last."""
         samples: Samples
         match message:
             case BasebandIq():

@@ -1,9 +1,8 @@
 """BringUp: one opening of a module, from the port to the start of its stream.
 
-As real clients do (protocol notes, section 4): reset, wait for READY, ping until ready when READY
-was missed, configure while nothing runs, then start. A port on USB vanishes while its module
-restarts; it is closed in time and opened again. A module that restarts by itself says BOOTING and
-READY and has forgotten its settings: it is told again.
+Reset, wait for READY, ping until ready when it was missed, configure, start. A port on USB
+vanishes meanwhile and is opened again; a module that restarts by itself is told its settings
+again.
 """
 
 import contextlib
@@ -38,11 +37,7 @@ class FrameReceiver:
 
 
 class BringUp:
-    """A module whose port is open, or on its way to be.
-
-    `connect` opens the port as a link with a listener. Once the link's `halt` is set, every wait
-    ends and `close` must follow. `has_restarted`: it did so by itself and waits to be told again.
-    """
+    """A module whose port is open, or on its way to be; the link's `halt` ends every wait."""
 
     def __init__(
         self, connect: Callable[[Listener], Link], settings: ModuleSettings, sink: FrameReceiver
@@ -56,11 +51,7 @@ class BringUp:
         self.link = connect(self._on_event)
 
     def start(self) -> None:
-        """Reset, configure and start.
-
-        Raises DeviceError if the module does not answer, refuses a setting or is in safe mode;
-        PortError or TransportClosed if the port goes away, or is not back after the reset.
-        """
+        """Reset, configure and start; raises DeviceError, PortError or TransportClosed."""
         self._bring_up(self._reset)
 
     def start_again(self) -> None:
@@ -149,11 +140,7 @@ class BringUp:
         raise DeviceError(msg)
 
     def _wait_ready(self, first_ping_s: float | None = None) -> None:
-        """Wait for READY; ping when it does not come within `first_ping_s` seconds.
-
-        For half a second after a reset was acknowledged a module still answers pings: such a pong
-        says nothing.
-        """
+        """Wait for READY; ping when it does not come within `first_ping_s` seconds."""
         every_s = self.link.deadlines.ping_every_s
         pause_s = every_s if first_ping_s is None else first_ping_s
         give_up_s = time.monotonic() + self.link.deadlines.ready_s

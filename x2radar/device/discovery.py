@@ -81,12 +81,7 @@ def list_ports() -> list[PortRow]:
 
 
 def probe(path: str, timeout_s: float = _ANSWER_S) -> str:
-    """Ping a port once, and listen; return what is there.
-
-    That is 'ready', 'not ready' or 'safe mode', as a module answers; 'streams' for any other
-    sound packet of a module; '' when nothing of the kind came. Raises PortError if the port
-    cannot be opened, or another program holds it.
-    """
+    """Ping a port once; return 'ready', 'not ready', 'safe mode', 'streams' or ''."""
     _refuse_locked(path)
     transport = SerialTransport(path)
     decoder = PacketDecoder()
@@ -111,11 +106,7 @@ def probe(path: str, timeout_s: float = _ANSWER_S) -> str:
 
 
 def find_module(candidates: Iterable[str] | None = None, timeout_s: float = _ANSWER_S) -> str:
-    """Return the only port on which a module answers, as it was given.
-
-    `candidates` are all ports of this machine by default, but for radio links; all are asked at
-    once. Raises PortNotFound if none or several answer, with what was found.
-    """
+    """Return the only port on which a module answers; PortNotFound if none or several do."""
     if candidates is None:
         # Opening an rfcomm device sets up a radio connection.
         candidates = [r.path for r in list_ports() if "/rfcomm" not in r.path]
@@ -168,10 +159,7 @@ def _meaning(data: PacketData) -> str:
 
 
 def _refuse_locked(path: str) -> None:
-    """Raise PortBusy if a living process says in a lock file that it holds the port.
-
-    Terminal programs and modem managers do so; `SerialTransport` sees the other locks.
-    """
+    """Raise PortBusy if a living process says in a lock file that it holds the port."""
     name = Path(path).resolve().name
     for folder in _LOCK_FOLDERS:
         try:

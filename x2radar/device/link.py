@@ -1,11 +1,7 @@
 """Link: one opening of a port; commands with deadlines, and counts of what went wrong.
 
-The session matches replies, the transport moves bytes; a link joins them to a clock. What comes
-besides replies goes to one listener, in the order of arrival.
-
-A command without an answer may have been lost, or its answer; it is sent again where that does no
-harm. The late answer of the first copy would then be taken for that of the next command, so a ping
-draws the line: modules answer in order, and no answer but the ping's own is a pong.
+A command is sent again where that does no harm. The late answer of the first copy would be taken
+for that of the next command, so a ping draws the line: no answer but its own is a pong.
 """
 
 import threading
@@ -56,12 +52,7 @@ class Deadlines:
 
 
 class Link:
-    """One open port with its session.
-
-    `transport` was just opened and is closed by `close`; `listener` gets every event, replies too,
-    with its time of arrival in seconds (monotonic); "retries" and "damaged" are counted in
-    `counts`; once `halt` is set, every wait ends with TransportClosed.
-    """
+    """One open port with its session; `listener` gets every event and its time of arrival."""
 
     def __init__(
         self,
@@ -94,10 +85,7 @@ class Link:
             self._transport.close()
 
     def pump(self, wait_s: float) -> Answered | Refused | None:
-        """Move bytes once, waiting up to `wait_s` seconds for the first; return the reply.
-
-        Raises TransportClosed if the port went away, or is being closed.
-        """
+        """Move bytes once, waiting `wait_s` for the first; return the reply."""
         if self.halt.is_set():
             msg = f"{self.name} was closed"
             raise TransportClosed(msg)
@@ -149,9 +137,9 @@ class Link:
     ) -> Message | None:
         """Send a command until it is answered, up to `resends` times more; return the reply.
 
-        Each answer has `wait_s` seconds, `Deadlines.reply_s` by default. When none came, `is_done`
-        says whether the command shows its effect all the same: then None is returned. Raises
-        DeviceError (RestartRequired with error 0x22) if the module refuses, or never answers.
+        When no answer came within `wait_s`, `is_done` says whether the command shows its effect
+        all the same: then None is returned. Raises DeviceError (RestartRequired with error 0x22)
+        otherwise.
         """
         wait_s = self.deadlines.reply_s if wait_s is None else wait_s
         busy_until_s = time.monotonic() + wait_s

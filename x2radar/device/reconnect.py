@@ -1,9 +1,7 @@
 """ReconnectingRadar: a radar that comes back, and says so; time is never stitched silently.
 
-A device is lost when its port goes away, at once, or when no frame comes for
-`Deadlines.stall_s` although the port is open. It is opened again with growing, jittered
-pauses, for ever. Frame numbers go on; the first frame afterwards is marked as a restart,
-because nobody knows how much time passed.
+It is opened again with growing, jittered pauses, for ever. Frame numbers go on; the first frame
+afterwards is marked as a restart, because nobody knows how much time passed.
 """
 
 import threading

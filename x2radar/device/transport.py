@@ -1,9 +1,7 @@
 """Byte pipes: a serial port or pyserial URL, a pair in memory, a pseudo-terminal.
 
-One contract for all of them (`Transport`): `read` waits for the first bytes and returns
-what is there, an empty result means that the time is over; `write` sends everything;
-both raise `TransportClosed` once the far end or the port is gone. A transport carries
-bytes and knows nothing about packets.
+`read` waits for the first bytes, empty when the time is over; `write` sends everything; both raise
+`TransportClosed` once the far end or the port is gone.
 """
 
 import contextlib

@@ -13,10 +13,7 @@ from x2radar.wire.messages import Message
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModuleSettings(ABC):
-    """Settings of one kind of module, checked at construction: SettingsError names all faults.
-
-    Fields are written with `x2radar.keys.limited` and `one_of`.
-    """
+    """Settings of one kind of module; SettingsError at construction names all faults."""
 
     def __post_init__(self) -> None:
         """Check every field, then what they make together; name all faults at once."""
@@ -45,18 +42,12 @@ class ModuleSettings(ABC):
 
     @abstractmethod
     def startup_commands(self) -> tuple[Message, ...]:
-        """Return what a freshly reset module is told, in order.
-
-        Each is answered by ACK. The first stops what runs, the last starts the stream.
-        """
+        """Return what a freshly reset module is told, in order; each is answered by ACK."""
 
     @classmethod
     @abstractmethod
     def for_port(cls, rate_hz: float | None, kind: str | None) -> Self:
-        """Return settings for the keys `rate` and `kind` ('rf', 'baseband') of a port string.
-
-        None is the module's default. Raises SettingsError if it cannot do that.
-        """
+        """Return settings for a port's `rate` and `kind`, or None; SettingsError if impossible."""
 
 
 SettingsChooser = Callable[[str], ModuleSettings]

@@ -96,11 +96,7 @@ def module_of(settings: ModuleSettings) -> ModuleRow:
 
 
 def settings_from_mapping(known: Mapping[str, Any]) -> ModuleSettings:
-    """Return the settings that a recording or capture names, as `dataclasses.asdict` gave them.
-
-    The class is the one that most of the names belong to, RadarSettings for none; other names are
-    left out. Raises SettingsError if a value is out of range.
-    """
+    """Return the settings that a recording or capture names; SettingsError if impossible."""
     classes = [row.settings for row in MODULES.values()]
     cls = max(classes, key=lambda c: len(c.__dataclass_fields__.keys() & known.keys()))
     return cls(**{name: known[name] for name in cls.__dataclass_fields__ if name in known})

@@ -1,9 +1,8 @@
 """What an X2M200 or X2M300 is told before one of its profiles streams baseband.
 
-A profile runs at a fixed 20 Hz, where Doppler holds 0.2 m/s at most: enough for a person who sits
-and breathes, not for gait; use `RadarSettings` (MANUAL mode) for that. Facts come from XTAN-11 rev
-C and clients of real modules; which pulse generator the profiles use is inferred
-(docs/research/hardware.md). Frames carry their own axis; what stands here holds until the first.
+A profile runs at a fixed 20 Hz, where Doppler holds 0.2 m/s at most: enough to breathe, not for
+gait (`RadarSettings`). Facts from XTAN-11 rev C and clients of real modules
+(docs/research/hardware.md).
 """
 
 from collections.abc import Iterator

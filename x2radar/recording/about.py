@@ -55,10 +55,7 @@ class Overrides:
     sample_rate_hz: float | None = None
 
     def apply(self, stream: StreamInfo) -> StreamInfo:
-        """Return `stream` with what is set here.
-
-        A bandwidth that nobody states is that of the module with this sampler and carrier.
-        """
+        """Return `stream` with what is set here, or else the bandwidth of a known module."""
         known = {name: value for name, value in asdict(self).items() if value is not None}
         rate_hz = known.pop("frame_rate_hz", None) or stream.frame_rate_hz
         if self.sample_rate_hz and stream.axis.kind == "rf":
@@ -102,12 +99,7 @@ def read_about(
     overrides: Overrides,
     device: str,
 ) -> About:
-    """Return what `attributes`, then `overrides`, say about frames of (kind, n_range).
-
-    Attributes may be numbers, text, bytes, arrays of one of them, mappings or JSON; `device` is
-    the module's name where none is given. Raises RecordingError, which names the options, if frame
-    rate, bin length or carrier is in neither.
-    """
+    """Return what `attributes`, then `overrides`, say about frames of (kind, n_range)."""
     said = {name: plain(value) for name, value in attributes.items()}
     numbers = {name: _number(path, name, said.get(name)) for name in NUMBERS}
     kind, n_range = frames

@@ -48,10 +48,7 @@ class Steps:
 
 
 def unwrap(counter: NDArray[Any], last: int | None = None, index: int = -1) -> Steps:
-    """Unwrap 32-bit counters, shape (n,), at once, as `CounterTracker` does one by one.
-
-    `last` is the one before, None at the beginning of a stream, and `index` its unwrapped number.
-    """
+    """Unwrap 32-bit counters, shape (n,), behind `last`, with unwrapped number `index`."""
     now = np.asarray(counter).astype(np.int64)
     before = np.empty_like(now)
     before[1:] = now[:-1]

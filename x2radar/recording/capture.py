@@ -52,11 +52,7 @@ class Chunk(NamedTuple):
 
 
 class CaptureWriter:
-    """Append what a wire carries to a new file; may be called from several threads.
-
-    `about` is for the head. Raises RecordingError if the file exists, or the disk does not take
-    it.
-    """
+    """Append what a wire carries to a new file, for any thread; or RecordingError."""
 
     def __init__(self, path: Path, about: Mapping[str, Any]) -> None:
         self._path = path
@@ -147,11 +143,7 @@ def capturing(
 
 
 class Capture:
-    """A capture file, which may still be written to.
-
-    `about` is what the head says; `warning` what was left out, once the chunks have been read to
-    the end. Raises RecordingError if the file is missing or no capture.
-    """
+    """A capture file, which may still be written to; `warning` is what was left out."""
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)

@@ -31,13 +31,7 @@ def convert(
     out_kind: str | None = None,
     overrides: Overrides = NO_OVERRIDES,
 ) -> Converted:
-    """Write the recording `source` as a new file or folder `out`, in another format.
-
-    Nothing is ever overwritten, and a failed conversion leaves nothing behind. The formats are
-    named, or found by content and by the suffix of `out`; `overrides` go before what the source
-    says. Raises RecordingError if the source is unreadable, or `out` exists or cannot be made;
-    SettingsError if its format is unknown or cannot hold these frames.
-    """
+    """Write the recording `source` as a new file or folder `out`, whole or not at all."""
     found = _format_to_write(out, out_kind)
     for path in found.files(out):
         refuse_taken(path)

@@ -1,14 +1,9 @@
 """HDF5 files from anywhere, opened and looked into without trust.
 
-HDF5's own SWMR mode is not used for reading: it repeats every read whose checksum is wrong, 100
-times a level, and holds the GIL meanwhile, so that one flipped bit would freeze the process. A
-file that its writer has not closed (it writes on, or was killed) opens in no other mode; it is
-read through a view with the superblock that a close would have left. A writer in SWMR mode points
-at nothing that is not there yet, so what is found is whole; a block that is just being written has
-a wrong checksum for a moment, and some further attempts are made.
-
-Links that lead out of the file or around it, external storage, virtual data sets, and sizes that
-the file cannot hold are refused before anything is read.
+HDF5's own SWMR mode repeats every read whose checksum is wrong, 100 times a level, and holds the
+GIL. So a file that its writer has not closed is read through a view with the superblock that a
+close would have left, with some further attempts. Links that lead out of the file or around it,
+external storage, virtual data sets and impossible sizes are refused first.
 """
 
 import io
@@ -81,10 +76,7 @@ class _Unflagged(io.FileIO):
 
 
 class Hdf5File:
-    """An HDF5 file that is only read; `is_unclosed` where its writer has not closed it (yet).
-
-    Raises RecordingError, as all methods do, if it is damaged or asks for what is refused.
-    """
+    """A file that is only read; RecordingError if it is damaged or asks for what is refused."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -213,10 +205,7 @@ def _close(file: h5py.File, view: _Unflagged) -> None:
 
 
 def _unflagged_head(path: Path) -> bytes | None:
-    """Return the superblock that a file should have; None where its own will do.
-
-    Without a good checksum that is left to HDF5, which refuses it.
-    """
+    """Return the superblock that a file should have; None where its own will do."""
     with path.open("rb") as file:
         head = file.read(_SUPERBLOCK.size)
         n_bytes = os.fstat(file.fileno()).st_size
@@ -279,10 +268,7 @@ _MAX_LABEL_CHARACTERS = 1 << 22
 
 
 class RecordingReader(BlockReader):
-    """Read a recording, which may still be written to.
-
-    `axis.phase_sign` is always -1: a recording with +1 is conjugated.
-    """
+    """Read a recording, which may still be written to, with `axis.phase_sign` -1."""
 
     def __init__(self, path: Path | str, overrides: Overrides = NO_OVERRIDES) -> None:
         super().__init__(Path(path), overrides)

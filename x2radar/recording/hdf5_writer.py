@@ -201,10 +201,7 @@ class RecordingWriter(Closing):
 
 
 def _let_go(file: h5py.File) -> None:
-    """Put /dev/null behind HDF5 after a write that failed; the file stays as it is.
-
-    HDF5 would try the write again at every close, and crash the process at its end.
-    """
+    """Put /dev/null behind HDF5 after a failed write, which it would try again, and crash."""
     with contextlib.suppress(OSError, RuntimeError):
         nowhere = os.open(os.devnull, os.O_RDWR)
         os.dup2(nowhere, file.id.get_vfd_handle())
@@ -212,10 +209,7 @@ def _let_go(file: h5py.File) -> None:
 
 
 def write_labels(path: Path, labels: list[Label]) -> None:
-    """Add labelled stretches to a recording that is not being written any more.
-
-    Raises OSError if the disk does not take them.
-    """
+    """Add labelled stretches to a recording that is not being written any more; or OSError."""
     if not labels:
         return
     # A reader's lock must not keep out what belongs into it; there is one writer.

@@ -42,12 +42,7 @@ def existing_parts(path: Path) -> list[Path]:
 
 
 class RotatingWriter(Closing):
-    """Write frames into one recording, or into parts of a size or length.
-
-    Arguments as of `RecordingWriter`. A part ends before it outgrows `rotate_bytes`, but holds a
-    second of frames at least, and after `rotate_s` seconds of stream time. Raises RecordingError
-    if the file, or any part of that name, exists or cannot be made.
-    """
+    """Write frames as `RecordingWriter`, or into parts of `rotate_bytes` or `rotate_s`."""
 
     def __init__(
         self,

@@ -173,10 +173,7 @@ def format_by_name(path: Path) -> Format | None:
 
 
 def format_of(path: Path) -> Format:
-    """Return the format of what is there, by content first, then by name.
-
-    Raises RecordingError if nothing is there, or nothing says what it is.
-    """
+    """Return the format of what is there, by content, then name; or RecordingError."""
     if found := next(_candidates(path), None):
         return found
     if not path.exists():

@@ -7,15 +7,7 @@ from numpy.typing import NDArray
 def count_by_stamps(
     stamp_s: NDArray[np.float64],
 ) -> tuple[NDArray[np.uint32], float]:
-    """Return counters, from 1, with the losses that the stamps show, and the frame period.
-
-    `stamp_s`, shape (n,) with n >= 2, is when each frame came, in seconds; it may be rounded and
-    late, not reordered. The period is the slope of the stamps over the counters, nan when they do
-    not grow; it is looked for from the median distance on.
-
-    The losses before frame k can be no more than any later stamp leaves room for, so they are the
-    running minimum, from the end, of (stamp / period - k).
-    """
+    """Return counters, from 1, with the losses that stamps, in seconds, show, and the period."""
     stamp = stamp_s - stamp_s[0]
     gaps = np.diff(stamp)
     period_s = float(np.median(gaps))

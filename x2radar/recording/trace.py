@@ -23,11 +23,7 @@ _BARE = re.compile(r"[0-9a-fA-F]{2}")
 
 
 def read_trace(data: bytes) -> bytes:
-    """Return the wire's bytes from a trace file: raw, or text with lines of hex bytes.
-
-    Those are ``0x7d 0x10``, also behind a label with a colon, or nothing but ``7d 10``. What
-    follows ``//`` or ``#`` is a comment; lines with anything else are prose and left out.
-    """
+    """Return the wire's bytes from a trace file: raw, or lines of hex bytes amid prose."""
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -46,10 +42,7 @@ def read_trace(data: bytes) -> bytes:
 
 
 def describe(data: bytes) -> Iterator[dict[str, Any]]:
-    """Yield one JSON-safe object for every packet and every stretch of dropped bytes.
-
-    ``{"message": name, ...fields}`` or ``{"fault": why, "n_bytes": n}``; directions may be mixed.
-    """
+    """Yield ``{"message": name, ...}`` or ``{"fault": why, "n_bytes": n}`` for all bytes."""
     decoder = PacketDecoder()
     for item in decoder.feed(data):
         yield _describe(item, decode_any)
@@ -58,11 +51,7 @@ def describe(data: bytes) -> Iterator[dict[str, Any]]:
 
 
 def describe_capture(capture: Capture) -> Iterator[dict[str, Any]]:
-    """Yield what `describe` does for a wire capture, with t_s and direction in front.
-
-    The time is that of the packet's last byte. Openings are ``{"t_s": seconds, "port": "opened" or
-    "closed"}``; what a capture lacks at its end comes last, as a fault.
-    """
+    """Yield what `describe` does for a wire capture, with t_s and direction in front."""
     ways: dict[int, tuple[str, PacketDecoder, Callable[[PacketData], Message]]] = {
         FROM_MODULE: ("from_module", PacketDecoder(), decode_response),
         TO_MODULE: ("to_module", PacketDecoder(), decode_command),

@@ -1,11 +1,7 @@
-"""Packets to typed messages and back; layouts are tables, not code.
+"""Packets to typed messages and back, by the rows of `x2radar.wire.layouts`.
 
-`encode` and `decode_*` read the same rows of `x2radar.wire.layouts`, so the simulated module and
-the host cannot disagree. Shapes that are not in the rows: `SetOutput`, `X4Set`, an error of one
-byte, and REPLY and DATA, whose type says what follows.
-
-Host and module use the same first bytes for different things (10 is APPCOMMAND and ACK), so
-`decode_command` reads what a host sends and `decode_response` what a module sends. Arrays come out
+Not in the rows: `SetOutput`, `X4Set`, an error of one byte, and REPLY and DATA. Host and module
+use the same first bytes for different things, so there is a decoder for each. Arrays come out
 read-only and share the packet's memory.
 """
 
@@ -61,10 +57,7 @@ _REPLY_SIZES: dict[int, int] = {
 
 
 def encode(message: Message) -> bytes:
-    """Return a message's packet data, for `x2radar.wire.framing.encode`.
-
-    Raises MessageError if a field does not fit its place on the wire.
-    """
+    """Return a message's packet data; MessageError if a field does not fit its place."""
     try:
         match message:
             case SetOutput(ref, value):
@@ -86,10 +79,7 @@ def encode(message: Message) -> bytes:
 
 
 def decode_command(data: PacketData) -> Message:
-    """Read the data of one packet that a host sent; `Unknown` when no row describes it.
-
-    Raises MessageError if the packet is shorter or longer than its row says.
-    """
+    """Read a packet of a host, `Unknown` without a row; MessageError if lengths differ."""
     if len(data) == _SET_OUTPUT.size:
         prefix, ref, count, value = _SET_OUTPUT.unpack(data)
         if prefix == _APP_SETINT and count == 1:
@@ -102,10 +92,7 @@ def decode_command(data: PacketData) -> Message:
 
 
 def decode_response(data: PacketData) -> Message:
-    """Read the data of one packet that a module sent; `Unknown` when no row describes it.
-
-    Raises MessageError if the packet is shorter or longer than its row, or its counts, say.
-    """
+    """Read a packet of a module, `Unknown` without a row; MessageError if lengths differ."""
     first, kind = data[:1], data[1] if len(data) > 1 else None
     if first == b"\x20" and len(data) == 2:
         return ErrorReply(data[1])

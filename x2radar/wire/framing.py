@@ -413,10 +413,7 @@ def _last_start(body: bytes) -> int:
 
 
 def _hidden_start(data: bytes) -> int:
-    """Return the first place in unescaped `data` where a sound packet begins, or -1.
-
-    `data` reaches to an end flag, checksum included.
-    """
+    """Return where in unescaped `data` a sound packet begins, or -1."""
     values = np.frombuffer(data, np.uint8)
     flags = np.flatnonzero(values[:-2] == START)
     until = np.bitwise_xor.accumulate(values)

@@ -18,10 +18,7 @@ _FloatArray = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """Base of everything that a packet can say.
-
-    Only a message with fields of its own is a dataclass again; others inherit everything.
-    """
+    """Base of all messages; one with fields of its own is a dataclass again."""
 
 
 # ---------------------------------------------------------------- host to module

@@ -1,13 +1,8 @@
-"""The session: which reply belongs to which command. Feed bytes, take events.
+"""The session: which reply belongs to which command. Feed bytes, take events; no clock, no port.
 
-The module answers commands one at a time and in order, but data messages may come between a
-command and its reply, and a module that restarts says so at any moment. So a session holds at most
-one outstanding command and matches by type, from the table `layouts.ANSWERS`: the awaited type
-answers the command (`Answered`), ERROR refuses it (`Refused`), everything else, an extra ACK too,
-is passed on as `Received`.
-
-There is no clock here: the caller decides when it has waited long enough, calls `give_up`, and may
-send again. No port either: `data_to_send` empties into one.
+A session holds at most one outstanding command and matches by type, from `layouts.ANSWERS`: the
+awaited type answers the command (`Answered`), ERROR refuses it (`Refused`), everything else is
+passed on as `Received`. The caller decides when to `give_up`.
 """
 
 from collections import deque

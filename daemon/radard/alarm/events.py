@@ -52,12 +52,7 @@ def trial_alarm(t_s: float) -> list[Event]:
 
 
 class EventTracker:
-    """Follow decisions, notices and commands; return the events that they make.
-
-    Without a panel it is armed, and an alarm lasts as long as the verdict stands. `zones` and
-    `pet_limit` are those of `sight_of`, and may be replaced. `run` goes into the ids: what tells
-    the run from others (`StreamInfo.run_id`), and its sensor from others of the process.
-    """
+    """Follow decisions, notices and commands of a run; return the events that they make."""
 
     def __init__(
         self,
@@ -98,11 +93,7 @@ class EventTracker:
         )
 
     def resume(self, kept: KeptState) -> list[Event]:
-        """Go on where the last run ended: an alarm, or one that was about to begin; a delay.
-
-        Nobody could disarm in the entry delay meanwhile: its alarm begins at once. An exit delay
-        goes on.
-        """
+        """Go on where the last run ended; an entry delay's alarm begins at once."""
         if not kept.is_armed:
             return []
         self.panel.mode = kept.mode
@@ -136,11 +127,7 @@ class EventTracker:
         is_quiet: bool = False,
         fault: str = "",
     ) -> list[Event]:
-        """Take a decision on a dwell, whose frames name new events; return the events in order.
-
-        `is_quiet`: a quiet period holds. `fault`: what else is wrong with a dwell that could be
-        judged.
-        """
+        """Take a decision on a dwell, whose frames name new events; return the events in order."""
         is_invalid = decision.gate == "invalid"
         t_s = decision.t_s
         why = decision.fault or ("" if is_invalid else fault) or None

@@ -1,9 +1,7 @@
 """Why an alarm came, or did not: a decision in words, stage by stage, up to the one that decided.
 
-All stages that may stop an alarm stand here in their order: frames, gate, classifier, evidence,
-rule (`radard.judge.decision`), zones (`radard.alarm.zones`), confirmation and panel
-(`radard.alarm.panel`). The words are made of the decision's own record and those before it, by
-the functions of the alarm itself, so that they agree with it.
+All stages that may stop an alarm stand here in their order. The words are made of the decision's
+record and those before it, by the functions of the alarm itself, so that they agree with it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -43,12 +41,7 @@ def explain(
     events: Sequence[Record] = (),
     state: SensorState | None = None,
 ) -> dict[str, Any]:
-    """Return why the last of `records`, decisions in order, is what it is.
-
-    Those before it are what confirmation counts; `hello` and `events` are of the run; `state` is
-    what held just before the decision. The result has seq, t_s, headline, decided_by, and stages
-    as mappings of `DecisionStage`.
-    """
+    """Return seq, t_s, headline, decided_by and `DecisionStage`s of the last of `records`."""
     record = records[-1]
     state = state or SensorState()
     limit = hello.get("pet_limit", 0.8)

@@ -111,10 +111,7 @@ class AlarmPanel:
     def on_sight(
         self, t_s: float, sight: Sight | None, *, is_quiet: bool = False
     ) -> list[PanelChange]:
-        """Take what a decision says, None for an invalid window; return the changes in order.
-
-        While `is_quiet`, in a quiet period, no new alarm is confirmed.
-        """
+        """Take what a decision says, None for an invalid window; return the changes in order."""
         if self.state == "disarmed":
             return []
         if self.state == "alarm":
@@ -145,10 +142,7 @@ class AlarmPanel:
         return self._begin(t_s, reason, is_seen=True)
 
     def arm(self, t_s: float = 0.0, mode: ArmMode = "away") -> list[PanelChange]:
-        """Arm after the exit delay; confirmation starts from nothing.
-
-        No way around a running delay or an alarm: with one on, nothing changes.
-        """
+        """Arm after the exit delay; with a delay or an alarm on, nothing changes."""
         if self.state in {"entry", "alarm"} or (self.is_armed and self.mode == mode):
             return []
         if self.state != "exit":

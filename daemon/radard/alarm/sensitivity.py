@@ -29,10 +29,7 @@ What they cost is measured on passages and told by `radard explain`."""
 
 
 def alarm_policy(section: AlarmSection, decision_policy: str) -> AlarmPolicy:
-    """Return the numbers that hold: those of the name, but for the ones that were given.
-
-    `decision_policy` is 'window' or 'fused'.
-    """
+    """Return the numbers that hold: those of the name, but for the ones that were given."""
     k, n, p_on, p_off = SENSITIVITIES[decision_policy][section.sensitivity]
     k = section.confirm_k or min(k, section.confirm_n or k)
     n = section.confirm_n or max(n, k)
@@ -64,10 +61,7 @@ class SensitivityChoice:
 def sensitivity_choices(
     section: AlarmSection, decision_policy: str, card: Card | None
 ) -> tuple[SensitivityChoice, ...]:
-    """Return all sensitivities from low to high, as pages and brokers offer them.
-
-    `decision_policy` is 'window' or 'fused', `card` the loaded model's; None without a model.
-    """
+    """Return all sensitivities from low to high, as pages and brokers offer them."""
     own = dict.fromkeys(("confirm_k", "confirm_n", "p_on", "p_off"))
     choices = []
     for name in SENSITIVITIES[decision_policy]:

@@ -34,12 +34,7 @@ class KeptState(BaseModel):
 
 
 class StateStore:
-    """Keep one `KeptState` in a log, under a name; without a name, nothing.
-
-    Without `keeps_alarms` only the last command's word is kept, not an alarm or a delay. An exit
-    delay goes on while nothing runs, by `now_s`, the wall clock in seconds: it is kept as the time
-    at which it ends. A clock that was set back makes it no longer than it was.
-    """
+    """Keep one `KeptState` in a log, under a name; `now_s` is the wall clock, in seconds."""
 
     def __init__(
         self,
@@ -83,10 +78,7 @@ class StateStore:
         self._log.keep(self._name, self._text)
 
     def holds(self, *, is_armed: bool, mode: ArmMode) -> bool:
-        """Return whether this would outlive a kill; true also where a disk fails or is absent.
-
-        Any thread may ask.
-        """
+        """Return whether this would outlive a kill, or no disk could keep it; for any thread."""
         if self._name is None or self._saved is None:
             return True
         is_so = (self._saved.is_armed, self._saved.mode) == (is_armed, mode)

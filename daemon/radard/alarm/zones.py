@@ -1,9 +1,7 @@
 """Zones: the ranges that alarm events heed, and what a decision says of people in them.
 
-A radar of one antenna knows ranges, no directions: a zone is a shell around the sensor. A
-target counts when it is in an included zone, or none is named, and in no excluded one. What
-has no range counts: it is never cut out by not knowing where it is. Where people are while they
-are at home counts only while the sensor is armed away.
+A zone is a shell around the sensor. A target counts when it is in an included zone, or none is
+named, and in no excluded one; what has no range counts always.
 """
 
 from collections.abc import Iterator
@@ -62,12 +60,9 @@ def zone_warnings(zones: Zones, near_m: float, far_m: float) -> Iterator[str]:
 def sight_of(decision: Decision, policy: AlarmPolicy, zones: Zones, pet_limit: float) -> Sight:
     """Return what a valid decision means for the alarm, by the rule's `pet_limit`.
 
-    A verdict is a hit from p(human) `p_on` on. A verdict that stands although p(human) is
-    below what the rule asks for rests on other grounds (undecided too long, like nothing
-    known) and is a hit whatever its p(human).
-
-    The reason says who, and where the nearest body is that counts. The decision's own `range_m` is
-    where power stands out most, of any body; so the two differ when there are several bodies.
+    A verdict is a hit from p(human) `p_on` on; one that stands on other grounds (undecided too
+    long, like nothing known) is a hit whatever its p(human). The reason names the nearest body
+    that counts.
     """
     p_human = decision.fused.human if decision.fused else 0.0
     by_rule = decision.fused is not None and p_human >= 1 - pet_limit - 1e-9

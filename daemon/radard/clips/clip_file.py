@@ -1,10 +1,8 @@
 """ClipFile: one alarm's evidence, a recording that replays, and room for the next one.
 
-A clip is a recording (`x2radar.recording.hdf5_writer`), readable from its first frame on even
-after a kill. When it ends it gets what was decided on it: `/decisions/*`, one entry a
-decision, `t_s` on the clip's own clock; `/picture`; and the attributes `event`,
-`config_hash`, `model`, `model_sha256`, `sensor`, `stream_t_s` (stream time of its first
-frame) and `version`.
+When it ends it gets what was decided: `/decisions/*`, with `t_s` on the clip's own clock;
+`/picture`; and the attributes `event`, `config_hash`, `model`, `model_sha256`, `sensor`,
+`stream_t_s` (of its first frame) and `version`.
 """
 
 import contextlib
@@ -90,10 +88,7 @@ class ClipFile:
             date_last(path)
 
     def finish(self, decisions: Sequence[Mapping[str, Any]], event: Mapping[str, Any]) -> None:
-        """Close the clip and add what was decided, in order, as the JSON Lines contract has it.
-
-        Raises OutputError if the disk does not take it; the frames are then there all the same.
-        """
+        """Close the clip and add what was decided; OutputError if the disk does not take it."""
         picture = self._picture.picture()
         try:
             self._writer.close()

@@ -1,9 +1,8 @@
 """ClipKeeper: holds the last frames, and makes a clip of those around an alarm.
 
-The reader pushes frames, the worker says which of them belong to a clip, a thread of its own
-writes them, so neither waits for a disk. Which frames those are follows from decisions alone:
-the first is the first of a dwell, so that a replay of the clip cuts the same dwells, and the
-last is that of a decision; how fast anything runs does not matter.
+The reader pushes frames, the worker says which belong to a clip, by decisions alone, and a thread
+of its own writes them. The first is the first of a dwell, so a replay of the clip cuts the same
+dwells.
 """
 
 import contextlib
@@ -47,10 +46,7 @@ class _Running:
 
 
 class ClipKeeper:
-    """Make clips in `folder`, of a stream whose dwells have `n_slow` frames.
-
-    `attributes` are the root attributes of every clip.
-    """
+    """Make clips in `folder`, of a stream whose dwells have `n_slow` frames."""
 
     def __init__(
         self,
@@ -100,12 +96,7 @@ class ClipKeeper:
             self._take(self._running, end)
 
     def begin(self, event: Mapping[str, Any], t_s: float) -> str | None:
-        """Begin a clip of an event; return its path.
-
-        None while another one is made, and where there is no room for one: an event names only
-        what there will be. Also while a slow disk has not answered within half a second:
-        `named_of` then tells the path.
-        """
+        """Begin a clip of an event; return its path, None without room or while one is made."""
         if self._running is not None:
             return None
         self._room = room = self._ask_for_room()
@@ -136,10 +127,7 @@ class ClipKeeper:
         return str(running.event["clip"]) if self._room.is_set() else None
 
     def after(self, t_s: float, *, is_seen: bool, event: Mapping[str, Any] | None = None) -> None:
-        """Note whether somebody is in sight, and what the clip's event has become.
-
-        The clip ends `post_s` after somebody was last seen, or with its length.
-        """
+        """Note whether somebody is in sight, and what the clip's event has become."""
         running = self._running
         if running is None:
             return
@@ -175,10 +163,7 @@ class ClipKeeper:
             thread.join(_POLL_S)
 
     def _ask_for_room(self) -> threading.Event:
-        """Let the clips' own thread look for room; return what is set once it has.
-
-        Without room there is a complaint, and what is still told of this clip is dropped.
-        """
+        """Let the clips' own thread look for room; return what is set once it has."""
         is_answered = threading.Event()
 
         def look() -> None:

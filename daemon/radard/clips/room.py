@@ -16,11 +16,7 @@ _NAME = re.compile(r"[0-9A-HJKMNP-TV-Z]{26}\.(h5|png)")
 
 
 def prepare_folder(folder: Path, *, free_bytes: float) -> None:
-    """Make a folder for clips, for its owner only, and room for one more.
-
-    Raises OutputError if there is none, OSError if the folder cannot be made or written. Nothing
-    is deleted unless that makes the room.
-    """
+    """Make a folder for clips, and room for one more; OutputError without, or OSError."""
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     # One that has another name, too, as in a backup, would make no room.
     clips = [c for c in _oldest_first(folder) if all(p.stat().st_nlink == 1 for p in c)]

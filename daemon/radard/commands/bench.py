@@ -191,11 +191,7 @@ class Cost:
 
 
 def measure(config: Config, duration_s: float, rounds: int) -> Cost:
-    """Measure every part `rounds` times, on `duration_s` of the stream of a configuration's port.
-
-    Raises RadardError or X2RadarError if port or model are not to be had, or the stream is too
-    short.
-    """
+    """Measure every part `rounds` times, on `duration_s` of the configuration's port."""
     heard = listen(config.sensor.port or "", duration_s)
     rate_hz, heard_s = heard.stream.frame_rate_hz, heard.length_s
     classifier = classifier_for(heard.stream, config, make_classifier(config))

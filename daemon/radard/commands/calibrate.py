@@ -64,10 +64,7 @@ def run(argv: Sequence[str]) -> int:
 
 
 def report(calibration: Calibration, path: Path, *, is_own: bool) -> Iterator[str]:
-    """Yield the lines for people: the noise map by half metres, what it promises, where it is.
-
-    `is_own`: the daemon finds the file there by itself.
-    """
+    """Yield lines: the noise map by half metres, its promise, where it is (`is_own`: known)."""
     made = calibration.provenance
     yield f"{made.device}, {made.duration_s:.0f} s, {made.n_dwells} windows, {made.made_utc}"
     yield ""

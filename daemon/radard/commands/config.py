@@ -67,10 +67,7 @@ def make_parser() -> Parser:
 
 
 def shown(loaded: Loaded) -> Iterator[str]:
-    """Yield the lines of a YAML file that says the same, each value's origin behind it.
-
-    Secrets are masked, so the file is for reading: what is masked must be put back.
-    """
+    """Yield the lines of a YAML file for reading, with origins; secrets are masked."""
     tree = loaded.config.model_dump(mode="json")
     for section, values in tree.items():
         if not isinstance(values, dict):

@@ -1,8 +1,7 @@
 """Records to rows: CSV, Parquet or JSON Lines of many recordings in one table.
 
-`time` is when it was, by the recording's own start, and empty where that is not known: the wall
-clock of the replay, and how long it took, are left out, so the same recordings give the same
-table, byte for byte.
+`time` is by the recording's own start, empty where that is not known; nothing of the replay's own
+clock is in it, so the same recordings give the same table, byte for byte.
 """
 
 import csv
@@ -61,10 +60,7 @@ Add = Callable[[Judged], int]
 
 @contextmanager
 def open_table(kind: str, rows: str, file: TextIO | None, path: Path | None) -> Iterator[Add]:
-    """Lend a table of `FORMATS` with the `COLUMNS` of `rows`; JSON Lines hold all records.
-
-    `file` is for text; Parquet takes the `path`. Raises MissingExtra without pyarrow.
-    """
+    """Lend a table of `FORMATS` in a text `file`, or a Parquet `path`; or MissingExtra."""
     if kind == "parquet":
         pa: Any = needed("pyarrow", what="Parquet files")
         parquet: Any = needed("pyarrow.parquet", what="Parquet files")

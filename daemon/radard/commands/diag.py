@@ -95,10 +95,7 @@ def make_parser() -> Parser:
 
 
 def _write_bundle(path: Path, parts: Mapping[str, str], added: Sequence[Path]) -> None:
-    """Write parts by name and, as they are, the files that were added; `path` must not exist.
-
-    Raises RadardError if a file is not to be had, is too large, or the bundle cannot be written.
-    """
+    """Write parts by name, and added files as they are, into a new `path`; or RadardError."""
     try:
         if len({file.name for file in added}) < len(added):
             msg = "--add: two files of one name; the bundle can hold one of them"

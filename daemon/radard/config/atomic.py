@@ -9,12 +9,7 @@ from typing import BinaryIO
 def write_atomically(
     path: Path, content: str | bytes, *, sync: bool = True, mode: int = 0o644
 ) -> None:
-    """Write a file under another name beside it, and rename it; text as UTF-8.
-
-    A missing folder is made for its owner alone. `sync` waits for the disk, so that a power
-    failure does not lose it. Raises OSError if it cannot be written; the old file is then as it
-    was.
-    """
+    """Write a file whole or not at all, `sync` over a power failure; raises OSError."""
     made = path.with_name(f".{path.name}.{os.getpid()}.new")
     try:
         with _opened(made) as file:

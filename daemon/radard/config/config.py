@@ -1,11 +1,8 @@
 """Configuration: one validated object from built-in values, files, environment, options.
 
-Later ones win: built-in < /etc/radard/config.yaml < ./config.yaml < --config FILE <
-RADARD_SECTION__KEY < command line; a profile (`radard.config.profiles`) wins over what stands
-beside or before it; what was saved on the dashboard (`radard.config.saved`) comes
-after the file. Files do not add up: the first one found in the order
---config, ./config.yaml, /etc/radard/config.yaml is the file. An unknown key is an error
-that names file, line and the nearest right key.
+Later ones win: built-in < the first of --config, ./config.yaml, /etc/radard/config.yaml < saved on
+the dashboard (`radard.config.saved`) < RADARD_SECTION__KEY < command line. A profile
+(`radard.config.profiles`) wins over what stands beside or before it.
 """
 
 import hashlib
@@ -64,10 +61,7 @@ class Config(SinkOptions, RadarSections):
         return tuple(map(self.of_sensor, self.sensors)) if self.sensors else (self,)
 
     def of_sensor(self, name: str | None) -> "Config":
-        """Return the configuration of one radar of `sensors`; None is the only one.
-
-        Raises UsageError if there is none of this name, or several and no name.
-        """
+        """Return the configuration of one radar, None is the only one; UsageError if not clear."""
         if name is None and len(self.sensors) == 1:
             (name,) = self.sensors
         if not self.sensors and name in {None, self.sensor.name}:
@@ -107,10 +101,7 @@ class Loaded:
     places: Places
 
     def origin(self, *where: str) -> str:
-        """Return file and line, variable or 'command line' of a value; 'built-in' otherwise.
-
-        What an entry of `sensors` leaves out is where the common section has it from.
-        """
+        """Return file and line, variable or 'command line' of a value; 'built-in' otherwise."""
         if where[0] == "sensors" and where not in self.places and len(where) == 4:
             where = where[2:]
         return self.places.get(where, "built-in")
@@ -130,11 +121,9 @@ def load_with_origins(
 ) -> Loaded:
     """Return the configuration that holds, and where its values came from.
 
-    `file` is what --config names and must exist; `environ` stands for the process environment;
-    `options` are those of the command line, section to key to value. `port` is what will be
-    listened to instead of the configured port: what was saved for that is not for this, as when
-    recordings are judged by a sensor's configuration. Raises ConfigError with every fault, each
-    with its place.
+    `file` is what --config names and must exist; `options` are those of the command line, section
+    to key to value; `port` is listened to instead of the configured port. Raises ConfigError with
+    every fault, each with its place.
     """
     environ = os.environ if environ is None else environ
     tree: dict[str, Any] = {}

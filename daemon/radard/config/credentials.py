@@ -11,11 +11,10 @@ from radard.errors import ConfigError
 
 
 def read_secret(what: str, file: Path | None, variable: str | None) -> str | None:
-    """Return a credential, or None when neither place is named.
+    """Return the first line of `file`, or of `variable`; None if neither is named.
 
-    It is the first line of `file`, or of the environment `variable`; `what` is the key
-    of the configuration without `_file` and `_env`. Raises ConfigError if both are named, or the
-    one that is holds nothing. It never shows the content.
+    Raises ConfigError, which never shows the content, if both are named or one holds nothing;
+    `what` is the key of the configuration without `_file` and `_env`.
     """
     if file is not None and variable is not None:
         msg = f"{what}_file and {what}_env are both given; one is enough"

@@ -1,8 +1,7 @@
 """Folders of the daemon: state that must outlive it, and the status of this moment.
 
-systemd names both folders (StateDirectory=, RuntimeDirectory=); run by hand, they are the
-user's own, and the former holds only what the last command was (armed or not). Clips, large and
-private, are made only where a folder was named.
+systemd names both (StateDirectory=, RuntimeDirectory=); run by hand, they are the user's own.
+Clips, large and private, are made only where a folder was named.
 """
 
 import atexit
@@ -37,11 +36,7 @@ def named_state_dir(config: "Config", environ: Mapping[str, str] = os.environ) -
 
 
 def state_dir(config: "Config", environ: Mapping[str, str] = os.environ) -> Path:
-    """Return the folder of what is kept over a restart: the named one, else the user's.
-
-    A user without a home, as a number that a container was given, has one among the temporary
-    files. Raises ConfigError if somebody else could write there.
-    """
+    """Return the folder of what outlives a restart; ConfigError if others could write it."""
     if (folder := named_state_dir(config, environ)) is not None:
         return folder
     if home := environ.get("XDG_STATE_HOME"):
@@ -71,11 +66,7 @@ def saved_file(
     *,
     port: str | None = None,
 ) -> Path:
-    """Return where the dashboard keeps the sensor's 'zones' or 'settings'.
-
-    A simulated or replayed one (`port`, or the configured one) has its own, which lives as long as
-    the process unless a folder was named.
-    """
+    """Return where the dashboard keeps the sensor's 'zones' or 'settings'."""
     sensor = config.sensor
     if (parse_port(port).kind if port else sensor.kind) in {"sim", "replay"}:
         folder = named_state_dir(config, environ) or own_folder()
@@ -89,10 +80,7 @@ def calibration_file(config: "Config", environ: Mapping[str, str] = os.environ) 
 
 
 def for_service(config: "Config", own: Path) -> Path:
-    """Return where a command keeps a file of the state: the service's, where one is installed.
-
-    Raises NotAllowed if the service's folder is not the user's to write in.
-    """
+    """Return where a command keeps state: the service's, if installed; or NotAllowed."""
     # Not is_dir(): for anybody but root it may be a link into a folder that is closed.
     if named_state_dir(config) is not None or not os.path.lexists(SYSTEM_STATE_DIR):
         return own
@@ -124,10 +112,7 @@ def clip_dir(config: "Config", environ: Mapping[str, str] = os.environ) -> Path 
 
 
 def log_path(config: "Config", environ: Mapping[str, str] = os.environ) -> Path | None:
-    """Return the file of the event log; None with replays, or a sensor simulated by hand.
-
-    What such a run leaves undelivered must not be taken for the real sensor's.
-    """
+    """Return the file of the event log; None with replays, or a sensor simulated by hand."""
     kinds = {each.sensor.kind for each in config.each()}
     if kinds == {"replay"}:
         return None
@@ -144,11 +129,7 @@ def status_dirs(config: "Config", environ: Mapping[str, str] = os.environ) -> tu
 
 
 def runtime_dir(config: "Config", environ: Mapping[str, str] = os.environ) -> Path:
-    """Return the folder of the status file.
-
-    The one in /tmp that stands in for systemd's or the session's is used only if nobody else
-    could have made it or may write there; else it is below the state directory.
-    """
+    """Return the folder of the status file, to which nobody else may write."""
     if config.service.runtime_dir is not None:
         return config.service.runtime_dir
     if given := environ.get("RUNTIME_DIRECTORY"):
@@ -159,11 +140,7 @@ def runtime_dir(config: "Config", environ: Mapping[str, str] = os.environ) -> Pa
 
 
 def demo_state(config: "Config", environ: Mapping[str, str] = os.environ) -> "Config":
-    """Return the configuration, with a folder for state where only simulations are on a page.
-
-    So a demo has clips to replay and to label. The folder ends with the process, unless one was
-    named: what was tried on a demo's page must change no later run.
-    """
+    """Return the configuration, with a passing state folder if only simulations are shown."""
     is_sim = {each.sensor.kind for each in config.each()} == {"sim"}
     has_page = any(output.startswith("http:") for output in config.output)
     if not (is_sim and has_page) or named_state_dir(config, environ) is not None:
@@ -173,10 +150,7 @@ def demo_state(config: "Config", environ: Mapping[str, str] = os.environ) -> "Co
 
 
 def _temporary_dir() -> Path | None:
-    """Return radard-UID among the temporary files, made if need be; None unless it is private.
-
-    Everybody may write there, so somebody else could have made it.
-    """
+    """Return radard-UID among the temporary files; None unless it is private to the user."""
     folder = Path(tempfile.gettempdir()) / f"radard-{os.getuid()}"
     try:
         with contextlib.suppress(FileExistsError):

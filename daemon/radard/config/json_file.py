@@ -26,10 +26,7 @@ class NotJson(ValueError):
 
 
 def parse_json(kind: type[T], text: str | bytes, within: str = "") -> T:
-    """Return a dataclass made of JSON; raise ValueError, one line that names key and value.
-
-    `within` is put before the key, as where the JSON is a part of a file.
-    """
+    """Return a dataclass made of JSON; ValueError names key, behind `within`, and value."""
     key: Any = kind
     try:
         data = text.encode() if isinstance(text, str) else text

@@ -44,10 +44,7 @@ def add_options(parser: argparse.ArgumentParser, *names: str) -> None:
 
 
 def config_options(args: argparse.Namespace) -> dict[str, Any]:
-    """Return what was given, as `radard.config.config.load_config` takes it.
-
-    What --model names judges in the place of a profile's bundle.
-    """
+    """Return what was given, as `radard.config.config.load_config` takes it."""
     got = {name: value for name, value in vars(args).items() if value not in (None, False)}
     keys = ("port", "speed", "on_device_loss", "wait")
     sensor: dict[str, Any] = {key: got[key] for key in keys if key in got}
@@ -72,11 +69,7 @@ def check_seconds(name: str, value: float, least: float) -> None:
 
 
 def listening_config(args: argparse.Namespace, default_port: str | None = None) -> Config:
-    """Return the configuration that holds for what is listened to.
-
-    Raises ConfigError or UsageError if it is wrong, or does not say which of several sensors is
-    meant.
-    """
+    """Return the configuration for what is listened to; or ConfigError, UsageError."""
     config = tell_taken(load_config(args.config, options=config_options(args)))
     if args.port is None and default_port is not None and not args.sensor:
         port = rated(config.sensor.port or default_port, config.model.profile)

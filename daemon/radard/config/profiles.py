@@ -26,10 +26,7 @@ _Places = dict[_Where, str]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Profile:
-    """One point that was measured; most have no name.
-
-    A `Three` is a share with the low and high end of its 95 % interval.
-    """
+    """One measured point; a `Three` is a share with the ends of its 95 % interval."""
 
     __pydantic_config__ = STRICT
 

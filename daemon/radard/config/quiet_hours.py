@@ -39,11 +39,7 @@ class QuietPeriod:
 
 
 class QuietHours:
-    """Say whether a quiet period holds at a stream time.
-
-    `zone` is the time zone of the periods, None the machine's; `now` turns stream time into wall
-    clock, None when it is unknown: then no period holds.
-    """
+    """Say whether a quiet period holds at a stream time, in `zone` (None: the machine's)."""
 
     def __init__(self, periods: Sequence[QuietPeriod], zone: tzinfo | None, now: Now) -> None:
         self._periods = tuple(periods)

@@ -14,11 +14,7 @@ _KEY = re.compile(r"pass(word)?|secret|token|api_?key", re.IGNORECASE)
 
 
 def redact(text: str) -> str:
-    """Return a port, output or error text without its secrets.
-
-    `SinkRow.shows` says of which outputs only the host, the service or the program stays: paths
-    and arguments are where tokens are kept.
-    """
+    """Return a port, output or error text without its secrets, see `SinkRow.shows`."""
     scheme, _, rest = text.partition(":")
     row = find_row(text)
     if row is not None and row.shows == "host":

@@ -1,16 +1,8 @@
 """What was saved on the dashboard: files of its own over the configuration's sections.
 
-::
-
-    # Saved on the dashboard, 2026-11-21T06:00:00.000Z; goes before these keys of files.
-    zones:
-      include: [[0.600, 3.000]]
-      exclude: []
-
-They lie in the state directory, two for each sensor, and are read with the configuration: after
-its file, before environment and command line. A simulated or replayed sensor has its own, which
-end with the process unless a folder was named. `KINDS` says what each may hold. Whatever changes
-one, a page or a command over MQTT, calls `change`, and waits for its turn there.
+They lie in the state directory, two for each sensor, `KINDS` says what each may hold, and come
+after the configuration's file, before environment and command line. A simulated or replayed sensor
+has its own, which end with the process unless a folder was named.
 """
 
 import contextlib
@@ -74,10 +66,7 @@ KINDS: dict[Kind, type[Section]] = {"zones": SavedZones, "settings": SavedSettin
 
 
 def lay_over(path_of: Callable[[Kind], Path], tree: dict[str, Any], places: Places) -> bool:
-    """Put what was saved into sections and places; return whether that changed them.
-
-    Raises ConfigError if a file is not one of the dashboard's.
-    """
+    """Put what was saved into sections and places; return whether that changed them."""
     is_changed = False
     for kind in KINDS:
         path = path_of(kind)
@@ -103,11 +92,7 @@ def check_saved(kind: Kind, sections: Sections) -> dict[str, dict[str, Any]]:
 
 
 def change(path: Path, kind: Kind, sections: Sections) -> None:
-    """Lay sections over what a file holds, numbers to a thousandth.
-
-    Raises ValueError if they may not be saved, ConfigError if the file is not one of ours,
-    OutputError if the disk does not take them.
-    """
+    """Lay sections over what a file holds; ValueError, ConfigError or OutputError if not."""
     given = check_saved(kind, sections)
     now = wall_clock.utc_text()
     with _lock:

@@ -36,11 +36,7 @@ def put(tree: dict[str, Any], section: str, key: str | None, value: Any) -> None
 
 
 def read_yaml(path: Path) -> tuple[dict[str, Any], Places]:
-    """Return a file's sections, in texts, and the place of every key; ConfigError if it cannot.
-
-    What a text means is the business of the field that takes it (`radard.config.sections`): a
-    sensor may be called `on` or `007`.
-    """
+    """Return a file's sections, in texts, and the place of every key; ConfigError if it cannot."""
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as err:
@@ -64,12 +60,7 @@ def read_yaml(path: Path) -> tuple[dict[str, Any], Places]:
 def read_environment(
     environ: Mapping[str, str], root: type[BaseModel]
 ) -> Iterator[tuple[tuple[str, str | None], Any, str]]:
-    """Yield ((section, key), value, name) of every variable RADARD_SECTION__KEY.
-
-    A variable without `__` that names no section is another program's, as the RADARD_PORT that a
-    container platform sets for a service called radard: it is left out, with a warning. Raises
-    ConfigError if one key is given twice.
-    """
+    """Yield ((section, key), value, name) of RADARD_SECTION__KEY; ConfigError if twice."""
     names: dict[str, str] = {}
     for name in sorted(environ):
         if not name.startswith(ENV_PREFIX):

@@ -1,9 +1,4 @@
-"""A lock on the state directory, so that two daemons do not share one.
-
-They would deliver each other's events, overwrite what was armed and delete each other's clips.
-The lock is on the folder itself (flock): it needs no file, and ends with the process however
-that ends.
-"""
+"""A lock on the state directory, so that two daemons do not share one; ends with the process."""
 
 import contextlib
 import fcntl
@@ -21,12 +16,7 @@ log = logging.getLogger("radard")
 
 @contextlib.contextmanager
 def state_lock(config: Config, environ: Mapping[str, str] = os.environ) -> Iterator[None]:
-    """Hold the state directory; raises ConfigError while another daemon does.
-
-    Replays, and simulations that nobody gave a folder, keep nothing there and need no lock. A
-    folder that cannot be locked, as on a disk that is read-only, is used without: the radar must
-    not fail with its disk.
-    """
+    """Hold the state directory, if one is used; ConfigError while another daemon does."""
     path = log_path(config, environ)
     if path is None:
         yield

@@ -105,11 +105,7 @@ class Calibration:
                 raise ConfigError(msg)
 
     def stale(self, *, device: str, software: str, now: datetime) -> Iterator[str]:
-        """Yield, in a few words each, why this should be made again; nothing if it is fresh.
-
-        `device` and `software` are of the stream and program that want to use it, empty when not
-        known; `now` has its time zone.
-        """
+        """Yield, in a few words each, why this should be made again; nothing if it is fresh."""
         made = self.provenance
         if made.made_utc:
             age_d = (now - datetime.fromisoformat(made.made_utc)).total_seconds() / 86_400
@@ -144,11 +140,7 @@ class Calibration:
 
 
 def restless_spans(calibration: Calibration) -> list[tuple[float, float]]:
-    """Return the ranges, [from, to] in metres, where something moved in the empty room.
-
-    There a body needs 6 dB more power than in half of the bins to open the gate: a machine, or a
-    curtain in the draught, that `radard calibrate --with-machines` took for a part of the room.
-    """
+    """Return the ranges, [from, to] in metres, where something moved in the empty room."""
     with np.errstate(divide="ignore"):
         needed_db = 10 * np.log10(calibration.floor) + calibration.threshold_db
     live = np.isfinite(needed_db)
@@ -168,10 +160,7 @@ def restless_spans(calibration: Calibration) -> list[tuple[float, float]]:
 
 
 def load_calibration(path: Path) -> Calibration:
-    """Read a calibration file; its values are checked, not yet its fit to a stream.
-
-    Raises ConfigError, naming file and key, if it cannot be read or a value makes no sense.
-    """
+    """Read a calibration file; ConfigError, naming file and key, if it cannot be used."""
     try:
         made = parse_json(_CalibrationFile, path.read_bytes())
     except OSError as err:

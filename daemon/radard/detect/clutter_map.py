@@ -46,10 +46,7 @@ class ClutterMap:
     def update(
         self, block_mean: NDArray[np.complex128], n: int, motion: NDArray[np.float64]
     ) -> None:
-        """Learn from a block: the mean of its `n` usable frames, complex128, shape (n_range,).
-
-        `motion` is residual power over the noise, linear; up to 2 a bin counts as still.
-        """
+        """Learn from a block: the mean of its `n` usable frames, complex128, shape (n_range,)."""
         if n == 0:
             return
         weight = n * np.clip(_STILL / np.maximum(motion, _STILL), self._least, 1.0)
@@ -59,11 +56,7 @@ class ClutterMap:
 
 
 class ClutterRemover:
-    """Take out of every dwell what does not move: spikes, jitter, clutter.
-
-    Stateful: the clutter map learns from the frames that are new in each dwell. Within the
-    first dwell the map is its mean.
-    """
+    """Take out of every dwell what does not move: spikes, jitter, clutter."""
 
     def __init__(self) -> None:
         self._map: ClutterMap | None = None

@@ -1,25 +1,12 @@
 """Gate: say whether anything moves that is not part of the room's background.
 
-The receiver's noise is visible in every dwell, also in one with somebody in it, so the gate
-works from the first dwell on and in any unit. On top of it, a background is learned per
-range bin: what stays in one place for long (a breathing sleeper, a washing machine, a dog
-in its basket) blinds its own few bins and no others. Only dwells whose motion keeps its
-range and fills three quarters of the swath at most are learned from, so neither somebody who
-walks through the room nor interference at all ranges ever becomes background, and power far
-over the noise is never learned at all.
-
-The test is on range-Doppler cells (`radard.dsp.range_doppler`). With c a CPI's strongest cells
-in a bin, l the bin's level and k the factor that follows from `false_alarms_per_day`::
-
-    level = max(noise, min(residue, 2 noise), 5 (learned - noise))
-    open if  c > k level  somewhere, in two of three CPIs in a row
-
-The mean power over 2 s, the test of before, integrates all Doppler's noise and so needs
-10 dB more of a walker. Noise is per range bin: from the stream
-(`radard.detect.noise_floor`) or, with a k for every bin, from a calibration file. Learned is what
-the dwells in place showed: the median of their usual cells, in units of what noise shows there.
-Powers are dB of 10 log10(power of the cells, scaled so that noise reads as its mean power per bin
-and frame), in sample units squared.
+The receiver's noise is seen in every dwell, so the gate works from the first one on, in any unit.
+What stays in one place for long (a sleeper's breath, a washing machine) becomes background of its
+own few bins; dwells in which motion changes its range, or fills more than three quarters of the
+swath, are not learned from. With c a CPI's strongest range-Doppler cells in a bin
+(`radard.dsp.range_doppler`) and k the factor that follows from `false_alarms_per_day`, it is open
+if c > k max(noise, min(residue, 2 noise), 5 (learned - noise)) somewhere, in two of three CPIs in
+a row. Powers are dB of mean power per bin and frame, in sample units squared.
 """
 
 from collections import deque
@@ -64,11 +51,7 @@ class GateReading:
 
 
 class Gate:
-    """Judge one dwell after another, `hop_s` apart.
-
-    Floors and thresholds of a `calibration`, checked against the stream, replace those of stream
-    and settings.
-    """
+    """Judge one dwell after another, `hop_s` apart, by a `calibration` where there is one."""
 
     def __init__(
         self, settings: GateSettings, hop_s: float = 1.0, calibration: Calibration | None = None
@@ -106,10 +89,7 @@ class Gate:
         self._in_place.clear()
 
     def read(self, dwell: Dwell) -> GateReading:
-        """Judge one dwell, whole enough for it, with or without its static clutter; learn from it.
-
-        A stream without any power is closed, and so is a dwell without a usable CPI.
-        """
+        """Judge one dwell, with or without its static clutter; learn from it."""
         n_cpi = min(max(4, round(CPI_S * dwell.frame_rate_hz)), len(dwell.frames))
         rows, usable, scale = sound_rows(dwell.frames, dwell.valid)
         unit = scale**2

@@ -1,22 +1,12 @@
 """Interference: what fills the swath at all ranges alike, or has made the gate blind in it.
 
-`InterferenceWatch` compares what the gate saw with a kept reference: the least noise floor of
-the first `_FIRST_S` of calm dwells, or the calibration's. Any of these is interference:
-
-steady
-    A third of the swath or more stands `noise_db` over the reference, and its shape over range
-    stays as it is, in cells of 0.3 m: measured, 0.02 to 0.1 dB of scatter under a continuous wave,
-    0.2 to 0.5 under noise, 0.6 to 0.9 under pulses; fans have 0.2 or more, bodies and plants 0.8.
-    Fans, too, are steady, but turn: so but for a continuous wave, the spectrum over slow time
-    must be as flat as noise's (0.96 or more; a fan's 0.7 at most). A common level may come and go.
-blind
-    What the gate takes for background, floor and learned, stands so far over the reference in
-    most of the swath: however it came about, weak motion is no longer seen. For `hold_s`; a
-    quarter of that from twice the rise on.
-filled
-    All of the swath has been in motion for `_FILLED_S`, and no verdict was an alarm.
-
-The reference follows slow change by `MAX_DRIFT_DB` in all, so no ramp can take it along.
+*Steady*: a third of the swath stands `noise_db` over the reference and keeps its shape over range
+(0.3 m cells; measured scatter 0.02 to 0.1 dB under a continuous wave, 0.2 to 0.5 under noise, 0.6
+to 0.9 under pulses, fans 0.2 or more, bodies and plants 0.8), and but for a continuous wave its
+spectrum is as flat as noise's (0.96 or more; a fan's 0.7 at most). *Blind*: what the gate takes
+for background is so far over the reference in most of the swath, for `hold_s`. *Filled*: all of it
+has moved for `_FILLED_S`, and no verdict was an alarm. The reference, the least floor of the first
+`_FIRST_S` of calm dwells or the calibration's, follows by `MAX_DRIFT_DB` in all.
 """
 
 from collections import deque
@@ -85,10 +75,7 @@ class InterferenceWatch:
         return FloorReference(self._reference, self._kept, self._t_s)
 
     def update(self, gate: Gate, dwell: Dwell, *, is_passed_over: bool) -> str:
-        """Take what the gate saw in a dwell; return why this is interference, empty if it is none.
-
-        `is_passed_over` is whether there is a verdict and it is no alarm.
-        """
+        """Take what the gate saw; return why this is interference, empty if it is none."""
         live = gate.floor > 0
         if not live.any() or len(gate.cpi_power) == 0:
             return self._reason
@@ -179,10 +166,7 @@ class InterferenceWatch:
 
 
 def _flatness(dwell: Dwell, cells: NDArray[np.intp], n_bins: int) -> float:
-    """Return how flat some cells' spectrum over slow time is, from 0 to 1, which is noise's.
-
-    Bins count alike, and what stands still not at all.
-    """
+    """Return how flat some cells' spectrum over slow time is, from 0 to 1, which is noise's."""
     bins = (cells[:, None] * n_bins + np.arange(n_bins)).ravel()
     rows = dwell.frames[:, bins].astype(np.complex128)
     rows = (rows - rows.mean(axis=0)) * np.hanning(len(rows))[:, None]

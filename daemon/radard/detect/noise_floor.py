@@ -1,11 +1,8 @@
 """NoiseFloor: the receiver's noise per range bin, learned from a stream with people in it.
 
-The level is common to all live bins: the least of what the dwells in memory say, since a
-target can only add to it. The shape over range is learned only from bins that hold
-stationary white noise at the time: their power after clutter removal is the same in every
-CPI of the dwell and the same as their second differences say; and it is learned as the
-median over a quarter of the swath, which no body fills. A fan that looks like noise in its
-own bins so stays what it is.
+The common level is the least of the dwells in memory, since a target can only add to it. The shape
+over range is learned only from bins that hold stationary white noise, as the median over a quarter
+of the swath, which no body fills.
 """
 
 from collections import deque
@@ -23,11 +20,7 @@ _MAX_MEMBERS = 24  # of a median: more cost time and tell little
 
 
 class NoiseFloor:
-    """Follow the noise of one stream by the least level of `n_memory` dwells.
-
-    The shape moves by `most_db_per_dwell` at most, but in the first dwell, and stays between -10
-    and +20 dB of the common level. State is float64 in dB and bounded, so it cannot drift.
-    """
+    """Follow one stream's noise, in bounded dB, by the least level of `n_memory` dwells."""
 
     def __init__(self, n_memory: int, most_db_per_dwell: float) -> None:
         self._levels: deque[float] = deque(maxlen=n_memory)

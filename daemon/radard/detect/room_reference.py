@@ -56,10 +56,7 @@ class _RoomFile:
 
 @dataclass(slots=True)
 class RoomStore:
-    """Keep one reference in a file; without a path, nothing.
-
-    `stream` says, in any words, whose reference this is; that of another one is not used.
-    """
+    """Keep one reference in a file, for one `stream` alone; without a path, nothing."""
 
     path: Path | None = None
     stream: str = ""

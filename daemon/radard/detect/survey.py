@@ -1,12 +1,9 @@
 """Survey of an empty room: from its dwells to a `Calibration`, and what that one promises.
 
-For every dwell there is a factor u: how far its cells stand over u h times their level, in two
-of three CPIs (see `radard.detect.gate`), with h how restless each range bin is. Whether a
-threshold is ever reached in this room is so a question about one number a dwell.
-Its logarithm is taken as normal, and what is predicted for dwells to come is Student's t
-with as many degrees of freedom as there were dwells without overlap, less one: a short
-survey promises less. (The predictive distribution of a normal sample; Geisser 1993,
-recalled.) No threshold is lower than the gate's own.
+For every dwell there is a factor u: how far its cells stand over u h times their level, in two of
+three CPIs, with h how restless each bin is. Its logarithm is taken as normal, and what is
+predicted for dwells to come is Student's t with as many degrees of freedom as there were dwells
+without overlap, less one (Geisser 1993, recalled). No threshold is lower than the gate's own.
 """
 
 from dataclasses import replace
@@ -63,10 +60,7 @@ class RoomSurvey:
         return len(self._power)
 
     def add(self, dwell: Dwell) -> bool:
-        """Take a dwell, one after the other; return whether something moved in it.
-
-        Dwells with too many frames missing are left out.
-        """
+        """Take a dwell, one after the other; return whether something moved in it."""
         moving = self._remover.remove(dwell) if dwell.is_whole else dwell
         if not moving.is_whole:
             self._n_skipped += 1
@@ -89,11 +83,7 @@ class RoomSurvey:
         return bool(seen)
 
     def check_empty(self, *, takes_machines: bool = False) -> None:
-        """Raise RoomNotEmpty if something moved.
-
-        With `takes_machines` what stays in its place is part of the room: only what travels half a
-        metre or more counts.
-        """
+        """Raise RoomNotEmpty if something moved; `takes_machines` lets what stays in place."""
         axis, seen = self._axis, self._seen
         noise = np.mean(self._noise, axis=0)
         excess_db = np.where(noise > 0, _db(np.mean(self._power, axis=0)) - _db(noise), 0.0)
@@ -125,11 +115,7 @@ class RoomSurvey:
             raise RoomNotEmpty(msg)
 
     def calibration(self, origin: Provenance, *, false_gates_per_day: float = 1.0) -> Calibration:
-        """Return the calibration; raise RadardError if too little was heard.
-
-        `origin` is completed by what was heard; `false_gates_per_day` decisions a day may open the
-        gate in this room.
-        """
+        """Return the calibration; raise RadardError if too little was heard."""
         independent = self.n_dwells * self._hop_s / max(self._dwell_s, self._hop_s)
         if independent < MIN_INDEPENDENT or not np.any(self._power):
             msg = (

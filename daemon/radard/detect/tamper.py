@@ -1,30 +1,14 @@
 """Tamper: the sensor is covered, was moved, or jammed.
 
-What stands still in a room is the sensor's fingerprint. `TamperWatch` learns it cell by
-cell (a cell is 0.3 m of range) and compares every dwell with it:
-
-covered
-    The level of the still echoes, median over cells, changed by `covered_db` or more.
-moved
-    Their shape, the coherence of a cell's bins with what was learned, fell below
-    `moved_coherence` in the median. A common phase does not count, so slow drift of the
-    carrier is none.
-noise
-    The receiver's noise, median over cells, changed by `noise_db` or more: a jammer, a
-    broken receiver. Or it clips: many samples are at one and the same limit.
-interference
-    Any other that fills the swath: see `radard.detect.interference`.
-
-Each must last `hold_s`, or a quarter of it when the change is twice as large. What moves must
-not count: a cell is only judged in a dwell in which it stands still, medians over cells let
-furniture and people change some of them, and noise is only read where it is white in slow time
-and alike in all cells. A stream without three cells of still echoes (a simulated void, people
-all over the place) is not judged but for its noise; where nothing hides the receiver's noise and
-there are still no echoes for `_BLIND_S`, the antenna is unplugged or covered, and that is told.
-
-All state follows from the dwells and from the reference that it begins with, so a replay, which
-has none, finds the same each time. `TamperWatch` reads and writes no file: who keeps the reference
-over a restart asks `take_due` for it.
+What stands still in a room is the sensor's fingerprint, learned cell by cell (0.3 m of range) and
+compared with every dwell. *Covered*: the median level of still echoes changed by `covered_db`.
+*Moved*: the median coherence of a cell's bins fell below `moved_coherence`, a common phase apart.
+*Noise*: the receiver's noise changed by `noise_db`, or many samples are at one limit.
+*Interference*: see `radard.detect.interference`. Each must last `hold_s`, a quarter of it when
+twice as large; a cell is judged only while it stands still. No still echoes for `_BLIND_S`: the
+antenna is unplugged or covered.
+All state follows from the dwells and the reference it begins with; no file is read or written
+here.
 """
 
 from dataclasses import dataclass
@@ -64,10 +48,7 @@ class Finding:
 
 
 class TamperWatch:
-    """Compare dwells, `hop_s` apart, with the fingerprint that was learned from those before.
-
-    `known` is a fingerprint to begin with, kept from an earlier run.
-    """
+    """Compare dwells, `hop_s` apart, with the fingerprint of those before, or a `known` one."""
 
     def __init__(
         self, settings: TamperSection, hop_s: float = 1.0, known: RoomReference | None = None
@@ -102,10 +83,7 @@ class TamperWatch:
         )
 
     def take_due(self) -> RoomReference | None:
-        """Return `known` once when it is first known, and again every ten minutes; else None.
-
-        Only in a room in which nothing is wrong.
-        """
+        """Return `known` when first known, and every ten minutes if all is well; else None."""
         due = self._due
         self._due = None
         return due
@@ -143,11 +121,7 @@ class TamperWatch:
     def update(
         self, dwell: Dwell, gate: Gate | None = None, *, is_passed_over: bool = False
     ) -> tuple[Finding, ...]:
-        """Judge a dwell, whole and with its clutter, and learn from it; return what holds.
-
-        `gate` has judged the same dwell, and `is_passed_over` is whether its verdict was no
-        alarm; without a gate, interference is not looked for.
-        """
+        """Judge a whole dwell with its clutter, and learn from it; return what holds."""
         if gate is not None:
             self._interfered = self._interference.update(
                 gate, dwell, is_passed_over=is_passed_over

@@ -1,17 +1,10 @@
 """Tracks: detections followed over time, so that each body can be judged by itself.
 
-Every block of about 0.12 s gives peaks of residual power (`radard.dsp.cfar`); a Kalman
-filter with nearly constant velocity follows each body through them, within a dwell and from
-dwell to dwell. Velocity comes from range over time and so does not alias, unlike Doppler.
-Everything is decided by stream time and in a fixed order: the same frames give the same
-tracks.
-
-Rules of life:
-
-* a peak that no track takes, and that is not at another track's side, begins a candidate;
-* a candidate that is hit in 4 of its first 6 blocks is born and numbered, from 1 on;
-* a track dies when it was not hit for `_COAST_S`, also behind the edge of the swath, or when
-  it has moved along with an older one, closer than a body is long, for a second.
+A Kalman filter with nearly constant velocity follows each body through the peaks of residual power
+(`radard.dsp.cfar`) of blocks of 0.12 s. A peak that no track takes begins a candidate, which is
+born when hit in 4 of its first 6 blocks, numbered from 1. A track dies when not hit for
+`_COAST_S`, also behind the edge of the swath, or when it has moved along with an older one, closer
+than a body is long, for a second.
 """
 
 from dataclasses import dataclass, field
@@ -120,11 +113,7 @@ class Tracker:
         self._time_s = -np.inf
 
     def update(self, dwell: Dwell, floor: NDArray[np.float64]) -> tuple[Track, ...]:
-        """Take a dwell without its clutter, in order; return the tracks alive at its end, by id.
-
-        After dwells that were left out, a dwell's own blocks are all that is known. `floor` is the
-        noise and background of every bin, shape (n_range,) (`Gate.background`).
-        """
+        """Take a dwell without its clutter, in order; return the tracks alive at its end."""
         rate_hz = dwell.frame_rate_hz
         n_rows = len(dwell.frames)
         if np.isfinite(self._time_s):
@@ -255,16 +244,11 @@ def range_gates(
     half_width_m: float = 0.5,
     taper_m: float = 0.2,
 ) -> NDArray[np.float32]:
-    """Return for every track how much of each cell of a dwell is its own.
+    """Return every track's share of each cell, 0 to 1, (n_tracks, n_slow, n_range), float32.
 
     `paths_m` is the range of every track at every frame, shape (n_tracks, n_slow), `range_m` the
-    range axis of the dwell. `half_width_m` from a track its gate's weight is one half; the edges
-    are raised cosines of length `taper_m`.
-
-    Weights of amplitude, 0 to 1, shape (n_tracks, n_slow, n_range), float32. Overlapping gates
-    hand over in the middle between the tracks, over the same length; the weights of a cell sum to
-    at most one, to 1e-6. Multiply frames that are free of static clutter: a moving gate would
-    modulate what stands still.
+    range axis. `half_width_m` from a track its weight is one half; edges are raised cosines of
+    `taper_m`. The weights of a cell sum to at most one, to 1e-6.
     """
     paths = paths_m.astype(np.float32)
     off = np.abs(range_m.astype(np.float32) - paths[..., None])

@@ -1,11 +1,8 @@
 """Detection on the range-time map of residual power: ordered-statistic CFAR and peaks.
 
-A cell is a detection when it stands out of its own noise floor, which is known from the
-stream, and out of its surroundings in range. The surroundings are judged by an ordered
-statistic (OS-CFAR, Rohling 1983) and not by their mean: a second body a metre away would
-lift a mean (CA-CFAR) and hide the weaker of two bodies, while a low rank looks past it. The
-greater of the two sides counts: moving multipath fills the range behind a person, and the
-first cells of that fill would stand out of a statistic that is taken over both sides.
+A cell must stand out of its own noise floor and out of its surroundings in range: an ordered
+statistic (OS-CFAR, Rohling 1983), of which a second body is no part, on the greater of both sides,
+because moving multipath fills the range behind a person.
 """
 
 import math
@@ -162,11 +159,7 @@ def _gamma(shape: float) -> tuple[Array, Array, Array]:
 
 
 def find_peaks(chart: PowerMap, least_db: float) -> list[list[Peak]]:
-    """Return what stands out, one list a block, strongest first, at most eight peaks.
-
-    A peak must also be `least_db` over its floor. Two peaks are at least 0.3 m apart: an
-    extended body gives one, or one a limb when it is longer.
-    """
+    """Return what stands out, one list a block, strongest first, at most eight, 0.3 m apart."""
     ratio, cell_m = chart.ratio, chart.cell_m
     guard = max(1, round(GUARD_M / cell_m))
     reach = max(guard + 2, round(WINDOW_M / cell_m))

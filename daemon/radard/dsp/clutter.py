@@ -53,10 +53,7 @@ def sound_rows(frames: AnyFrames, valid: Flags) -> tuple[NDArray[np.complex64], 
 
 
 def repeat_usable(rows: NDArray[np.complex64], usable: Flags, where: Flags) -> None:
-    """Let the rows at `where` repeat the usable row before them, in place.
-
-    The first usable row fills the beginning; without any usable row they become zero.
-    """
+    """Let the rows at `where` repeat the usable row before them, in place; else zero."""
     good = np.flatnonzero(usable)
     if good.size == 0:
         rows[where] = 0
@@ -66,12 +63,10 @@ def repeat_usable(rows: NDArray[np.complex64], usable: Flags, where: Flags) -> N
 
 
 def spike_rows(rows: NDArray[np.complex64], usable: Flags) -> Flags:
-    """Return which frames are alone in what they show: spikes, bursts, torn frames.
+    """Return which rows of `sound_rows` are alone in what they show, shape (n_slow,).
 
-    A spike's distance to either neighbour is 20 dB over the usual one and over that from
-    neighbour to neighbour. Nothing that moves is in a place for one frame only. `rows` and
-    `usable` are from `sound_rows`; the outermost usable rows are compared with the two inwards.
-    True for spikes, shape (n_slow,); all False for less than five usable rows.
+    A spike's distance to either neighbour is 20 dB over the usual one and over that from neighbour
+    to neighbour. All False for less than five usable rows.
     """
     spikes = np.zeros(len(rows), np.bool_)
     at = np.flatnonzero(usable)

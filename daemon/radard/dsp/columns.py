@@ -58,11 +58,7 @@ class ColumnStore:
 
 
 class ColumnStream(ABC):
-    """A map of one stream, made column by column from its steps.
-
-    A column may need `n_history` steps before the new ones; `n_block` frames are taken at once at
-    most. The map has `n_rows` rows, of which `n_keep` columns can be asked for.
-    """
+    """A map of `n_rows` rows and `n_keep` columns, made column by column from its steps."""
 
     def __init__(self, n_history: int, n_block: int, n_keep: int, n_rows: int) -> None:
         self.n_history = n_history
@@ -92,10 +88,7 @@ class ColumnStream(ABC):
 
     @abstractmethod
     def advance(self, steps: StepBuffer, n_new: int) -> int:
-        """Make the columns that the newest `n_new` frames, at most `n_block`, complete.
-
-        `steps` is the same object from one restart to the next. Returns the columns made.
-        """
+        """Make and return the columns that the newest `n_new` frames complete."""
 
     def columns(self, n: int | None = None) -> Reals:
         """Return a copy of the last `n` columns, or all: linear power, shape (n_rows, n), float64.

@@ -1,9 +1,8 @@
 """Micro-Doppler spectrogram mu of a stream or a record: new frames in, new columns out.
 
-mu[k, i] is the power at Doppler line k, summed over range, in the CPI of M frames that
-begins at frame i, after the CPI's mean was taken off and a taper was put on (2.29-2.38).
-It is computed from the Gram matrix of steps (see `radard.dsp.gram`); only the last CPI's steps
-are kept, never a running sum, so nothing drifts: the millionth column is as exact as the first.
+mu[k, i] is the power at Doppler line k, summed over range, in the CPI of M frames from frame i on,
+less its mean and with a taper (2.29-2.38), computed from the Gram matrix of steps
+(`radard.dsp.gram`) without any running sum.
 """
 
 import numpy as np

@@ -1,10 +1,8 @@
 """RF frames to complex baseband: mixing, matched filter and range decimation in one step.
 
-The steps (2.18, 2.19) are linear, so they are one operator: correlating with the pulse on
-its carrier and then turning the phase is the same as mixing first and correlating with the
-envelope, and only the bins that are kept need be computed. The pulse is short, so the
-operator is a band, and neighbouring bins' rows are the same shifted: one small dense block
-serves the whole frame as a matrix product.
+All (2.18, 2.19) are linear: correlating with the pulse on its carrier, then turning the phase. The
+pulse is short, so rows of neighbouring bins are the same, shifted: one dense block serves the
+whole frame as a matrix product.
 """
 
 from dataclasses import replace

@@ -40,10 +40,7 @@ def gaussian_taper(n_cpi: int) -> Reals:
 
 
 def step_operator(taper: Reals) -> NDArray[np.complex128]:
-    """Return B, from the steps within a CPI to its Doppler lines, (n_cpi, n_cpi - 1), complex128.
-
-    Rows in ascending Doppler, zero in row n_cpi // 2.
-    """
+    """Return B, steps within a CPI to ascending Doppler lines, (n_cpi, n_cpi - 1), complex128."""
     n_cpi = len(taper)
     k = np.arange(n_cpi)
     dft = np.exp(-2j * np.pi * ((np.outer(k, k) % n_cpi) / n_cpi))
@@ -74,10 +71,7 @@ class GramMap:
         return np.where(b <= a, np.where(b == a, 1.0, 2.0) * pairs.real, -2.0 * pairs.imag)
 
     def columns(self, gram: Reals, n: int, stride: int = 1) -> Reals:
-        """Return `n` columns of the spectrogram, shape (n, n_cpi), float64, `stride` steps apart.
-
-        `gram` is Q of consecutive steps, C-contiguous; the first column's steps are its first.
-        """
+        """Return `n` columns, shape (n, n_cpi), float64, `stride` steps apart, of Q, `gram`."""
         width = self.n_cpi - 1
         s0, s1 = gram.strides
         shape, strides = (n, width, width), (stride * (s0 + s1), s0, s1)

@@ -1,24 +1,10 @@
 """Sampling jitter and gain noise: one delay and one gain per frame, fitted to the clutter.
 
-Static clutter far over the noise leaves a residue when the sampler's clock or gain trembles:
-every echo moves alike, by a fraction of a picosecond. So each frame y_t is written as
-
-    y_t = (1 + gain_t) b + delay_t b' + whatever moves
-
-with b the mean frame and b' its derivative with respect to delay. In baseband that is
--j 2 pi fc b, the turn of the carrier, less the slope of the envelope, some 5 % of it at X2
-bandwidths. Real least squares with these two columns is a couple of dot products per frame;
-sums over cells of a few bins are all that the rest of the work needs.
-
-What moves in a room must stay, and three things see to it:
-
-* every cell is corrected with a fit to cells at least two pulse lengths away, never to
-  itself, so no echo can be taken for jitter by what it did itself;
-* a cell's vote in a frame falls with what the common fit leaves there (Cauchy weights,
-  iterated), so a walker is outvoted in the cells and frames that it crosses;
-* the correction is scaled, cell by cell, by the share of it that the cell itself confirms
-  over the dwell: its regression on what the others say, between 0 and 1. Where clutter is
-  weak, or the others were misled by motion, that is nothing and nothing is removed.
+Each frame is y_t = (1 + gain_t) b + delay_t b' + what moves, with b the mean frame and b' its
+derivative by delay: in baseband -j 2 pi fc b, less the slope of the envelope, some 5 % of it for
+an X2. What moves must stay: every cell is corrected with a fit to cells at least two pulse lengths
+away; a cell's vote falls with what the fit leaves there (Cauchy weights, iterated); and the
+correction is scaled by the share of it that the cell itself confirms over the dwell.
 """
 
 from dataclasses import dataclass

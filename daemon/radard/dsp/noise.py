@@ -16,10 +16,7 @@ _SECOND_DIFFERENCE_GAIN = 6.0  # 1 + 4 + 1, of the power of white noise
 
 
 def second_differences(rows: NDArray[np.complex64], usable: Flags) -> NDArray[np.float32]:
-    """Return |y[t+1] - 2 y[t] + y[t-1]|^2 / 6 of usable rows: its mean is the noise power.
-
-    `rows` and `usable` are from `sound_rows`; float32, shape (n_triples, n_range).
-    """
+    """Return |y[t+1] - 2 y[t] + y[t-1]|^2 / 6 of `sound_rows`, float32, (n_triples, n_range)."""
     good = usable[2:] & usable[1:-1] & usable[:-2]
     step = rows[1:] - rows[:-1]
     second = step[1:] - step[:-1]

@@ -145,11 +145,7 @@ class Spectrograms:
     def push(
         self, frames: NDArray[np.complex64], valid: NDArray[np.bool_], t_s: float
     ) -> Columns | None:
-        """Take the next frames; return the columns that they complete, if any.
-
-        At most `longest_push`, shape (n, n_range), False in `valid` for those that were lost;
-        `t_s` is stream time behind the last of them.
-        """
+        """Take (n, n_range) frames, `t_s` behind the last; return the columns they complete."""
         self._shared.push(frames[:, :: self._thin], valid)
         self._n_seen += len(frames)
         total = self._n_columns_by(self._n_seen)
@@ -170,10 +166,7 @@ class Spectrograms:
         return Columns(end_s, self._velocity.columns_valid(n), values)
 
     def gait(self) -> Bytes | None:
-        """Return the gait picture, shape (n_doppler, n_cadence), uint8; None before it is due.
-
-        Column 0 is the cadence zero, which holds the mean and is left dark.
-        """
+        """Return the gait picture, shape (n_doppler, n_cadence), uint8; None before it is due."""
         if self._doppler.n_columns < self._n_gait:
             return None
         spectrogram = self._doppler.columns(self._n_gait).astype(np.float32)

@@ -1,16 +1,10 @@
 """Detection on range-Doppler cells: CFAR by ordered statistic, with a known false-alarm rate.
 
-Each CPI of each range bin is taken apart by a DFT without taper, less the mean: for white noise
-its cells are independent and exponential, and what stands still is in none of them. The mean of
-three neighbouring Doppler cells is what is tested, so a trunk that changes its speed within a
-CPI (0.47 s) stays whole; for noise it is a gamma variable of shape three.
-
-The reference is what clutter leaves. Still echoes leave the receiver's jitter: white in Doppler,
-and as strong as the echo of that range bin, so neighbours in Doppler show it and neighbours in
-range do not. So the level of a bin is an ordered statistic, the median, of its Doppler cells in
-all CPIs of the dwell (OS-CFAR, Rohling 1983). Never less than the receiver's noise, which is
-known, and at most `MAX_RESIDUE` times it: a body that fills its bin's Doppler must not hide
-itself.
+A CPI's bins are taken apart by a DFT without taper, less the mean: cells of white noise are
+independent and exponential. The mean of three neighbours is tested, a gamma variable of shape
+three for noise. A bin's level is the median of its Doppler cells in the dwell (OS-CFAR, Rohling
+1983), because still echoes leave jitter that is white in Doppler; never less than the receiver's
+noise and at most `MAX_RESIDUE` times it, so that no body hides itself.
 """
 
 from functools import lru_cache

@@ -1,11 +1,7 @@
 """Range-time power map: where the power of motion is, in metres and seconds.
 
-Each frame loses the mean of the CPI around it, and the power that is left is averaged over
-cells of range. Column i of the map and column i of the spectrogram are of the same CPI:
-its centre frame and its Doppler.
-
-Unlike the spectrogram this keeps where a target is, how far it reaches and how it moves,
-and at 60 Hz it does not alias: a walker at 1.2 m/s moves 2 cm from frame to frame.
+Each frame loses the mean of the CPI around it, and power is averaged over cells of range. Column i
+is of the same CPI as the spectrogram's. It keeps where a target is, and does not alias at 60 Hz.
 """
 
 from functools import lru_cache
@@ -94,10 +90,7 @@ class RangeTimeMap(ColumnStream):
 def _design(
     axis: FastTimeAxis, n_cpi: int, cell_m: float, near_m: float, far_m: float
 ) -> tuple[Reals, Flags, NDArray[np.float32], NDArray[np.float32]]:
-    """Return cells, what leads to them from the squares of parts, and to residues from steps.
-
-    Read-only; kept, since every track of a dwell wants the same.
-    """
+    """Return cells, what leads to them from squares of parts, and to residues from steps."""
     bins = np.arange(axis.n_range + 1, dtype=np.float64)
     bin_edges = axis.range_offset_m - axis.bin_length_m / 2 + axis.bin_length_m * bins
     n_cells = max(1, int((far_m - near_m) / cell_m + 1e-9))

@@ -1,13 +1,8 @@
 """Frame-to-frame steps: the form of a stream in which static clutter is gone exactly.
 
-Two floating-point numbers within a factor of two of each other have an exact difference
-(Sterbenz 1974), so the step from one frame to the next holds the motion and none of the
-clutter's rounding, however strong the clutter is. Everything that looks for motion (the
-spectrogram, the velocity transform, the range-time map) starts from steps and puts frames
-together again only as far as a CPI reaches. Steps carry no state that could drift.
-
-A frame that is lost or unusable repeats the one before it: its step is zero, the next good
-frame's step spans the gap, and a flag says which frames those are.
+Two floating-point numbers within a factor of two of each other have an exact difference (Sterbenz
+1974), so steps hold none of the clutter's rounding. A frame that is lost repeats the one before
+it: its step is zero, the next good one's spans the gap, and a flag says which those are.
 """
 
 from collections.abc import Iterator
@@ -49,21 +44,13 @@ def blocks(
 
 
 def whole(valid: Flags, n_cpi: int, stride: int = 1) -> Flags:
-    """Return which CPIs hold good frames only, shape (1 + (n_slow - n_cpi) // stride,), bool.
-
-    `valid`, shape (n_slow,), is False for lost frames; CPIs begin `stride` frames apart.
-    """
+    """Return which CPIs, `stride` apart, hold good frames only, bool, from `valid` (n_slow,)."""
     n_lost = np.concatenate(([0], np.cumsum(~valid)))
     return np.asarray((n_lost[n_cpi:] == n_lost[:-n_cpi])[::stride])
 
 
 class StepBuffer:
-    """The last steps of one stream, contiguous, oldest first.
-
-    Rows are planar: all real parts, then all imaginary parts, which is what the real
-    matrix products want. `n_keep` rows stay available before those of the latest push, which is
-    of at most `n_block` frames.
-    """
+    """The last `n_keep` steps of one stream: all real parts of a row, then all imaginary ones."""
 
     def __init__(self, n_keep: int, n_block: int) -> None:
         self._n_keep = n_keep
@@ -83,10 +70,7 @@ class StepBuffer:
         self.n_frames = 0
 
     def push(self, frames: Frames, valid: Flags | None = None) -> None:
-        """Add frames and flags from `blocks`; those that are not finite count as lost unnamed.
-
-        Raises FeatureError if the number of range bins changed without a restart.
-        """
+        """Add frames and flags from `blocks`; those that are not finite count as lost unnamed."""
         n, n_range = frames.shape
         if self.n_frames == 0 and n_range != self.n_range:
             self.n_range = n_range
@@ -121,10 +105,7 @@ class StepBuffer:
         return self._rows[self._fill - n : self._fill]
 
     def product(self, matrix: NDArray[np.float32], n: int) -> NDArray[np.float32]:
-        """Return the last `n` steps times a matrix, shape (n, matrix.shape[1]), float32.
-
-        It is kept until the next push: maps that share the matrix, the same object, share it.
-        """
+        """Return the last `n` steps times a matrix, (n, columns), float32; kept for maps alike."""
         if self._product is None or self._product[0] is not matrix or len(self._product[1]) != n:
             self._product = matrix, self.rows(n) @ matrix
         return self._product[1]

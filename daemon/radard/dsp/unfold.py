@@ -1,10 +1,8 @@
 """Unfold: tell a velocity from its aliases by how fast what moves changes its range.
 
-At a frame rate too low for it, a velocity looks like others c fp / (2 f) apart. Range does not
-alias: a body that comes 1.3 m a second nearer crosses 26 cells of 5 cm in that time. Each
-velocity gets the energy of all straight lines of its slope in the last half second of the range
-picture, and a band of the velocity picture fades by what speaks more for one of its aliases.
-Bands that nothing can tell apart stay, and are seen to be several.
+Each velocity gets the energy of all straight lines of its slope in the last half second of the
+range picture; a band of the velocity picture fades by what speaks more for an alias c fp / (2 f)
+apart.
 """
 
 import numpy as np
@@ -19,18 +17,10 @@ _LINE_WEIGHT, _FADE = 2.0, 2.0  # of lines beside power, and of what is then les
 
 
 class Unfolding:
-    """Fade the aliases in the velocity picture of one stream.
+    """Fade the aliases, `apart_mps` apart, in the velocity picture of one stream.
 
-    Parameters
-    ----------
-    velocity_mps : ndarray, shape (n_velocity,)
-        Rows of the velocity picture, evenly spaced.
-    apart_mps : float
-        Velocities this far apart look alike.
-    n_ranges, cells_per_mps : int, float
-        Rows of the range picture, and how many of them 1 m/s crosses from column to column.
-    span_db : float
-        Of the velocity picture.
+    `velocity_mps` are its rows, evenly spaced; 1 m/s crosses `cells_per_mps` of the `n_ranges`
+    rows of the range picture from column to column; `span_db` is the velocity picture's.
     """
 
     def __init__(

@@ -1,21 +1,11 @@
 """Wideband velocity transform: power by velocity and time, aliases suppressed.
 
-A point that approaches at v turns the phase of frequency f by 4 pi f v / c a second. At a
-frame rate too low for v, one frequency cannot tell v from v + c fp / (2 f); over a wide band
-these aliases lie elsewhere for every f, and the true velocity does not. With X(f, t) the
-DFT over range of frame t, f absolute (carrier and baseband frequency), and w a taper about
-the column's time t0::
-
-    P(v, t0) = sum_f |sum_t w(t - t0) X(f, t) exp(-j 4 pi f v (t - t0) / c)|^2
-
-The exponential follows every f's own Doppler, which also means that a target may cross many
-range bins within a CPI and stay one sharp line. Aliases are smeared over velocity in
-proportion to band over carrier, and weaker by that, not absent. Related: range walk
-compensation by the keystone transform (Perry, DiPietro and Fante 1999, recalled).
-
-**Clutter.** The mean over each CPI is taken off X, as in the spectrogram, and it is done on
-frame-to-frame steps, *before* the DFT over range: static clutter is then gone exactly,
-before anything was rounded (see `radard.dsp.steps`).
+With X(f, t) the DFT over range of frame t, f absolute (carrier and baseband frequency), and w a
+taper about the column's time t0: P(v, t0) = sum_f |sum_t w(t - t0) X(f, t) exp(-j 4 pi f v (t -
+t0) / c)|^2. Every f has its own aliases, v + c fp / (2 f), so they smear over velocity in
+proportion to band over carrier, while the true velocity stays one line at any range walk (related:
+the keystone transform; Perry, DiPietro and Fante 1999, recalled). The mean over each CPI is taken
+off on steps, before the DFT: static clutter is gone exactly (`radard.dsp.steps`).
 """
 
 from functools import lru_cache
@@ -62,11 +52,7 @@ class FrameMeans:
     def add(
         self, steps: NDArray[np.complex64], flags: Flags
     ) -> tuple[NDArray[np.complex64], Flags]:
-        """Take steps, shape (n, n_freq), and flags of the frames that they lead to.
-
-        Return the steps that are whole by now, and False for means with a bad frame; the rest
-        waits for the next call.
-        """
+        """Take steps, (n, n_freq), and their frames' flags; return the steps that are whole."""
         n = self._n_mean
         if n == 1:
             return steps, flags
@@ -218,10 +204,7 @@ def _design(
 
 @lru_cache(maxsize=8)
 def _planar_dft(axis: FastTimeAxis, n_frequencies: int, flatten: float) -> NDArray[np.float32]:
-    """Return what leads from planar steps to planar spectra; one object for all maps of a radar.
-
-    Planar in, planar out: [re im] times [[C S], [-S C]].
-    """
+    """Return planar steps to planar spectra, [[C S], [-S C]]; one object for all maps."""
     dft = range_dft(axis, range_frequencies(axis, n_frequencies), flatten)
     planar = np.block([[dft.real, dft.imag], [-dft.imag, dft.real]]).astype(np.float32)
     planar.flags.writeable = False

@@ -174,10 +174,7 @@ class Health:
 
 
 def overall(healths: Mapping[str, Health]) -> Status:
-    """Return one state for all sensors of a process, by name.
-
-    Degraded names those that are not online; offline means that nobody is looked after.
-    """
+    """Return one state for all sensors of a process, by name."""
     states = {name: health.status for name, health in healths.items()}
     if len(states) == 1:
         return next(iter(states.values()))

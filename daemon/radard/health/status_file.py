@@ -34,10 +34,7 @@ def status_path(folder: Path, sensor: str) -> Path:
 
 
 def write_status(path: Path, status: Status, more: dict[str, Any]) -> None:
-    """Write the file, for everybody to read: what the folder allows is its owner's choice.
-
-    Raises OSError if it cannot be written.
-    """
+    """Write the file, for everybody who can see the folder to read; raises OSError."""
     content = {
         "state": status.state,
         "reason": status.reason,

@@ -15,10 +15,7 @@ log = logging.getLogger("radard")
 
 
 class Notifier:
-    """Send messages to the service manager, if there is one.
-
-    `environ` has its NOTIFY_SOCKET, WATCHDOG_USEC and WATCHDOG_PID.
-    """
+    """Send messages to the service manager that `environ` names, if there is one."""
 
     def __init__(self, environ: Mapping[str, str] = os.environ) -> None:
         name = environ.get("NOTIFY_SOCKET", "")

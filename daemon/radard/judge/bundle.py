@@ -1,9 +1,7 @@
 """Model bundle: what a sidecar says, read and checked.
 
-A bundle is three files: NAME.onnx (weights), NAME.json (sidecar) and NAME.md (card). The
-sidecar says which features go in, with which settings, for which streams the network was
-trained, and the hash of the weights. Nothing is guessed: what does not fit is refused, and so is
-a network with weights in other files or operators of other libraries (`onnx_safety`).
+NAME.onnx has the weights, NAME.json (the sidecar) says which features go in and for which streams,
+NAME.md is the card. What does not fit is refused, nothing is guessed.
 """
 
 import functools
@@ -130,11 +128,7 @@ def sidecar_path(model: str) -> Path:
 
 
 def load_bundle(name: str) -> Bundle:
-    """Read a bundle by name, or by the path of its .onnx or .json file.
-
-    Raises BundleError if a file is missing or unreadable, ModelMismatch if the sidecar makes no
-    sense or the weights are not those it names.
-    """
+    """Read a bundle by name, or its .onnx or .json file; BundleError or ModelMismatch."""
     known = bundle_names()
     if name not in known and Path(name).suffix not in {".onnx", ".json"}:
         msg = f"no model '{name}'; installed are {', '.join(known) or 'none'}; "

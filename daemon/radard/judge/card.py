@@ -12,10 +12,7 @@ Three = tuple[float | None, float | None, float | None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Passing:
-    """How one sensitivity did on whole passages of people and pets.
-
-    A `Three` is a value with the low and high end of its 95 % interval.
-    """
+    """How one sensitivity did on whole passages; a `Three` has its 95 % interval's ends."""
 
     __pydantic_config__ = LOOSE
 

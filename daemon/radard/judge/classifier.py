@@ -36,11 +36,7 @@ class Answer:
 
 
 class Classifier:
-    """Run a bundle's network.
-
-    Raises ModelMismatch if the network is unreadable or its inputs or outputs are not the
-    sidecar's.
-    """
+    """Run a bundle's network; ModelMismatch unless it is what the sidecar says."""
 
     def __init__(self, bundle: Bundle) -> None:
         self.bundle = bundle
@@ -88,12 +84,7 @@ class Classifier:
         return self.answer(features).window
 
     def answer(self, features: Features, hidden: Hidden | None = None) -> Answer:
-        """Return what the network says of a window.
-
-        `hidden` is `Answer.hidden` of the window before, if there was one.
-
-        Raises ModelMismatch if the answer is not finite: the caller must treat that as a fault.
-        """
+        """Return what the network says, after `hidden` of the window before; or ModelMismatch."""
         bundle = self.bundle
         feed = {i.name: features[i.feature][None] for i in bundle.inputs}
         if bundle.n_hidden:

@@ -120,10 +120,7 @@ class Verdict:
         self.undecided_s: float | None = None
 
     def judge(self, p: Probabilities, t_s: float) -> tuple[Label, bool]:
-        """Apply the rule, while the gate is open, to one window or what was fused since it opened.
-
-        The label is 'pending' while the alarm waits for evidence, and human whenever it is on.
-        """
+        """Apply the rule, gate open, to one window or what was fused since it opened."""
         if self._since_s is None:
             self._since_s = t_s
         label, alarm = judge(p, self.pet_limit)

@@ -1,9 +1,7 @@
 """Maps as networks see them: velocity-time and range-time, on physical axes, in decibels.
 
-Axes are metres, metres per second and seconds, the same for every frame rate and bin length.
 What is shown is shape, not strength: every column of time is set against its own maximum, or
-against a level under the dwell's maximum where the column is weaker than that, so that
-neither a body's cross section nor its range decides.
+against a level under the dwell's maximum where it is weaker than that.
 """
 
 import numpy as np

@@ -1,21 +1,11 @@
 """Evidence: windows fused over time, while something is there.
 
-A network with a temporal head has seen windows in their order and says itself what they come
-to; only the prior is added. For a network without one, windows' probabilities are summed.
-Overlapping windows of one body say much the same, so each counts with a discount only. The sum
-is bounded, as in a CUSUM: a pet that was there for minutes does not outvote the person who
-comes in after it for longer than a few windows.
-
-Both were learned from windows a second apart (`HOP_S`). Of windows that come oftener the head is
-given each with what it knew about a second before, so it sees them as in training; the discount
-is in proportion to the hop, so a second counts as much.
-
-With l the fused log-likelihoods of the classes, p a window's probabilities, r the discount
-and b the bound::
-
-    l += r log p;   l -= max l;   l = max(l, -b);   fused = softmax(l + prior + size)
-
-`size` is what the greatest strength of the visit says, where an adult's is known.
+A network with a temporal head says itself what windows in their order come to; only the prior is
+added, and of hops shorter than `HOP_S` the head gets what it knew about a second before. For any
+other, with l the fused log-likelihoods of the classes, p a window's probabilities, r a discount in
+proportion to the hop and b a bound (as in a CUSUM): l += r log p; l -= max l; l = max(l, -b);
+fused = softmax(l + prior + size). `size` is what the visit's greatest strength says, where an
+adult's is known.
 """
 
 import math
@@ -60,11 +50,7 @@ class Evidence:
         self._hidden.clear()
 
     def fuse(self, answer: Answer, strength_db: float | None = None) -> Probabilities:
-        """Take what the network says of a window, given `hidden`; return the fused probabilities.
-
-        They are those of its temporal head, with the prior of the settings, or else those of
-        `add`. `strength_db` is how strong the echo is over an adult's, where that is known.
-        """
+        """Take an answer, given `hidden` and the echo over an adult's; return the fused."""
         if strength_db is not None:
             self._strongest_db = max(self._strongest_db, strength_db)
         if answer.fused_log_p is None:
@@ -73,11 +59,7 @@ class Evidence:
         return self._with_prior(answer.fused_log_p)
 
     def add(self, window: Probabilities) -> Probabilities:
-        """Take a window's calibrated probabilities; return the fused ones.
-
-        They sum to 1 within 1e-12 and depend on the windows since `reset` alone. A class of
-        probability 0 in every window stays impossible.
-        """
+        """Take a window's calibrated probabilities; return the fused ones, which sum to 1."""
         s = self._settings
         p = np.array([window.human, window.pet, window.other])
         self._log += self._discount * np.log(np.maximum(p, _MIN_P))

@@ -183,11 +183,7 @@ class FeatureStream:
         self._plugged = {name: plugin for name, plugin in found if plugin is not None}
 
     def extract(self, dwell: Dwell, known: NDArray[np.float32] | None = None) -> Features:
-        """Return the features of one dwell, whole enough to be judged, in arrays of its own.
-
-        `known` is what `installation` returns; without it only the frame rate is known. Raises
-        FeatureError if the dwell is too short for the settings.
-        """
+        """Return one dwell's features, in own arrays; FeatureError if it is too short."""
         settings = self._settings
         n_slow = len(dwell.frames)
         n_columns = n_slow - settings.n_cpi + 1

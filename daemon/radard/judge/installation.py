@@ -69,11 +69,7 @@ def installation(
 
 
 def size_nats(strength_db: float) -> float:
-    """Return what the greatest strength of a visit says for a person, in nats of log odds.
-
-    `strength_db` is over an adult's (`mount.level_db`). Negative is for a pet. It is the ratio of
-    two normal distributions with one sigma, so more strength never speaks for a pet.
-    """
+    """Return what `strength_db` over an adult's says for a person, in nats of log odds."""
     per_db = (_HUMAN_DB - _PET_DB) / (_SIGMA_DB**2 + _LEVEL_DB**2)
     nats = per_db * (strength_db - (_HUMAN_DB + _PET_DB) / 2)
     return min(max(nats, -_FOR_PET), _FOR_HUMAN)

@@ -13,11 +13,7 @@ take."""
 
 
 def model_for(name: str, stream: StreamInfo | None = None) -> str:
-    """Return the name of the bundle that `name`, of the configuration's `model.name`, means.
-
-    All but `AUTO_MODEL` means itself. That is `DEFAULT_MODEL`, unless only a bundle in
-    `OF_ONE_MODULE` takes such streams; without a bandwidth no module can be told from another.
-    """
+    """Return the name of the bundle that `name` means; `AUTO_MODEL` goes by the bandwidth."""
     if name != AUTO_MODEL:
         return name
     if stream is None or stream.axis.bandwidth_hz == 0:
@@ -28,10 +24,7 @@ def model_for(name: str, stream: StreamInfo | None = None) -> str:
 
 
 def hop_warning(bundle: Bundle, hop_s: float, profile: str | None = None) -> str:
-    """Return what decisions `hop_s` apart mean for a bundle with a memory; empty if nothing.
-
-    A profile's own hop was measured with its bundle.
-    """
+    """Return what decisions `hop_s` apart mean for a bundle with a memory; empty if nothing."""
     measured = front().named(profile)
     if hop_s in {HOP_S, measured.hop_s if measured else HOP_S} or not bundle.n_hidden:
         return ""

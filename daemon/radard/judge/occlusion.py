@@ -167,10 +167,7 @@ def _log_odds(p: float) -> float:
 
 
 def _judged_by(answer: Answer, bundle: Bundle) -> Probabilities:
-    """Return the probabilities that the rule takes of a network with a temporal head.
-
-    Of a network without one they are those of this window alone.
-    """
+    """Return the probabilities that the rule takes: a temporal head's, or this window's."""
     if answer.fused_log_p is None:
         return answer.window
     return Evidence(EvidenceSettings.from_mapping(bundle.evidence)).fuse(answer)

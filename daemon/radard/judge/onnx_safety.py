@@ -1,9 +1,7 @@
 """What an ONNX file may hold: the network alone, nothing that its hash does not cover.
 
-Tensors in other files, which would escape the hash of a bundle, and operators of other domains
-than ONNX's own, which run code of a library, are refused before onnxruntime sees the file. The
-runtime has no onnx package, so the protobuf is walked here: tables of the messages that may hold
-such things, by field number (onnx.proto3 of ONNX 1.18). What has no row there is passed over.
+Tensors in other files and operators of other domains than ONNX's own are refused. The runtime has
+no onnx package, so the protobuf is walked by the field numbers of onnx.proto3 (ONNX 1.18).
 """
 
 from collections.abc import Iterator

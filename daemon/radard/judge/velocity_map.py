@@ -46,10 +46,7 @@ class VelocityGrid:
         return 2 * int(self.max_mps / self.step_mps + 1e-9) + 1, self.n_cells
 
     def transform(self, dwell: Dwell, column_rate_hz: float | None = None) -> VelocityTransform:
-        """Return what makes the columns of a stream of such dwells; FeatureError for bad settings.
-
-        `column_rate_hz` are the columns wanted a second, one for each cell when not given.
-        """
+        """Return what makes the columns of a stream; FeatureError for bad settings."""
         n_slow, n_mean = len(dwell.frames), self._n_mean(dwell)
         rate_hz = dwell.frame_rate_hz / n_mean
         cpi_s = self.cpi_s
@@ -69,10 +66,7 @@ class VelocityGrid:
         )
 
     def read(self, transform: VelocityTransform) -> NDArray[np.float32]:
-        """Return the map of the dwell that ends with the last column, 0 to 1.
-
-        Cells whose CPI holds a lost frame, or begins before the first frame, are 0.
-        """
+        """Return the map, 0 to 1, of the dwell that ends with the last column; 0 where unknown."""
         rate_hz = transform.column_rate_hz
         n = min(transform.n_columns, self._n_columns(rate_hz))
         return self.picture(transform.columns(n), transform.columns_valid(n), rate_hz)

@@ -1,9 +1,7 @@
 """Apprise: events as messages to people, by one of its hundred services; with the alarm's picture.
 
-One output is one service, so that one that is away holds up no other. `apprise:URL` is an Apprise
-URL (`ntfy://`, `tgram://`, `mailto://`...), `apprise:@FILE` a file whose first line is one: those
-URLs are secrets. What Apprise logs may hold them, so none of it is handed on, and of an answer
-only the HTTP status is told. https://github.com/caronc/apprise/wiki
+`apprise:URL` is an Apprise URL, `apprise:@FILE` a file whose first line is one. Those are secrets,
+so nothing that Apprise logs is handed on. https://github.com/caronc/apprise/wiki
 """
 
 import logging

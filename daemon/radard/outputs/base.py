@@ -79,10 +79,7 @@ class Host(Protocol):
         """Ask for the configuration to be read again, as SIGHUP does."""
 
     def test_alarm(self) -> Sequence[Mapping[str, str]]:
-        """Send a test alarm; return what every output made of it (`radard.outputs.trial`).
-
-        Waits some seconds for that. Raises ValueError while a real alarm is on.
-        """
+        """Send a test alarm; return every output's answer. ValueError while a real one is on."""
 
     def mark(self) -> str:
         """Return 'simulated' or 'replayed'; an empty text while a module sends the frames."""

@@ -1,9 +1,7 @@
 """Delivery: what a cursor of the event log owes is handed on, over any outage, in a thread.
 
-Events go in order: none is tried before the one ahead of it has been confirmed or given up. One
-that the far end refuses again and again is given up for those behind it; an alarm is put behind
-them instead, and tried until it is too old. Other records, where they are wanted, wait in memory,
-and go when no event does.
+Events go in order. One that the far end refuses again and again is given up; an alarm is put
+behind the others, and tried until it is too old. Other records wait in memory, and go last.
 """
 
 import logging

@@ -1,9 +1,7 @@
 """exec: a program is run for every event, with the event on its standard input.
 
-It is started without a shell, in a session of its own, and killed with all its children when
-its time is up. Exit status 0 confirms the event. Any other counts as a refusal, but for an alarm
-as an outage: a program cannot say that it never will. Its stdout is discarded, for stdout is for
-data; its stderr is the daemon's.
+It is killed with all its children when its time is up. Exit status 0 confirms the event; any other
+is a refusal, but for an alarm an outage: a program cannot say that it never will.
 """
 
 import contextlib

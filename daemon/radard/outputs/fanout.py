@@ -1,9 +1,7 @@
 """Outputs: all sinks of a process, opened, written to and reopened together.
 
-All sensors of a process share them, and every record of several sensors names its sensor;
-only MQTT, where a sensor is a client with a last will of its own, has a sink for each. A sink
-that needs more than records, such as the dashboard, has a method `attach(host)` and gets the
-`Host` of every sensor.
+All sensors share them, but for MQTT, where each is a client with a last will of its own. A sink
+that needs more than records has a method `attach(host)` and gets every sensor's `Host`.
 """
 
 import logging
@@ -35,12 +33,7 @@ _LOCK_S = 1.0
 
 @dataclass(slots=True, eq=False)
 class _Open:
-    """An output: what -o named, its sensor if only one, its sink and the options of that.
-
-    Records are `held` until there is a sink for them, which begins `after` that number of the
-    log; `fault` is why the sink that the configuration asks for cannot be opened. The one of
-    before goes on meanwhile.
-    """
+    """An output, and what is `held` until there is a sink for it, behind `after`; its `fault`."""
 
     name: str
     sensor: str | None
@@ -122,11 +115,7 @@ class Outputs:
         return {**faults, **({(None, "log"): why} if (why := self.log.fault) else {})}
 
     def open(self, config: Config, *, can_wait: bool = False) -> None:
-        """Open what -o/--output names, once, all or none.
-
-        No output means a table if a person reads stdout, JSON Lines elsewhere. `can_wait` is that
-        of `SinkContext`. Raises as an `Opener`, and UsageError if two outputs want stdout.
-        """
+        """Open what -o/--output names, once, all or none; `can_wait` is that of `SinkContext`."""
         if self.is_open:
             return
         wanted = self._wanted(config)
@@ -155,12 +144,7 @@ class Outputs:
         self.is_open = True
 
     def put(self, record: Record, sensor: str | None = None, *, waits: bool = False) -> bool:
-        """Hand a record to every sink; return False if another thread hangs in one.
-
-        `sensor` is whose it is, None: the only one's. With `waits` it takes as long as it must
-        where streams can wait for a sink. Raises OutputError or BrokenPipeError if a sink cannot
-        keep it.
-        """
+        """Hand a sensor's record to every sink; False if another thread hangs in one."""
         if record["type"] == "event":
             self.log.append(record)
         wait_s = -1 if waits and self.can_wait else _LOCK_S

@@ -1,9 +1,7 @@
 """Lab Streaming Layer: decisions and events beside other instruments, on one clock.
 
-`lsl:` or `lsl:NAME` opens two outlets. NAME, of type Radar, has a sample of float32 a decision,
-with NaN where the decision holds nothing; its time is when the window's last frame came in.
-NAME-events, of type Markers, has every phase of every event as a JSON text. LabRecorder and
-pylsl find both by name. https://labstreaminglayer.readthedocs.io
+NAME, of type Radar, has a sample of float32 a decision, NaN where it holds nothing; NAME-events,
+of type Markers, every phase of every event as JSON. https://labstreaminglayer.readthedocs.io
 """
 
 import math

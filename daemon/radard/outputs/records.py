@@ -104,10 +104,7 @@ def status_record(status: Status) -> Record:
 
 
 def marked(record: Record, mark: str) -> Record:
-    """Return a record that says what its stream is: 'simulated' or 'replayed'; '' says nothing.
-
-    Decisions are not marked: there are many of them, and `hello` comes before.
-    """
+    """Return a record, no decision, that says 'simulated' or 'replayed'; '' says nothing."""
     return {**record, mark: True} if mark and record["type"] != "decision" else record
 
 

@@ -55,10 +55,7 @@ def check_output(output: str) -> plugins.Plugin | None:
 
 
 def close_sinks(sinks: Sequence[Sink], timeout_s: float = CLOSE_S) -> list[Exception]:
-    """Close all at the same time; return the BrokenPipeErrors and OutputErrors of `Sink.close`.
-
-    `timeout_s` is for all of them; sinks on which the stream waits take the time they need.
-    """
+    """Close all within `timeout_s`; return the BrokenPipeErrors and OutputErrors."""
     deadline_s = time.monotonic() + timeout_s
     for sink in sinks:
         sink.finish(None if sink.waits else timeout_s)

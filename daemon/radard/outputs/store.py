@@ -1,10 +1,8 @@
 """store: events, states and decisions in a SQLite file of limited size, for queries.
 
-The file has the form of the event log (`radard.log_file`) with a table of decisions beside it;
-`radard events` lists what is in it, and so do its views. Events and states are committed at once,
-decisions every ten seconds. Rows go by their order, decisions before events: the oldest when the
-file is too large, and those for whose time radard has run since. A clock that is set deletes
-nothing.
+It has the form of the event log (`radard.log_file`) with a table of decisions beside it, which are
+committed every ten seconds. Rows go by their order, decisions first, when the file is too large or
+radard has run long enough since; a clock that is set deletes nothing.
 """
 
 import contextlib

@@ -1,10 +1,8 @@
 """syslog and journald: events and states as messages that an administrator reads.
 
-`syslog:` alone is this machine: journald's own protocol where it runs, with the record's
-fields to search for, else /dev/log. `syslog:/path` is another local socket. Those get the text
-form of RFC 3164 without time and host, which the receiver adds, as SysLogHandler sends it.
-`syslog:udp://host[:port]`, `tcp:` and `tls:` are servers, and get messages of RFC 5424: one a
-datagram (RFC 5426), one a line (RFC 6587, 3.4.2), or with their octets counted (RFC 5425).
+This machine's log gets journald's own protocol where it runs, else RFC 3164 without time and host.
+Servers get RFC 5424: one a datagram (RFC 5426), one a line (RFC 6587, 3.4.2), or with their octets
+counted (RFC 5425).
 """
 
 import errno
@@ -55,10 +53,7 @@ Address = str | Server
 
 
 def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "SyslogSink":
-    """Return the sink of `syslog:`, `syslog:/socket`, `syslog:udp://host[:port]`, `tcp:`, `tls:`.
-
-    Raises ConfigError if a certificate cannot be read.
-    """
+    """Return the sink of `syslog:`, with nothing, `/socket` or a server's URL behind it."""
     return SyslogSink(_parse_address(url.partition(":")[2]), options, context)
 
 

@@ -24,11 +24,7 @@ _ROOM = 1000
 
 
 class RecordQueue:
-    """Hand records from one thread to another, in order.
-
-    When a sink cannot keep up, it drops the oldest decisions first: there is another one in
-    a second. Events are bounded by the log. With `waits`, `put` waits for room instead.
-    """
+    """Hand on records in order; what is too much drops oldest decisions, or `waits`."""
 
     def __init__(self, *, waits: bool = False) -> None:
         self._waits = waits
@@ -95,10 +91,7 @@ class RecordQueue:
 
 
 class ThreadSink(ABC):
-    """A queue and a thread; `start` it once it is built.
-
-    `waits`: the stream waits for it, see `SinkContext.can_wait`.
-    """
+    """A queue and a thread; `start` it once it is built."""
 
     tick_s: float | None = None  # how often `_tick` is called when nothing comes; None is never
 

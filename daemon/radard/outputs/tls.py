@@ -13,10 +13,7 @@ LATE = "no answer within the time limit"
 def client_context(
     section: str, ca_file: Path | None, cert_file: Path | None = None, key_file: Path | None = None
 ) -> ssl.SSLContext:
-    """Return the context of a section of the configuration; ConfigError names its key.
-
-    Without `ca_file` the system's authorities sign; without `cert_file` we are nobody.
-    """
+    """Return the context of a section of the configuration; ConfigError names its key."""
     key, file = "ca_file", ca_file
     try:
         context = ssl.create_default_context(cafile=ca_file)
@@ -30,10 +27,7 @@ def client_context(
 
 
 def check_host(scheme: str, url: str) -> None:
-    """Raise ConfigError if no server can be at the host and port of a URL, of any form.
-
-    Blanks and what is not printed are quoted behind the host, and nowhere else.
-    """
+    """Raise ConfigError if no server can be at the host and port of a URL, of any form."""
     authority = re.split(r"[/?#]", url.partition("://")[2], maxsplit=1)[0]
     name = re.sub(r":\d*$", "", authority.rpartition("@")[2]).strip("[]")
     is_zero = bool(re.search(r":0+$", authority)) and not authority.endswith("]")

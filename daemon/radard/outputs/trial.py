@@ -13,10 +13,7 @@ _LOOK_S = 0.1  # a person waits
 def tried(
     sinks: Sequence[Sink], send: Callable[[], None], halt: threading.Event | None = None
 ) -> list[dict[str, str]]:
-    """Send a test alarm; return `output` and `answer` of every sink, within some seconds.
-
-    `send` hands it to the sinks; what it raises is handed on. `halt` ends the wait.
-    """
+    """Send a test alarm; return `output` and `answer` of every sink. `halt` ends the wait."""
     pairs = [(sink, sink.state) for sink in sinks]
     send()
     end_s = time.monotonic() + ANSWERED_S

@@ -1,10 +1,7 @@
 """Webhook: every event as an HTTP POST, repeated until a server takes it.
 
-Written on `http.client`: no redirect is followed unless `webhook.follow_redirects` asks for it,
-since that would carry an alarm to a host that nobody named, and the time limit is one for the
-whole attempt.
-Signatures and the three headers are those of the Standard Webhooks specification, 1.0
-(recalled): `webhook-id` is the same in every attempt, so a receiver can tell repetitions.
+On `http.client`: a redirect would carry an alarm to a host that nobody named, and the time limit
+is one for the whole attempt. Signatures and headers are those of Standard Webhooks 1.0 (recalled).
 """
 
 import base64
@@ -162,10 +159,7 @@ class _Poster:
 
 
 def sign(secret: str, key: str, timestamp: str, body: bytes) -> str:
-    """Return the header webhook-signature of a body, from webhook-id and webhook-timestamp.
-
-    The secret is base64 behind `whsec_` (ConfigError if it is not), or any text.
-    """
+    """Return the header webhook-signature of a body; ConfigError if `whsec_` is no base64."""
     raw = secret.encode()
     if secret.startswith("whsec_"):
         try:

@@ -66,10 +66,7 @@ def logger_of(config: Config) -> logging.Logger:
 
 
 def make_classifier(config: Config, stream: StreamInfo | None = None) -> Classifier | None:
-    """Return the classifier that is named; raises BundleError or ModelMismatch.
-
-    Radars with the same bundle share it: it keeps nothing of a stream.
-    """
+    """Return the classifier that is named, shared by all radars; BundleError, ModelMismatch."""
     name = model_for(config.model.name, stream)
     if name == "none":
         return None
@@ -95,11 +92,7 @@ def classifier_for(
 def make_parts(
     config: Config, pipeline: Pipeline, *, now: Now, is_live: bool, old: Parts | None = None
 ) -> Parts:
-    """Make what `config` asks for around a pipeline; keep of `old` what has not changed.
-
-    Raises ConfigError if the calibration does not fit or, at the start, if no zone lies within the
-    swath; later that is a fault, and zones can be corrected where they were saved.
-    """
+    """Make what `config` asks for around a pipeline; keep of `old` what has not changed."""
     zones, range_m = Zones(**config.zones.model_dump()), pipeline.stream.axis.range_m
     swath = float(range_m[0]), float(range_m[-1])
     fault = zone_fault(zones, *swath)
@@ -145,12 +138,7 @@ def make_parts(
 def use_calibration(
     config: Config, pipeline: Pipeline, *, is_live: bool, keeps: bool = False
 ) -> None:
-    """Give a pipeline the calibration that is named, unless it has it already.
-
-    `auto` takes that of the state directory for a real device, if it is there and fits. With
-    `keeps`, any other stream keeps the one that was made of it. Raises ConfigError if a file that
-    was named cannot be had or does not fit.
-    """
+    """Give a pipeline the named calibration, or that of its room; ConfigError if not to be had."""
     asked = config.gate.calibration
     calibration: Calibration | None = None
     if asked == "auto":
@@ -186,12 +174,7 @@ def _take_calibration(path: Path, pipeline: Pipeline) -> Calibration:
 
 
 def remake_parts(config: Config, old: Parts, *, now: Now, is_live: bool) -> Parts:
-    """Make the parts of a configuration that was read again, for the stream that goes on.
-
-    Changes of `sensor` and `service` are logged and left for a restart. Raises BundleError or
-    ModelMismatch if the model cannot be had, ConfigError if it takes other dwells than those
-    that the ring cuts.
-    """
+    """Make the parts of a configuration that was read again, for the stream that goes on."""
     was = old.config
     for name in RESTART_SECTIONS:
         if getattr(config, name) != getattr(was, name):
@@ -228,10 +211,7 @@ def make_store(config: Config, events: EventLog, *, is_live: bool) -> StateStore
 def taken_of(
     config: Config, pipeline: Pipeline, *, is_live: bool, has_state: bool
 ) -> tuple[str, ...]:
-    """Return what a run takes from files that nobody named, for people.
-
-    `has_state` says that how the sensor is armed was kept.
-    """
+    """Return what a run takes from files that nobody named, for people."""
     files = [_kept_file(config, "room.json", is_live=is_live)]
     if has_state:
         files.append(log_path(config))

@@ -1,9 +1,7 @@
 """Keeper: keeps one radar at work, in a thread of its own; none is stopped by another.
 
-The only radar of a process ends with what ends its work. One of several is started again: a device
-that is absent is waited for, and work that breaks off is started again after a pause. One that
-never came to work, because its model does not fit or its recording is missing, stays away until
-the configuration is put right and the process is started again.
+The only radar of a process ends with what ends its work. One of several is started again after a
+pause; one that never came to work stays away until the process is started again.
 """
 
 import contextlib
@@ -52,12 +50,7 @@ class StartupLimiter:
 
 
 class Keeper:
-    """Keep a sensor at work.
-
-    `limiter` says when its device may be brought up, `begin_again` whether work that broke off is
-    started again. `open_outputs` opens those of the process, once, before the first record, and
-    raises as they do; `wake` is called when the sensor has ended for good.
-    """
+    """Keep a sensor at work; `begin_again` whether work that broke off is started again."""
 
     def __init__(
         self,

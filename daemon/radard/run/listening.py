@@ -20,10 +20,7 @@ class Listening:
     pipeline: Pipeline
 
     def dwells(self, duration_s: float, *, skip_s: float = 0.0) -> Iterator[Dwell | Notice]:
-        """Yield the dwells and notices of `duration_s` of the stream, in this thread.
-
-        The first `skip_s` are thrown away.
-        """
+        """Yield dwells and notices of `duration_s`, behind `skip_s`, in this thread."""
         ring = self.pipeline.make_ring()
         rate_hz = self.pipeline.stream.frame_rate_hz
         first: int | None = None
@@ -39,11 +36,7 @@ class Listening:
 
 @contextmanager
 def listen(config: Config) -> Iterator[Listening]:
-    """Open the port of a configuration and make its pipeline; close it in the end.
-
-    Raises UsageError if there is no port, RadardError or X2RadarError if port or model are not to
-    be had, or do not fit each other.
-    """
+    """Open the port of a configuration and make its pipeline; close it in the end."""
     sensor = config.sensor
     if sensor.port is None:
         msg = "no port: give --port /dev/ttyACM0, sim:SCENE or replay:FILE"

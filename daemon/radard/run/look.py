@@ -27,11 +27,7 @@ def look(sensor: Sensor) -> dict[str, Any]:
 
 
 def range_time(ring: FrameRing) -> dict[str, Any]:
-    """Return where something moved lately: columns of digits 0 to 4, near to far.
-
-    Each is the power over the median of all in steps of 4 dB, less what stands still in the ring;
-    the strongest bin counts for its row. `first` numbers the columns since the stream began.
-    """
+    """Return where something moved: columns of digits 0 to 4, near to far, in steps of 4 dB."""
     recent, range_m = ring.recent(), ring.axis.range_m
     begin = recent.end_frame - len(recent.frames)
     stride = max(1, round(_COLUMN_S * ring.frame_rate_hz))

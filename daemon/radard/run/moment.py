@@ -25,11 +25,7 @@ _PAST_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """A decision of a recording.
-
-    `records` are the decisions up to this one, `told` is what `radard.alarm.explain` makes of
-    them, and `seen` is None where no network was asked: the gate was closed, or there is none.
-    """
+    """A decision, the `records` up to it, what it is `told` by, and `seen` by a network."""
 
     path: Path
     hello: Record
@@ -103,11 +99,7 @@ class _Kept(Outputs):
 
 
 def moment_of(path: Path, at_s: float, config: Config) -> Moment:
-    """Return the decision whose window ends nearest to `at_s` seconds of a recording.
-
-    Raises UsageError if the recording has no decision by then; RadardError or X2RadarError if it
-    cannot be read or the model does not fit it.
-    """
+    """Return the decision that ends nearest to `at_s` of a recording; or UsageError."""
     past_s = max(_PAST_S, config.decision.hop_s)
     kept = _Kept(at_s)
     with closing(replay(kept, replaying(config, path, "null"), kept.watch)) as times_s:

@@ -18,10 +18,7 @@ _ASK = {
 
 
 class Signals:
-    """Install the handlers for a `with` block; outside the main thread nothing happens.
-
-    `wake` is set by every signal, and by whatever else the main thread must notice.
-    """
+    """Install the handlers for a `with` block, in the main thread; each sets `wake`."""
 
     def __init__(self) -> None:
         self.wake = threading.Event()

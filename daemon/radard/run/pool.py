@@ -96,10 +96,7 @@ class WorkerPool:
         return Turns(step, self)
 
     def begin_s(self) -> float:
-        """Return when another stream should begin, on the host's monotonic clock: within a second.
-
-        Dwells of streams that began together would end together, again and again.
-        """
+        """Return when another stream should begin, monotonic, so that dwells alternate."""
         now_s = time.monotonic()
         with self._changed:
             if not self._n_begun:

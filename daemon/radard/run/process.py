@@ -1,9 +1,7 @@
 """Process: a list of radars, and what they share; one radar is a list of one.
 
-What belongs to a radar is in `radard.run.sensor`, who keeps it at work in `radard.run.keeper`.
-The main thread supervises: it never waits for a disk, a port or a reader of stdout while radars
-run, so signals are always heard. Further threads: the workers of the pool, the *heartbeat*
-(`radard.health.heartbeat`), *control*, and those of the outputs.
+The main thread supervises and never waits for a disk, a port or a reader of stdout while radars
+run, so signals are always heard.
 """
 
 import logging
@@ -36,20 +34,13 @@ _JOIN_S = 4.0  # for all radars together: below the deadline
 
 
 def run(config: Config, options: RunOptions) -> int:
-    """Run the daemon; return the exit code.
-
-    Raises RadardError or X2RadarError with the exit code that the command ends with. Nothing was
-    written when the fault is in what was asked for.
-    """
+    """Run the daemon; return the exit code, or raise RadardError, X2RadarError with it."""
     with state_lock(config):
         return Process(config, options).go()
 
 
 class Process:
-    """Run the radars of a configuration until their streams, or a signal, end them.
-
-    Raises UsageError if it asks for what only one radar can have, and as `Sensor`.
-    """
+    """Run the radars of a configuration until their streams, or a signal, end them."""
 
     def __init__(self, config: Config, options: RunOptions) -> None:
         if options.record is not None and config.is_one_of_several:
@@ -115,11 +106,7 @@ class Process:
         )
 
     def _open_outputs(self) -> None:
-        """Open the outputs, once; from then on it is seen that this process lives.
-
-        Those of an only radar are opened when its port is, or while it waits for its device, so
-        that nothing is written when the fault is in what was asked for.
-        """
+        """Open the outputs, once, an only radar's when its port is; now it is seen to live."""
         with self._opening:
             can_wait = all(sensor.can_wait for sensor in self.sensors)
             if not self._outputs.is_open:

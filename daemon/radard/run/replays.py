@@ -57,11 +57,7 @@ class Judged:
 def judge_all(
     paths: Sequence[Path], config: Config, *, jobs: int, tell: Tell = lambda _share, _n: None
 ) -> Iterator[Judged]:
-    """Judge recordings; yield what became of each, in the order of `paths`.
-
-    Of `config`, port and outputs are not used. With one job the work is done in this process. The
-    records of one are gone when the next is asked for.
-    """
+    """Judge recordings; yield what became of each, in the order of `paths`."""
     with TemporaryDirectory(prefix="radard-detect-") as folder:
         todo = [
             (config, path, Path(folder) / f"{number}.jsonl", number)
@@ -133,10 +129,7 @@ def _judge(job: _Job, note: Callable[[float], None]) -> Judged:
 
 
 def replay_into(records: Path, config: Config, path: Path, note: Callable[[float], None]) -> str:
-    """Replay a recording into a file of records, as `replay` does; return its start.
-
-    The start is ISO 8601, empty where it is not known.
-    """
+    """Replay into a file of records, as `replay`; return its start, ISO 8601 or empty."""
     with open_recording(path) as recording:
         started_utc = recording.started_utc
         length_s = recording.n_frames / recording.stream.frame_rate_hz
@@ -152,11 +145,7 @@ def replay_into(records: Path, config: Config, path: Path, note: Callable[[float
 def replay(
     outputs: Outputs, config: Config, prepare: Callable[[Pipeline], object] = lambda _made: None
 ) -> Generator[float]:
-    """Replay into outputs, which are opened and closed; yield the seconds of every frame.
-
-    `prepare` is given the pipeline before it is used. Raises RadardError or X2RadarError if the
-    recording cannot be read or the model does not fit it.
-    """
+    """Replay into outputs; yield every frame's seconds. `prepare` is given the pipeline first."""
     sensor = Sensor(config, RunOptions(), outputs, WorkerPool())
     outputs.add(sensor)
     opened = sensor.open(lambda _kind, _reason: None)

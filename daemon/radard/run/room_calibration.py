@@ -1,9 +1,7 @@
-"""RoomCalibration: calibrate while the daemon runs, when a command asks for it.
+"""RoomCalibration: calibrate while the daemon runs, of the dwells that decisions are made of.
 
-As `radard calibrate` does, of the same dwells that decisions are made of: first there is time
-to leave the room, then the room is listened to, then the file is written and the gate takes
-it up. The survey works on a thread of its own, because it costs as much as a decision, and
-its library takes a while to load.
+First there is time to leave the room, then it is listened to, on a thread of its own, then the
+file is written and the gate takes it up.
 """
 
 import logging
@@ -46,11 +44,7 @@ def origin_of(stream: StreamInfo, classifier: Classifier | None, port: str) -> P
 
 
 class RoomCalibration:
-    """One calibration of a running sensor, asked for at stream time `t_s`.
-
-    `config` says how long to wait and to listen; for `origin` see `origin_of`. `on_made` gets the
-    calibration, from another thread, once it is kept.
-    """
+    """One calibration, asked for at `t_s`; `on_made` gets it, from another thread, once kept."""
 
     def __init__(
         self,

@@ -46,10 +46,7 @@ class OpenedSensor:
 
 
 class RunningSensor:
-    """A stream that is read and worked on until it ends, something fails or `stop`.
-
-    `on_over` is called from another thread when the work is over.
-    """
+    """A stream that is read and worked on until it ends; `on_over` is called by a thread."""
 
     def __init__(
         self,
@@ -158,10 +155,7 @@ class RunningSensor:
         return True
 
     def _rest_s(self) -> float:
-        """Return how much later the next dwell is whole than the next frame is due.
-
-        Until then frames only wait, and to wake for each of them costs more than to read them.
-        """
+        """Return how much later the next dwell is whole than the next frame is due."""
         source = self.opened.source
         speed = source.playback.state.speed if isinstance(source, ReplaySource) else None
         rest_s = (self.ring.n_left - 1) / source.stream.frame_rate_hz / (speed or math.inf)

@@ -58,12 +58,7 @@ class RunOptions:
 
 
 class Sensor:
-    """One radar; a `radard.outputs.base.Host`, for any thread.
-
-    `ask_reload` asks for the configuration to be read again, as SIGHUP does. Raises UsageError,
-    BundleError or ModelMismatch if there is no port, its speed makes no sense, or the model cannot
-    be had.
-    """
+    """One radar; a `radard.outputs.base.Host`, for any thread."""
 
     def __init__(
         self,
@@ -167,10 +162,7 @@ class Sensor:
         return self._outputs.put(marked(record, self.mark()), name, waits=waits)
 
     def tell(self, status: Status | None) -> None:
-        """Hand on a change of state, not waiting for the outputs.
-
-        The records of an only radar begin with `hello`; before it, nothing is told.
-        """
+        """Hand on a change of state, not before the `hello`, not waiting for the outputs."""
         if status is not None and (self._has_said_hello or self._config.is_one_of_several):
             self.put(status_record(status), waits=False)
 
@@ -181,12 +173,7 @@ class Sensor:
     def open(
         self, on_notice: Notify, *, is_wanted: Callable[[], bool] = lambda: True
     ) -> OpenedSensor:
-        """Open the port, which may mean to wait for a device, and what fits its stream.
-
-        `on_notice` is told what happens to the device before there is a stream; `is_wanted` is
-        asked before a wait begins that `stop` could no longer end. Raises as `open_source` does,
-        and ModelMismatch, FeatureError or RecordingError if model or recording do not fit.
-        """
+        """Open the port, which may mean to wait for a device, and what fits its stream."""
         self._leave_run()
 
         def notice(kind: str, reason: str) -> None:
@@ -237,10 +224,7 @@ class Sensor:
         return OpenedSensor(source, pipeline, tap, now)
 
     def make_worker(self, opened: OpenedSensor, ring: FrameRing) -> Worker:
-        """Return who works on an opened stream; the first record is this run's `hello`.
-
-        Raises ConfigError if a calibration that was named does not fit.
-        """
+        """Return who works on an opened stream, beginning with `hello`; ConfigError if unfit."""
         source, config = opened.source, self._config
         parts = make_parts(config, opened.pipeline, now=opened.now, is_live=source.is_live)
         store = make_store(config, self._outputs.log, is_live=source.is_live)
@@ -293,10 +277,7 @@ class Sensor:
         self._end_wait()
 
     def remake(self, config: Config) -> Parts | None:
-        """Return the parts for a configuration that was read again; None without a stream.
-
-        Raises RadardError if it cannot hold; the old one then stays.
-        """
+        """Return the parts for a configuration read again; None without a stream."""
         if (run := self._run) is None:
             return None
         opened = run.opened

@@ -35,10 +35,7 @@ class SinkWatch:
         self._seen: dict[Key, _Seen] = {}
 
     def look(self, sinks: Iterable[tuple[str | None, Sink]]) -> dict[Key, str]:
-        """Return what is wrong with sinks, by sensor and name; nothing of those that are well.
-
-        Each comes with the sensor that it is for alone, if it is.
-        """
+        """Return what is wrong with sinks, by their only sensor, if any, and name."""
         found: dict[Key, str] = {}
         now_s = self._clock()
         known, self._seen = self._seen, {}

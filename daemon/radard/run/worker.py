@@ -28,11 +28,7 @@ Put = Callable[[Record], object]
 
 
 class Worker:
-    """Work on one stream: dwells and notices of the ring become records, which `put` hands on.
-
-    Health is fed here; the store keeps arming, an alarm that is on and a running entry delay.
-    `rate` compares the rate of frames with the clock, where they come in real time.
-    """
+    """Work on one stream: dwells and notices of the ring become records, which `put` hands on."""
 
     def __init__(
         self,

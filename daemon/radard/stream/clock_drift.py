@@ -1,10 +1,8 @@
 """ClockDrift: how much faster than the host's clock the module's runs, and how sure that is.
 
-A dwell's last frame arrives when it was sent plus a delay that is never negative: the least delay
-of each stretch of time moves along a line whose slope is the drift (the lower envelope, as NTP's
-clock filter takes it, RFC 5905, section 10). What is compared is the module's frame clock at its
-nominal rate: a rate that is not exactly what it was set to is not told from a crystal that is off.
-Nor is the host's own error, some parts in a million without NTP, in the interval.
+The least delay of each stretch of time moves along a line whose slope is the drift (the lower
+envelope, as NTP's clock filter takes it, RFC 5905, section 10). The interval does not hold the
+host's own error.
 """
 
 from collections import deque

@@ -1,10 +1,7 @@
 """Coalesced reads: a stream's bytes are left to collect, so that one wake-up takes many.
 
-To wake a thread costs more than to decode a frame, and a serial port wakes its reader several
-times a frame. While a stream flows, reading pauses for `PAUSE_S`; the port's own buffer
-holds the bytes meanwhile. Replies to commands are small and never wait, and neither does the
-frame that completes a dwell: shortly before it is due, reading is as it would be without
-this, because people wait for the decision.
+While a stream flows, reading pauses for `PAUSE_S`. Replies to commands never wait, and neither
+does the frame that completes a dwell: people wait for the decision.
 """
 
 import math

@@ -58,11 +58,7 @@ class RateWatch:
         self.clock.reset()
 
     def note(self, t_s: float, t_mono_s: float) -> str:
-        """Take when a dwell's last frame arrived; return what is wrong, empty when nothing is.
-
-        `t_s` is its stream time, `t_mono_s` the host's monotonic clock, both in seconds; 0 is not
-        known.
-        """
+        """Take a dwell's last frame, stream and monotonic seconds; return what is wrong."""
         self.clock.note(t_s, t_mono_s)
         points = self._points
         points.append((t_s, t_mono_s))

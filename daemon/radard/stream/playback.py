@@ -26,10 +26,7 @@ class PlaybackState:
 
 
 class Playback:
-    """Paces the frames of a recording; commands come from any thread.
-
-    `on_pause` is called by the reading thread when it pauses, and every 2 s while it does.
-    """
+    """Paces the frames of a recording; the reading thread calls `on_pause` while it pauses."""
 
     def __init__(
         self, length_s: float, speed: float | None, on_pause: Callable[[], None] = lambda: None
@@ -100,10 +97,7 @@ class Playback:
         self._on_change = on_change
 
     def wait_s(self, position_s: float) -> float:
-        """Return in how many seconds a frame may be due, by its place on the recording's clock.
-
-        0 when it is due, when somebody wants to go on elsewhere, and once closed.
-        """
+        """Return in how many seconds a frame may be due; 0 now, to go elsewhere, or closed."""
         with self._changed:
             self._is_touched = False
             if position_s < self._position_s and self._anchor is not None and self._speed:

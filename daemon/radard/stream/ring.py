@@ -142,11 +142,7 @@ class FrameRing:
         return max(1, self._due - self._taken) if self._taken >= self._watched_to else 1
 
     def recent(self, after: int = 0, *, is_live: bool = True) -> Recent:
-        """Return the rows behind number `after`, or as many of them as are still there.
-
-        For any thread; `is_live` where somebody looks at what is new. Takes no lock and keeps
-        nobody waiting: rows that were overwritten while they were copied are left out.
-        """
+        """Return the rows behind number `after` that are still there; for any thread, no lock."""
         # Frames then wait for few others.
         if is_live:
             self._watched_to = self._taken + round(_WATCHED_S * self._shape.frame_rate_hz)
@@ -160,11 +156,7 @@ class FrameRing:
         return Recent(rows[torn:], valid[torn:], end, begun_at, t_s)
 
     def push(self, frame: Frame) -> bool:
-        """Add the next frame; wait while the worker is too far behind.
-
-        Frames lost before it become invalid rows; a restart empties the ring. A frame that is not
-        finite counts as lost. False once the worker has stopped: no further frame is wanted.
-        """
+        """Add the next frame; wait while the worker is behind. False once none is wanted."""
         if frame.restarted or self._taken == 0:
             self._restart(frame)
         else:
@@ -177,10 +169,7 @@ class FrameRing:
         return self._add(frame.samples, frame.t_mono_s)
 
     def items(self, frame: Frame) -> Iterator[Dwell | Notice]:
-        """Push a frame and yield what it completes, where reader and worker are one thread.
-
-        `push` would wait for its own thread when so many frames were lost that dwells ended.
-        """
+        """Push a frame and yield what it completes, where reader and worker are one thread."""
         if frame.lost and self._taken and not frame.restarted:
             for _ in range(frame.lost):
                 self._index += 1

@@ -74,11 +74,7 @@ class SourceOpener(Protocol):
 
 
 def speed_factor(text: str, port: Port) -> float | None:
-    """Return stream seconds per real second; None is as fast as possible.
-
-    `auto` is as fast as possible for a recording, else real time. Raises SettingsError unless
-    `text` is auto, realtime, max or a number above zero.
-    """
+    """Return stream seconds per real second, None for all speed; or SettingsError."""
     if text == "auto":
         return None if port.kind == "replay" else 1.0
     return parse_speed(text)
@@ -147,11 +143,7 @@ class LiveSource:
         """What sends the frames, as its maker calls it."""
 
     def frames(self) -> Iterator[Frame]:
-        """Yield frames; after a loss, the first one is marked as a restart.
-
-        Raises TransportClosed, ReadTimeout or DeviceError if the device is lost and not waited
-        for.
-        """
+        """Yield frames, the first after a loss marked; raises if it is not waited for."""
         return chain([self._first], self._frames)
 
     @property
@@ -210,10 +202,7 @@ class ReplaySource:
                 self.playback.wait(item)
 
     def items(self) -> Iterator[Frame | float]:
-        """Yield frames that are due; and while none is, in how many seconds one may be.
-
-        Never waits, so that a thread can read many.
-        """
+        """Yield frames that are due; and while none is, in how many seconds one may be."""
         rate_hz, playback = self.stream.frame_rate_hz, self.playback
         start_s, offset, index = self._start_s, 0, -1
         is_first_round = True

@@ -194,10 +194,7 @@ class Api:
 
 
 class SensorRouter:
-    """ASGI application: /sensor/NAME/... is NAME's, everything else the first sensor's.
-
-    `only` is the view without a name, `views` are those of several sensors.
-    """
+    """ASGI application: /sensor/NAME/... is NAME's, everything else the first sensor's."""
 
     def __init__(self, only: View, views: Mapping[str, View]) -> None:
         self._only = only

@@ -1,9 +1,7 @@
 """Access control: who may see and who may arm, and which sites requests may come from.
 
-On a loopback address without tokens everybody on this machine is an operator, but only
-through a host name of loopback: a site whose name was pointed at 127.0.0.1 (DNS rebinding) is
-refused. With tokens, or on any other address, a token is required; a page exchanges it for a
-session in a cookie that scripts cannot read and other sites cannot send.
+On loopback without tokens everybody is an operator, but only through a host name of loopback (DNS
+rebinding). Else a token is required; a page exchanges it for a session in a cookie.
 """
 
 import hmac
@@ -53,11 +51,7 @@ def is_loopback(host: str) -> bool:
 
 
 def read_tokens(section: WebSection, host: str) -> Tokens:
-    """Return the tokens that the configuration names.
-
-    Raises ConfigError if one cannot be read or is short, or if there is none and `host` is not
-    loopback.
-    """
+    """Return the tokens; ConfigError if one cannot be read, is short, or one is needed."""
     tokens = Tokens(
         viewer=read_secret("web.token", section.token_file, section.token_env),
         operator=read_secret(
@@ -103,11 +97,7 @@ class RateLimit:
 
 
 class AccessControl:
-    """Says what a request may do; used by the web's own thread alone.
-
-    Without `may_command` nobody is an operator. `cookie` is the name of the session's cookie:
-    browsers share cookies between ports. `clock` is monotonic, in seconds.
-    """
+    """Says what a request may do, without `may_command` no commands; for the web's thread."""
 
     def __init__(
         self,
@@ -163,10 +153,7 @@ class AccessControl:
         self._sessions.pop(cookies.get(self.cookie, ""), None)
 
     def is_right_host(self, headers: Mapping[str, str]) -> bool:
-        """Return whether the host of a request is allowed: without tokens, only loopback.
-
-        No name that a stranger owns is, whatever it resolves to; an address of loopback is.
-        """
+        """Return whether the host of a request is allowed: without tokens, only loopback."""
         if self.wants_token:
             return True
         try:

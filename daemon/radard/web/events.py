@@ -180,10 +180,7 @@ def _filter(request: Request) -> _Filter:
 
 
 def _thumbnail(path: Path) -> dict[str, Any]:
-    """Return `png`, a data: URL with a quarter of the pixels, and `axes`; None in an old picture.
-
-    Raises OSError, or ValueError if the file is no picture of a clip.
-    """
+    """Return a quarter of a clip's `png`, as data: URL, and `axes`; OSError or ValueError."""
     if path.stat().st_size > _MAX_PICTURE:
         msg = "it is too large"
         raise ValueError(msg)

@@ -14,10 +14,7 @@ _MAX_ALARMS = 100  # whose decisions are kept for longer: days of them
 
 
 class History:
-    """The last decisions, the last events in their last phase, and the hello.
-
-    The decision that an alarm began with, and those before it, are kept for longer than others.
-    """
+    """The last decisions, longer before alarms, the last events' last phase, and the hello."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()

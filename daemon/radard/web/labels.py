@@ -1,13 +1,7 @@
 """Labels: people's verdicts on events, one JSON object a line, for `train-export finetune`.
 
-::
-
-    {"format": "radard-label", "format_version": 1, "event": ULID,
-     "label": "human|pet|other|wrong", "clip": "/path/ULID.h5", "sensor": "hall",
-     "kind": "alarm", "peak": 0.93, "model": "thesis", "time": "2026-…Z"}
-
-Lines are only added; the last one of an event holds. `wrong` says only that the verdict was
-wrong: of an alarm, that it was no human.
+Lines are only added; the last one of an event holds. `wrong` says only that the verdict was wrong:
+of an alarm, that it was no human.
 """
 
 import json

@@ -89,10 +89,7 @@ class Metrics:
         driver: Mapping[str, int] | None = None,
         drift: Drift | None = None,
     ) -> None:
-        """Take what holds at this moment: a thread that hangs writes no record.
-
-        `driver` is what the driver has counted, by the names of `x2radar.RadarStats`.
-        """
+        """Take what holds at this moment: a thread that hangs writes no record."""
         with self._lock:
             self._set_moment(state, is_armed=is_armed)
             for what, n in (driver or {}).items():

@@ -7,15 +7,7 @@ _LISTEN = "0A"
 
 
 def port_holder(port: int) -> str:
-    """Return who listens on a TCP port of this machine.
-
-    Another user's processes cannot be looked into: then, as without `/proc`, the text is empty.
-
-    Returns
-    -------
-    holder : str
-        The process's number and name, such as `process 812 (radard)`.
-    """
+    """Return who listens on a TCP port, as 'process 812 (radard)'; empty if not to be seen."""
     wanted = {f"socket:[{inode}]" for inode in _listening(port)}
     if not wanted:
         return ""

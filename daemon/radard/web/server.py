@@ -34,11 +34,7 @@ _SEND_BUFFER = 65_536  # bytes; what a slow page cannot take shall not pile up i
 
 
 class _Connection(H11Protocol):
-    """One connection; closed when a request's header does not come in time.
-
-    Where there are too many, one that asks for nothing gives way to the next, so that half-open
-    connections cannot keep others out.
-    """
+    """One connection, closed when a header is late; idle ones give way where there are many."""
 
     transport: asyncio.Transport | None  # type: ignore[assignment]
     _late: asyncio.TimerHandle | None = None
@@ -124,12 +120,7 @@ def _drop_idle(connections: list[Any]) -> bool:
 
 
 class WebServer:
-    """Serve an application; port 0 is any free one.
-
-    `beside` takes the loop of the web's thread and returns a coroutine that runs beside the
-    server; `on_trouble` takes why it does not listen, an empty text once it does; `last_words` is
-    waited for, not long, before connections are closed.
-    """
+    """Serve an application; port 0 is any free one. `on_trouble` hears why it cannot."""
 
     def __init__(
         self,

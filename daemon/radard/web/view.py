@@ -24,11 +24,7 @@ _MAX_STATES = 4000  # above the decisions of `radard.web.history`
 
 
 class View:
-    """One sensor's records, counters, pages and pictures.
-
-    `log` is of the process, `sensor` empty where there is only one; `make_app` returns the routes
-    of a view.
-    """
+    """One sensor's records, counters, pages and pictures; `sensor` is empty for an only one."""
 
     def __init__(
         self,

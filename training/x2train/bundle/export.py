@@ -24,11 +24,7 @@ DIFFERENCE = "logit difference torch - onnxruntime"
 def exported(
     net: torch.nn.Module, inputs: tuple[ModelInput, ...], sample: Mapping[str, NDArray[Any]]
 ) -> tuple[bytes, float]:
-    """Return the network as ONNX, and how far onnxruntime is from torch on a sample.
-
-    `sample` are the inputs by name; bytes stand for 0 to 1. Raises RadardError if they differ by
-    more than `_MAX_DIFFERENCE`.
-    """
+    """Return the network as ONNX, and its difference from torch; RadardError if that is large."""
     x = {
         each.name: np.asarray(v / 255 if v.dtype == np.uint8 else v, np.float32)
         for each in inputs

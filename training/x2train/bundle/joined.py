@@ -1,12 +1,7 @@
 """Several networks as one: the mean of what they say, each calibrated by itself.
 
-Networks that were trained apart err apart, so their mean errs less (Hansen and Salamon, "Neural
-network ensembles", 1990, recalled). All end in a linear layer, so the mean ends in one, too, of
-what all their last layers are given::
-
-    logits = (1 / n) sum_k (given_k W_k' + b_k) / temperature_k
-
-A temporal head goes on the result like on any other network.
+Networks that were trained apart err apart (Hansen and Salamon, 1990, recalled). All end in a
+linear layer, and so does the mean: logits = (1 / n) sum_k (given_k W_k' + b_k) / temperature_k.
 """
 
 from collections.abc import Sequence
@@ -29,11 +24,7 @@ _WEIGHT_AND_BIAS = 3
 
 
 def joined(bundles: Sequence[Bundle]) -> Bundle:
-    """Return a bundle that says the mean of several, with temperature 1; of one, itself.
-
-    It has the name, stream and evidence of the first. Raises UsageError if they take other maps or
-    tell other classes apart, end in no linear layer, or have temporal heads.
-    """
+    """Return a bundle that says the mean of several; UsageError if they do not fit."""
     first = bundles[0]
     if len(bundles) == 1:
         return first

@@ -15,10 +15,7 @@ _Key = TypeVar("_Key")
 
 
 def window_ms(nets: Mapping[_Key, tuple[bytes, Feed]], calls: int) -> dict[_Key, float]:
-    """Return the CPU time of a window on one thread, in milliseconds, of networks in turn.
-
-    Networks come with what each is given; the median of `calls` counts.
-    """
+    """Return the CPU time of a window on one thread, in ms, the median of `calls`."""
     options = ort.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     sessions = {

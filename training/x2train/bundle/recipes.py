@@ -119,11 +119,7 @@ def _recorded(name: str, size: str, epochs: int, start: str = "") -> str:
 
 
 def _visits(name: str, parts: str, lean: str, sets: str = _RECORDED_LONG) -> str:
-    """Return how a head learns to judge visits, on the mean of networks.
-
-    How far it leans to a person's side was chosen on recorded motion that nobody trained on and on
-    passages of the suites and the acceptance test (docs/research/evaluation-tried.md).
-    """
+    """Return how a head learns to judge visits (docs/research/evaluation-tried.md)."""
     models = " ".join(f"{_PARTS}/{part}.onnx" for part in parts.split())
     return (
         f"train-export temporal --model {models} {sets} --size {name} --name {name} "
@@ -200,12 +196,7 @@ def arguments(
     models: Path = Path("models"),
     motion: Path | None = None,
 ) -> list[list[str]]:
-    """Return the arguments of every command of a recipe, its sets before each.
-
-    `share` is of the passages: less than 1 is for trying, and makes sets in a folder of their own;
-    a small one leaves out what makes long trainings fast.
-    `workers` processes make sets; `models` is the folder of the bundles, `motion` one of clips.
-    """
+    """Return the arguments of every command of a recipe; a `share` below 1 is a trial."""
     folder = "sets" if share == 1 else f"sets-{share:g}"
     made: dict[str, list[str]] = {}
     for command in RECIPES[name].commands:

@@ -51,11 +51,7 @@ class Sets:
 
 
 def given_of_sets(bundle: Bundle, folders: Sequence[Path]) -> tuple[Sets, list[Mapping[str, Any]]]:
-    """Return what a bundle's last layer is given of sets, and what each was made from.
-
-    One set after the other, so that the maps of one at a time are in memory. Raises RecordingError
-    if a set is missing or damaged, UsageError if its maps are not those that the bundle takes.
-    """
+    """Return what a bundle's last layer is given of sets, and what each was made from."""
     network = with_given(bundle.onnx)
     made: list[Given] = []
     logits: list[NDArray[np.float64]] = []

@@ -33,10 +33,7 @@ GIVEN = f"{_P}given"
 
 
 def with_given(onnx_bytes: bytes) -> bytes:
-    """Return the network with what its last layer is given as an output, `GIVEN`.
-
-    Raises UsageError if it does not end in a linear layer, or has a temporal head already.
-    """
+    """Return the network with its last layer's input as output `GIVEN`; or UsageError."""
     model = onnx.load_from_string(onnx_bytes)
     check_headless(model)
     name = last_layer(model).input[0]
@@ -46,11 +43,7 @@ def with_given(onnx_bytes: bytes) -> bytes:
 
 
 def with_head(onnx_bytes: bytes, trained: HeadTrained, temperature: float) -> bytes:
-    """Return a bundle's network with a temporal head; raises UsageError as `with_given`.
-
-    What standardises is taken into the projection, the head's temperature into the last layer.
-    `temperature` is that of windows alone.
-    """
+    """Return a bundle's network with a temporal head; raises UsageError as `with_given`."""
     model = onnx.load_from_string(onnx_bytes)
     check_headless(model)
     graph = model.graph

@@ -150,13 +150,7 @@ the sidecar names each with its source and SHA-256. docs/training.md credits the
 
 
 def evaluation_of(table: PassageTable, bundle: Bundle, command: str) -> dict[str, Any]:
-    """Return what a sidecar says under ``evaluation``, of a run of a bundle with its own policy.
-
-    ``policy``, ``command``, ``gate`` (its settings), ``passages``, whether no single feature tells
-    people from pets (``is_matched``), and by name of sensitivity the figures of `Level`, each
-    estimate as [value, low, high]; null is not known or infinite. Raises UsageError if there is
-    nobody, or no pet: such an evaluation is none of an alarm.
-    """
+    """Return a sidecar's ``evaluation``; UsageError without people, or without pets."""
     made = levels(table, bundle, np.random.default_rng(0))
     if not made[0].n_intrusions or not made[0].n_visits:
         msg = "the card needs passages of people and of pets; take more --passages"
@@ -172,11 +166,7 @@ def evaluation_of(table: PassageTable, bundle: Bundle, command: str) -> dict[str
 
 
 def write_card(model: str, evaluation: Mapping[str, Any]) -> Path:
-    """Enter an evaluation into the sidecar and the card of a bundle; return the sidecar.
-
-    What an earlier one left there is replaced; weights and all else stay as they are. Raises
-    BundleError or ModelMismatch if the bundle, RecordingError if a file cannot be used.
-    """
+    """Replace the evaluation in a bundle's sidecar and card; return the sidecar."""
     load_bundle(model)
     path = sidecar_path(model)
     raw = json.loads(path.read_text(encoding="utf-8"))

@@ -50,19 +50,12 @@ def tell_bundle(path: Path, metrics: Mapping[str, object]) -> None:
 
 
 def result_console(*, stderr: bool = False) -> Console:
-    """Return the console for results, on stdout: a line stays one line, a path what it is.
-
-    rich would break lines at 80 columns where stdout is no terminal, within a path if need be,
-    and take what stands in brackets for a style.
-    """
+    """Return the console for results, on stdout: a line stays one line, a path what it is."""
     return Console(stderr=stderr, soft_wrap=True, highlight=False, markup=False)
 
 
 def progress() -> Progress:
-    """Return a bar on stderr: what, how far, of how much, time left; none where it is a log.
-
-    It leaves nothing behind, so that an error is one line.
-    """
+    """Return a bar on stderr: what, how far, of how much, time left; none where it is a log."""
     console = result_console(stderr=True)
     return Progress(
         TextColumn("{task.description}", markup=False),

@@ -49,11 +49,7 @@ class Tuned:
 def tune(
     bundle: Bundle, own: Sequence[OwnWindows], guard: Guard, mix: Guard, *, epochs: int, seed: int
 ) -> Iterator[Epoch | Tuned]:
-    """Retrain lightly; yield every epoch, and at last the bundle.
-
-    `guard` are simulated people to hold it to, `mix` simulated windows to learn from. Raises
-    UsageError if the guard allows no such network, or if it calms no own clip.
-    """
+    """Retrain lightly; yield every epoch, and at last the bundle; UsageError if it cannot."""
     for step in retrain(bundle, own, mix, epochs=epochs, seed=seed):
         if isinstance(step, Epoch):
             yield step
@@ -106,10 +102,7 @@ def write_finetuned(
     command: str,
     seed: int,
 ) -> None:
-    """Write the bundle made from `base`; `path` is without suffix.
-
-    The card names the files of own clips and their hashes, never folders.
-    """
+    """Write the bundle made from `base`; the card names clips and hashes, never folders."""
     detail = f"{tuned.way:.1f} of the way from the old weights to the trained ones"
     abouts = json.dumps(list(guard.abouts), sort_keys=True)
     finetuned = {

@@ -87,10 +87,7 @@ class Guard:
         )
 
     def misses(self, bundle: Bundle, answers: Answers) -> Misses:
-        """Return how many people are missed by answers to all windows.
-
-        The bundle's temperature, limits, policy and evidence count, not its network.
-        """
+        """Return how many people are missed by answers to all windows."""
         t_s = np.asarray(self.columns["t_s"], np.float64)
         is_human = self.label == CLASSES.index("human")
         quiet = 1 - answers.p(bundle.temperature)[:, 0] > bundle.pet_limit
@@ -119,10 +116,7 @@ class Guard:
 
 
 def load_guard(folders: list[Path], bundle: Bundle, *, least: int = _MIN_WINDOWS) -> Guard:
-    """Return the guard of some window sets.
-
-    Raises UsageError if they do not fit the bundle, or hold too few windows of people.
-    """
+    """Return the guard of some window sets; UsageError if they do not fit, or hold too few."""
     columns, abouts = load_windows(*folders)
     check_made_for(bundle, columns, abouts[0], folders[0])
     guard = Guard(columns, tuple(abouts))
@@ -139,10 +133,7 @@ def load_guard(folders: list[Path], bundle: Bundle, *, least: int = _MIN_WINDOWS
 def alarms_of(
     bundle: Bundle, answers: Answers, is_first: NDArray[np.bool_], t_s: Array
 ) -> Iterator[bool]:
-    """Yield whether each window is an alarm by the bundle's policy.
-
-    Somebody who has left while the alarm waited is one: the last window then says so.
-    """
+    """Yield whether each window is an alarm by the bundle's policy."""
     settings = EvidenceSettings.from_mapping(bundle.evidence)
     evidence = Evidence(settings)
     within_s = DecisionSection().decide_within_s

@@ -44,11 +44,7 @@ def named_clips(arguments: Iterable[str]) -> tuple[OwnClip, ...]:
 
 
 def labelled_clips(path: Path, folder: Path | None = None) -> tuple[list[OwnClip], list[str]]:
-    """Return the clips that the dashboard's labels point to, and why others were left out.
-
-    `folder` is where the clips are now, when they are no longer where they were made. Raises
-    UsageError if the file cannot be read, or a line is no label or one of another version.
-    """
+    """Return the clips of the dashboard's labels, in `folder`, and why others were left out."""
     events = _last_lines(path)
     clips, left_out = [], []
     for event, line in events.items():
@@ -66,10 +62,7 @@ def labelled_clips(path: Path, folder: Path | None = None) -> tuple[list[OwnClip
 
 
 def merged(clips: Iterable[OwnClip]) -> tuple[OwnClip, ...]:
-    """Return clips, each once.
-
-    Raises UsageError if one has two labels, or none of them shows anything but people.
-    """
+    """Return clips, each once; UsageError if one has two labels, or all are of people."""
     by_path: dict[Path, OwnClip] = {}
     for clip in clips:
         known = by_path.setdefault(clip.path.resolve(), clip)

@@ -1,10 +1,8 @@
 """Light retraining: a bundle's network on own windows, held to what it said of simulated ones.
 
-Simulated windows are no new lesson: the network's own old answers to them are the aim, so that
-what it knows stays (learning without forgetting, Li and Hoiem 2016, recalled). Own windows are
-taught as people or not. Between the old weights and the new ones lies a line, and on it the
-point farthest from the old ones is taken at which the guard holds (weight-space ensembles,
-Wortsman et al. 2022, recalled).
+Its old answers to simulated windows are the aim (learning without forgetting, Li and Hoiem 2016,
+recalled). On the line from old to new weights the farthest point is taken at which the guard holds
+(weight-space ensembles, Wortsman et al. 2022, recalled).
 """
 
 from collections.abc import Iterator, Sequence
@@ -38,10 +36,7 @@ _STEPS = tuple(k / 10 for k in range(10, 0, -1))
 def retrain(
     bundle: Bundle, own: Sequence[OwnWindows], mix: Guard, *, epochs: int, seed: int
 ) -> Iterator[Epoch | GraphNet]:
-    """Train on own clips and `mix`; yield every epoch, and at last the end of the line.
-
-    Raises RadardError if torch does not compute the bundle's graph as onnxruntime does.
-    """
+    """Train on own clips and `mix`; yield every epoch, and at last the end of the line."""
     torch.set_num_threads(1)
     torch.use_deterministic_algorithms(True)
     rng = torch.Generator().manual_seed(seed)
@@ -97,11 +92,7 @@ def retrain(
 def guarded_line(
     bundle: Bundle, net: GraphNet, guard: Guard, own: Sequence[OwnWindows]
 ) -> tuple[bytes, float, Misses, Misses]:
-    """Return the network on the line from old to trained weights that the guard allows.
-
-    With it come how far along the line it is, and who was and is missed. Own clips of people must
-    keep their alarms. Raises UsageError if no point on the line is allowed.
-    """
+    """Return the network that the guard allows, its share of the way, and who is missed."""
     given = guard.inputs(bundle)
     is_first = guard.is_first
     before = guard.misses(bundle, outputs_of(bundle.onnx, given, is_first=is_first))

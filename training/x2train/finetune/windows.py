@@ -61,11 +61,7 @@ def judge_of(clips: Sequence[OwnClip]) -> str:
 
 
 def own_windows(clip: OwnClip, bundle: Bundle) -> OwnWindows:
-    """Replay a clip.
-
-    Raises ModelMismatch if the bundle was not made for such a stream, UsageError if nothing moves
-    in it, X2RadarError if it cannot be read.
-    """
+    """Replay a clip; ModelMismatch, UsageError or X2RadarError if it is of no use."""
     listener = _Listener(bundle)
     rows: list[Features] = []
     t_s: list[float] = []

@@ -1,10 +1,8 @@
 """The acceptance test of a product: what a buyer asks of an alarm, entry by entry.
 
-Apart from the stress suites: two radars (X2, X4M03) at three mounts, bodies whose cross sections
-follow from their sizes, every motion and skin that the simulator has. Walk tests are modelled on
-EN 50131-2-3 (`x2train.judge.suites`), no more; pets cross the floor or stay for long; things move
-for an hour each. Passage k of an entry is the same for every bundle and every share of the test.
-The test has a version: results of different versions are not compared.
+Two radars (X2, X4M03) at three mounts, bodies whose cross sections follow from their sizes, every
+motion and skin. Passage k of an entry is the same for every bundle; results of different versions
+are not compared. Walk tests are modelled on EN 50131-2-3, no more.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -164,10 +162,7 @@ ENTRIES: tuple[Entry, ...] = _entries()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AcceptSpec:
-    """An acceptance test: its passages, and who judges them.
-
-    Raises ModelMismatch if the bundle takes none of the radars.
-    """
+    """An acceptance test: its passages, and who judges them; or ModelMismatch."""
 
     model: str  # name or path of the bundle; 'auto': what the daemon takes before each radar
     seed: int = SEED
@@ -277,10 +272,7 @@ def accept(
     cluster: str | None = None,
     report: Tell | None = None,
 ) -> PassageTable:
-    """Play a test's passages, or what is missing of them in a folder, and return them judged.
-
-    Errors are those of `x2train.sets.shard_run.make_shards`.
-    """
+    """Play a test's passages, or what is missing of them in a folder, and return them judged."""
     about = {
         "kind": "acceptance",
         "version": VERSION,

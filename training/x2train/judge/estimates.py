@@ -107,11 +107,7 @@ class Ranking:
         object.__setattr__(self, "_level", level)
 
     def auc(self, weight: _Float | None = None) -> float:
-        """Return the area under the ROC curve; ties count half. NaN without both classes.
-
-        It is the probability that a positive scores above a negative (Mann and Whitney
-        1947). `weight`, shape (n,), counts every score that often.
-        """
+        """Return the area under the ROC curve (Mann and Whitney 1947); ties count half."""
         positive, negative = self._counts(weight)
         total = positive.sum() * negative.sum()
         if total == 0:
@@ -120,10 +116,7 @@ class Ranking:
         return float(positive @ below / total)
 
     def rates(self) -> tuple[_Float, _Float, _Float]:
-        """Return thresholds, descending from infinity, with both rates of scores at or above.
-
-        All of shape (n_levels + 1,): thresholds, false and true positives; NaN of an absent class.
-        """
+        """Return thresholds from infinity down, false and true positives, (n_levels + 1,)."""
         positive, negative = self._counts(None)
         threshold = np.concatenate([[np.inf], self.levels[::-1]])
         with np.errstate(invalid="ignore"):
@@ -165,10 +158,7 @@ def reliability(
     passage: NDArray[np.int64],
     rng: np.random.Generator,
 ) -> Reliability:
-    """Return the observed share of people per bin of predicted probability, shape (n,), finite.
-
-    `passage`, shape (n,), is what is drawn again for the intervals.
-    """
+    """Return the observed share of people per bin of predicted probability, shape (n,), finite."""
     passages, which = np.unique(passage, return_inverse=True)
     n = len(passages)
     cell = which * _BINS + np.minimum((p * _BINS).astype(np.int64), _BINS - 1)

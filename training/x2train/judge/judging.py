@@ -43,10 +43,7 @@ OWN_RADARS = "suites"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JudgeSpec:
-    """What a bundle is judged on; passage k is the same for every bundle.
-
-    Raises UsageError if there is no such radar or suite.
-    """
+    """What a bundle is judged on, the same passages for all; UsageError if unknown."""
 
     model: str  # name or path of the bundle
     seed: int  # passage k draws from ``[seed, k]``

@@ -79,11 +79,7 @@ def _row(path: Path, number: int, row: Any) -> Labelled:
 
 
 def judge_labelled(rows: list[Labelled], model: str, policy: str = "") -> PassageTable:
-    """Return a table of the rows, judged from the beginning of each recording on.
-
-    A row's decisions are those of windows that end within it. Raises UsageError if there are none,
-    X2RadarError or RadardError if a recording cannot be read, or suits no bundle.
-    """
+    """Return a table of labelled stretches, judged from each recording's beginning on."""
     made: dict[Path, tuple[list[Decision], float]] = {}
     passages: list[Columns] = []
     for row in rows:

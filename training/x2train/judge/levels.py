@@ -39,11 +39,7 @@ class Level:
 
 
 def levels(table: PassageTable, bundle: Bundle, rng: np.random.Generator) -> tuple[Level, ...]:
-    """Return what every sensitivity makes of a bundle's own policy.
-
-    The table is of a run of that bundle with that policy and the default configuration; `rng`
-    draws for the intervals of times.
-    """
+    """Return what every sensitivity makes of a bundle's own policy."""
     made = []
     for name in SENSITIVITIES[bundle.policy]:
         section = AlarmSection.model_validate({"sensitivity": name})

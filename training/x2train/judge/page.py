@@ -39,12 +39,7 @@ def page(
     there: tuple[PassageTable, Figures] | None,
     render: Render | None,
 ) -> str:
-    """Return the page.
-
-    Every figure in words is taken from `made`, the report's JSON; curves are drawn from `here` and
-    from `there`, those of the other model. `render` gives a PNG of a passage by its index, or
-    None.
-    """
+    """Return the page of `made`, the report's JSON; `render` gives PNGs of passages, or None."""
     both = [("this model", table, here)]
     if there is not None:
         both.append(("other model", *there))

@@ -102,10 +102,7 @@ def rounded(value: float) -> float:
 def pairings(
     table: PassageTable, here: Figures, there: Figures, seed: int
 ) -> list[dict[str, Any]]:
-    """Return who got wrong what the other model did not: as shipped, and each at its limit.
-
-    The interval of the difference is of passages drawn again in pairs.
-    """
+    """Return who got wrong what the other model did not: as shipped, and each at its limit."""
     rng = np.random.default_rng(seed)
     people, pets = intrusions(table), table.label == "pet"
     made = []

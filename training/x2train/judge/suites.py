@@ -57,10 +57,7 @@ class Suite:
         return draw_close(rng, radar) if self.is_close else draw_site(rng, radar, self.rooms)
 
     def before(self, radar: Radar) -> "Suite":
-        """Return the same before another radar.
-
-        What only another radar made a suite of its own belongs to that of the same bodies.
-        """
+        """Return the same bodies before another radar."""
         if self.radar in {X2, _NEAR_X2}:
             return replace(self, radar=radar)
         name = self.name.partition(",")[0]
@@ -155,11 +152,7 @@ SUITES: tuple[Suite, ...] = _suites()
 
 
 def suite_of(number: int, n_passages: int, only: Collection[str] = ()) -> Suite:
-    """Return the suite of a passage: each has its share of a run, the same for every seed.
-
-    Passages beyond `n_passages` are more visits of pets: those suites in turn, by their shares.
-    `only` names the suites that there are; empty for all.
-    """
+    """Return the suite of a passage, the same for every seed; `only` names some of them."""
     suites = _named(only)
     at = (number + 0.5) / n_passages
     if number >= n_passages:
@@ -171,10 +164,7 @@ def suite_of(number: int, n_passages: int, only: Collection[str] = ()) -> Suite:
 
 
 def n_more_pets(pet_hours: float, n_passages: int, only: Collection[str] = ()) -> int:
-    """Return how many visits must follow a run for its pets to last so long, in hours.
-
-    Raises UsageError if there must be some, and none of the suites is of pets alone.
-    """
+    """Return how many visits must follow for pets to last so many hours; or UsageError."""
     suites = [suite_of(k, n_passages, only) for k in range(n_passages)]
     missing_s = 3600 * pet_hours - sum(s.duration_s for s in suites if s.is_of_pets)
     if missing_s > 0 and not any(s.is_of_pets for s in _named(only)):

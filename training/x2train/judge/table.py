@@ -1,10 +1,4 @@
-"""Passages: what moved by, and everything the daemon decided while it did.
-
-A passage is one body (or none) before one radar for some seconds. A table holds many in
-columns, so that half a million decisions are a dozen arrays; on disk it is a set of shards
-whose arrays are the columns, as `make_shards` leaves them when every element returns
-`passage_columns`.
-"""
+"""Passages, one body (or none) before one radar, and all that was decided, in columns."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
@@ -34,10 +28,7 @@ SERIES = (
 
 
 def passage_columns(*, label: str, t_s: NDArray[np.float64], **facts: Any) -> Columns:
-    """Return one passage as a row of the passages' columns and n of the decisions'.
-
-    See `PassageTable` for what they mean; texts that are not given are empty, numbers NaN.
-    """
+    """Return one passage as a row of the passages' columns and n of the decisions'."""
     given = {"label": label, "t_s": t_s, **facts}
     columns: Columns = {"n_decisions": np.array([len(t_s)], np.int64)}
     columns |= {name: np.array([given.get(name, "")], np.str_) for name in TEXTS}
@@ -49,11 +40,7 @@ def passage_columns(*, label: str, t_s: NDArray[np.float64], **facts: Any) -> Co
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PassageTable:
-    """Many passages in columns.
-
-    Those of passages have shape (n_passages,), those of decisions (n_decisions,), passage by
-    passage.
-    """
+    """Passages, columns of shape (n_passages,), and their decisions, (n_decisions,)."""
 
     n_decisions: NDArray[np.int64]  # how many rows of the decisions' columns each passage has
     family: NDArray[np.str_]  # what moved: 'walker', 'dog, large', 'crawler', 'fan', ...
@@ -132,11 +119,7 @@ class PassageTable:
 
     @classmethod
     def load(cls, folder: Path) -> "PassageTable":
-        """Read a set of shards of passages.
-
-        Raises RecordingError if there is none or a shard is damaged, UsageError if it is of
-        something else.
-        """
+        """Read a set of shards of passages; RecordingError or UsageError if it is none."""
         return cls.of([read_all(folder)[1]])
 
 

@@ -1,9 +1,7 @@
 """Verdicts: which passages alarm, when, and what that is at every other limit.
 
-The evidence for a human is the log odds of not being quiet, ln((1 - q) / q) with q the
-fused p_pet + p_other; the alarm limit q <= 0.8 is evidence >= -1.39. Sweeping that limit
-trades missed intrusions for false alarms. A pending decision counts only where it is the
-last word: the target left undecided.
+The evidence for a human is ln((1 - q) / q) with q the fused p_pet + p_other; the alarm limit q <=
+0.8 is evidence >= -1.39. A pending decision counts only where it is the last word.
 """
 
 from dataclasses import dataclass

@@ -1,9 +1,7 @@
 """Windows: what the network says of each dwell alone, and what simpler things would say.
 
-A window counts when the gate was open and its middle lies in the time the body was in the
-swath; `all_open` figures take every window with an open gate. The single features are the
-test of the test set: where total power, range, cross-section or SNR alone tells people
-from pets, a network may have learned that instead of motion.
+A window counts when the gate was open and its middle lies in the time the body was in the swath.
+Where a single feature tells people from pets, a network may have learned that.
 """
 
 from dataclasses import dataclass
@@ -69,10 +67,7 @@ def human_score(table: PassageTable) -> _Float:
 
 
 def balanced_accuracy(table: PassageTable, windows: Windows, rng: np.random.Generator) -> Estimate:
-    """Return the mean of the shares of people and of pets that are called so.
-
-    A window is called human when p_human is at least p_pet + p_other.
-    """
+    """Return the mean of the shares of people and of pets that are called so."""
     quiet = (table.p_pet + table.p_other)[windows.row]
     is_right = (table.p_human[windows.row] >= quiet) == windows.is_human
     n = windows.n_passages

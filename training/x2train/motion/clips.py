@@ -124,10 +124,7 @@ def read_clip(path: Path) -> Clip:
 
 
 def read_clips(folder: Path) -> tuple[Clip, ...]:
-    """Read all clips of a folder and the folders in it, by name.
-
-    Raises SceneError if there is none, or one of them is none.
-    """
+    """Read all clips in and below a folder, by name; SceneError if there is none."""
     found = tuple(read_clip(path) for path in sorted(folder.rglob("*.npz")))
     if not found:
         msg = f"{folder}: no clips (.npz) in it; see train-export motion import"

@@ -43,12 +43,7 @@ class RawMotion:
 def read_motions(
     path: Path, *, asf: Path | None = None, rate_hz: float = 120.0
 ) -> list[RawMotion]:
-    """Read all animations of a file whose suffix is one of `SUFFIXES`.
-
-    `asf` is the skeleton of an AMC file (by default the .asf of the same name, or the only one
-    there), `rate_hz` the rate of AMC files, which do not say it. Raises SceneError, one line with
-    the file's name, if it cannot be read.
-    """
+    """Read all animations of a file of `SUFFIXES`, AMC with `asf` and `rate_hz`; or SceneError."""
     try:
         found = list(_read(path, asf, rate_hz))
     except OSError as err:

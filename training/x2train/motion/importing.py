@@ -63,10 +63,7 @@ class JointMap:
 
 
 def read_map(path: Path) -> JointMap:
-    """Read a map.
-
-    Raises SceneError if it cannot be read, or names a joint that there is not, or leaves one out.
-    """
+    """Read a map; SceneError if it cannot be read, or its joints are not all there are."""
     try:
         raw: Any = load_yaml(path.read_text("utf-8-sig"))
     except (OSError, UnicodeDecodeError, YamlError) as err:
@@ -96,11 +93,7 @@ def read_map(path: Path) -> JointMap:
 
 
 def standard_clip(motion: RawMotion, joint_map: JointMap, where: str) -> dict[str, Any]:
-    """Return the arrays of a clip: standard joints, y up, the floor at 0, at `RATE_HZ`.
-
-    The floor is where the lowest joint is in all but two of a hundred frames. Raises SceneError
-    if the file has not the joints of the map.
-    """
+    """Return the arrays of a clip: standard joints, y up, the floor at 0, at `RATE_HZ`."""
     at = {name: k for k, name in enumerate(motion.joints)}
     standard = KINDS[joint_map.kind]
     missing = sorted({name for name in joint_map.joints.values() if name not in at})

@@ -80,11 +80,7 @@ def read_library(folder: Path) -> tuple[Individual, ...]:
 def draw_recorded_body(
     rng: np.random.Generator, individual: Individual, options: Mapping[str, Any], where: str
 ) -> Body:
-    """Draw a body that moves as an individual did: clips, size, tempo, mirror, course and skin.
-
-    `options` are `near_m`, `far_m` (of the course), `course`, `skin`, `total_rcs_dbsm`, as scenes
-    have them; `where` is its path in a scene, for errors.
-    """
+    """Draw a body that moves as an individual did: clips, size, tempo, mirror, course, skin."""
     label = individual.label
     clips = individual.clips
     if rng.random() < 0.5:

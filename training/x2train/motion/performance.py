@@ -38,10 +38,7 @@ class Performance:
     def along(
         self, waypoints_m: Sequence[tuple[float, float]], radius_m: float, begin_m: float = 0.0
     ) -> Array:
-        """Return joints in the room, shape (n_frames, n_joints, 3), on a course on the floor.
-
-        The course goes straight on beyond its ends. `begin_m` is where on it the first frame is.
-        """
+        """Return joints in the room, (n_frames, n_joints, 3), on a course, from `begin_m` on."""
         x, y, direction = _on_course(waypoints_m, radius_m, begin_m + self.way_m)
         cos, sin = np.cos(direction)[:, None], np.sin(direction)[:, None]
         ahead, left, up = np.moveaxis(self.joint_m, -1, 0)
@@ -59,11 +56,7 @@ def perform(
     scale: float = 1.0,
     tempo: float = 1.0,
 ) -> Performance:
-    """Play clips of one individual one after the other, for `duration_s` at least.
-
-    The clips have the same joints and frame rate, and all go, or none does. `scale` and `tempo`
-    are how much larger and how much faster than recorded.
-    """
+    """Play clips of one individual one after the other, for `duration_s` at least."""
     rate_hz = clips[0].frame_rate_hz
     n_wanted = int(np.ceil(duration_s * rate_hz * tempo)) + 2
     weights = np.array([len(clip.joint_m) for clip in clips], float)

@@ -44,11 +44,7 @@ def outputs_of(
     *,
     is_first: NDArray[np.bool_] | None = None,
 ) -> Answers:
-    """Return a network's answers to windows, shape (n, ...): float32, or bytes for 0 to 1.
-
-    `is_first`, shape (n,), says where the gate has opened, of windows in order; None for windows
-    that have nothing to do with each other, which have no fused answers.
-    """
+    """Return a network's answers to windows; `is_first` where the gate has opened, in order."""
     return _run(onnx_bytes, inputs, is_first, "")[0]
 
 

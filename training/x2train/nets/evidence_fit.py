@@ -31,11 +31,7 @@ def sequences(
     passage: NDArray[np.int64],
     t_s: Array,
 ) -> Sequences:
-    """Return windows of sets, in order within their passages, as sequences.
-
-    `logits`, shape (n, 3), are divided by the temperature. Time that runs back begins another
-    passage: a second set numbers its passages from 0 again.
-    """
+    """Return windows of sets as sequences; logits (n, 3) are divided by the temperature."""
     p = np.stack([softmax(row / temperature) for row in logits])
     return Sequences(p, label == 0, first_windows(passage, t_s))
 

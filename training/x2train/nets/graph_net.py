@@ -51,10 +51,7 @@ class GraphNet(nn.Module):
                 self._constants[each.name] = torch.from_numpy(values)
 
     def forward(self, *inputs: Tensor) -> tuple[Tensor, ...]:
-        """Return the logits, shape (n, n_classes), and those of a temporal head, if it has one.
-
-        A network with one takes what the head is given with each window as the last input.
-        """
+        """Return the logits, shape (n, n_classes), and those of a temporal head, if it has one."""
         known: dict[str, Any] = dict(self._constants)
         known.update({name: getattr(self, own) for name, own in self._names.items()})
         known.update(zip(self._inputs, inputs, strict=True))

@@ -55,10 +55,7 @@ def fingerprint(
 
 
 class Checkpoints:
-    """A file that a training writes every few minutes and goes on from.
-
-    Without a path nothing is written. Raises RecordingError where the disk refuses.
-    """
+    """A file that a training writes every few minutes and goes on from; or RecordingError."""
 
     def __init__(self, path: Path | None, run: str) -> None:
         self._path = path
@@ -68,10 +65,7 @@ class Checkpoints:
     def resume(
         self, net: nn.Module, optimizer: MuonAdamW, rng: torch.Generator
     ) -> tuple[int, int, float]:
-        """Put a training back; return epoch, steps done in it and their loss: 1, 0, 0 at first.
-
-        The generator is put to the epoch's beginning; `at_step` puts it on from there.
-        """
+        """Put a training back; return epoch, steps done in it and their loss: 1, 0, 0 at first."""
         point = self._point = self._read()
         if not point:
             return 1, 0, 0.0

@@ -146,10 +146,7 @@ class _Error:
 
 
 def device_of(wanted: str) -> str:
-    """Return where torch trains: 'cpu' or 'cuda'; 'auto' is a GPU if there is one.
-
-    Raises UsageError if there is none and one is wanted.
-    """
+    """Return where torch trains: 'cpu' or 'cuda'; UsageError if a wanted GPU is not there."""
     if wanted == "auto":
         return "cuda" if torch.cuda.is_available() else "cpu"
     if wanted == "cuda" and not torch.cuda.is_available():

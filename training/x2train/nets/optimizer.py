@@ -1,9 +1,7 @@
 """Steps of training: Muon for matrices, AdamW for everything else, one cycle of both rates.
 
-Muon (K. Jordan et al., "Muon: An optimizer for hidden layers in neural networks", 2024; here
-`torch.optim.Muon`) steps along the orthogonal matrix nearest to the momentum, so that all
-directions of a layer learn equally fast. A convolution is a matrix with a row for each channel.
-Layers of few inputs or few outputs (the first, the last, norms) are AdamW's.
+Muon: K. Jordan et al., 2024 (`torch.optim.Muon`). A convolution is a matrix with a row for each
+channel; layers of few inputs or few outputs are AdamW's.
 """
 
 from collections.abc import Sequence
@@ -17,11 +15,7 @@ _MIN_ROWS, _MIN_COLUMNS = 4, 31  # the layers named above are smaller
 
 
 class MuonAdamW:
-    """The optimisers of a network, whose parameters must stay where they are in memory.
-
-    `rate` and `matrix_rate` are the greatest learning rates of AdamW and of Muon in the one cycle
-    of `n_steps`, `weight_decay` and `matrix_decay` their decays.
-    """
+    """AdamW at `rate` and, for matrices, Muon at `matrix_rate`, in one cycle of `n_steps`."""
 
     def __init__(
         self,

@@ -22,11 +22,7 @@ _NORMS = (nn.BatchNorm1d, nn.BatchNorm2d)
 
 
 def start_from(net: MapNet, bundle: Bundle, windows: Sequence[torch.Tensor]) -> None:
-    """Give a network a bundle's weights.
-
-    `windows` are some hundred, as the network takes them. Raises UsageError if the bundle's
-    network is of another kind or size.
-    """
+    """Give a network a bundle's weights; UsageError if it is of another kind or size."""
     model = onnx.load_from_string(bundle.onnx)
     found = {each.name: numpy_helper.to_array(each) for each in model.graph.initializer}
     hooks = []

@@ -20,11 +20,7 @@ Array = NDArray[np.float32]
 
 
 def taught_by(bundle: Bundle, windows: Mapping[str, NDArray[Any]]) -> Array:
-    """Return what a bundle makes of windows as they are: calibrated probabilities, shape (n, 3).
-
-    Windows come by feature, as `x2train.sets.window_set.load_windows` gives them. Raises
-    UsageError if the bundle has other classes than `CLASSES`, or takes other maps.
-    """
+    """Return a bundle's calibrated probabilities of windows by feature, shape (n, 3)."""
     if bundle.classes != CLASSES:
         msg = f"teacher '{bundle.name}': tells {', '.join(bundle.classes)} apart"
         raise UsageError(msg)
@@ -47,11 +43,7 @@ def taught_error(
     share: float,
     weight: torch.Tensor,
 ) -> torch.Tensor:
-    """Return the cross-entropy with labels and teacher, every class weighing as `weight` says.
-
-    Logits and the teacher's probabilities have shape (n, 3), labels (n,), weights (3,). The
-    teacher counts `share`, the label the rest.
-    """
+    """Return the cross-entropy with labels and, by `share`, teacher; classes weigh `weight`."""
     wanted = share * taught
     wanted[torch.arange(len(labels)), labels] += 1 - share
     each = -(wanted * answers.log_softmax(1)).sum(1)

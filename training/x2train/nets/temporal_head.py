@@ -1,18 +1,9 @@
 """Temporal head: it integrates evidence over successive windows, learned instead of summed.
 
-One or two parts judge by themselves, and the mean of their logits counts. The first takes what
-the network's last layer is given, so nothing of a window is lost on the way through three
-probabilities; it knows best the bodies that training knew. The second takes those probabilities
-alone: it learns only how they follow one another, which holds for bodies that nobody trained on
-as well (docs/research/evaluation-tried.md)::
-
-    given:  projected = relu(A (given - mean) / spread + a)
-    said:   projected = tanh(A log p + a)
-    hidden  = gru(projected, hidden)           (Cho et al. 2014, recalled; torch's variant)
-    logits  = B hidden + b
-
-Hidden values begin at zero whenever the gate has opened. What counts is the verdict of a visit, so
-the windows after 3, 5 and 8 s weigh more than the others.
+The mean of one or two parts' logits counts, each a GRU (Cho et al. 2014, recalled) over a
+projection: the first of what the network's last layer is given, the second of the probabilities
+alone, which holds for bodies that nobody trained on (docs/research/evaluation-tried.md). Hidden
+values begin at zero whenever the gate has opened; the windows after 3, 5 and 8 s weigh more.
 """
 
 from collections.abc import Iterator
@@ -120,10 +111,7 @@ class HeadTrained:
 def fit_head(
     train: Given, validation: Given, settings: HeadSettings
 ) -> Iterator[Epoch | HeadTrained]:
-    """Train on passages apart from those to validate on; yield every epoch, and at last the head.
-
-    Classes weigh the same, however many windows each has. Same seed, same weights on one machine.
-    """
+    """Train on passages apart from those to validate on; yield every epoch, at last the head."""
     torch.manual_seed(settings.seed)
     torch.set_num_threads(1)
     rng = torch.Generator().manual_seed(settings.seed)

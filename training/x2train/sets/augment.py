@@ -1,9 +1,7 @@
-"""Augmentation: batches of maps changed in ways that leave the answer as it is.
+"""Augmentation: batches of maps changed in ways that a radar or a room could have changed them.
 
-Everything is a change that a radar or a room could have made: the body stands nearer or
-farther, its echoes span more or fewer decibels, the noise is higher, it comes or leaves within
-the dwell, frames are lost. Maps are not turned round, approaching for leaving: networks that
-learn from such maps as well do worse (docs/research/evaluation-tried.md).
+Maps are not turned round, approaching for leaving: networks that learn from such maps as well do
+worse (docs/research/evaluation-tried.md).
 """
 
 import torch
@@ -19,11 +17,7 @@ def augmented(
     *long: torch.Tensor,
     rng: torch.Generator,
 ) -> tuple[torch.Tensor, ...]:
-    """Return changed copies of a batch of maps, 0 to 1, each of shape (n, rows, n_cells).
-
-    In the same order: velocity-time, range-time, and velocity-time maps with longer CPIs. Maps
-    are where `rng` draws: in memory, or on a GPU.
-    """
+    """Return changed copies of maps, 0 to 1, each of shape (n, rows, n_cells), by `rng`."""
     n, _, n_cells = velocity.shape
     u = torch.rand(n, 7, generator=rng, device=rng.device)
     ranges = _shifted(ranges, u[:, 0])
@@ -66,10 +60,7 @@ def _noisier(maps: torch.Tensor, u: torch.Tensor, rng: torch.Generator) -> torch
 
 
 def _kept(u: torch.Tensor, n_cells: int) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return which time cells stay, shape (n, n_cells), and in whose middle some are lost.
-
-    Ends are cut, or there is a gap within.
-    """
+    """Return which time cells stay, shape (n, n_cells), and in whose middle some are lost."""
     at = torch.arange(n_cells, device=u.device)[None] / n_cells
     size = 0.35 * u[:, 1:2]
     is_cut = u[:, 0:1] < _CUT_SHARE

@@ -1,9 +1,7 @@
 """Domain randomization: bodies of one family differ in more than what the simulator draws.
 
-Simulated bodies agree in things in which real ones do not: how strong the echo of each part
-is, how even the pace. A randomization draws these, the same way for every class, so that a
-network finds nothing to learn there: gains of the parts, trunks of one bright spot or of
-several, cross sections held constant, clocks that run fast, slow and unevenly.
+Gains of the parts, trunks of one bright spot or of several, constant cross sections, uneven
+clocks: the same way for every class, so that a network finds nothing to learn there.
 """
 
 from dataclasses import dataclass, replace

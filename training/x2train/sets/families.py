@@ -1,9 +1,7 @@
 """Families: the ways in which bodies and things move, for training and for judging.
 
-A family is one way in which one kind of body moves. Site, receiver, course, strength and total
-cross section are drawn from the same distributions for all of them (`x2train.sets.sites`,
-`x2train.sets.domain_randomization`), so that nothing but the movement tells them apart. Held
-out families are never in the training of a bundle that is judged on them.
+All else is drawn from the same distributions for all of them, so that nothing but the movement
+tells them apart. Held out families are never in the training of a judged bundle.
 """
 
 from collections.abc import Mapping
@@ -129,10 +127,7 @@ def family(name: str) -> Family:
 
 @cache
 def plugged_family(name: str) -> Family:
-    """Return the family of a body that a plug-in brings.
-
-    Raises SettingsError if none has that name, PluginError if it makes no body.
-    """
+    """Return the family of a plug-in's body; SettingsError or PluginError if it is none."""
     kind = plugged_body(name)
     if kind is None:
         known = ", ".join((*USES, *plugins.plugin_names(plugins.BODIES)))
@@ -144,10 +139,7 @@ def plugged_family(name: str) -> Family:
 
 @cache
 def recorded_families(folder: str) -> tuple[Family, ...]:
-    """Return a family for each individual of a folder of clips, see `x2train.motion.library`.
-
-    Raises SceneError if the folder has none.
-    """
+    """Return a family for each individual of a folder of clips; SceneError if none."""
     return tuple(
         Family(
             each.name,
@@ -193,11 +185,7 @@ PAIRS: Mapping[tuple[Label, Label], float] = {
 
 
 def draw_cast(rng: np.random.Generator, label: Label, use: Use | str) -> tuple[Family, ...]:
-    """Return one or two families for a scene of a label; the first one gives the label.
-
-    A person with a pet counts as held out. Where `use` names a plug-in body or a folder of clips,
-    somebody comes alone.
-    """
+    """Return one or two families for a scene of a label; the first one gives the label."""
     if use.startswith(CLIPS):
         if label == "other":
             return (draw_family(rng, label, "train"),)

@@ -27,10 +27,7 @@ _HIDDEN_SHARE = 0.15  # of windows, for each of height, tilt and strength, in tr
 
 
 def known_of(windows: Mapping[str, NDArray[Any]]) -> NDArray[np.float32]:
-    """Return the input `installation` of windows, shape (n, `N_INSTALLATION`), float32.
-
-    Draws depend on the number of the passage alone.
-    """
+    """Return the input `installation` of windows, float32, drawn by the passage's number."""
     n = len(windows["label"])
     passage = np.asarray(windows["passage"], np.int64)
     # One table, row by row: a passage draws the same in any company.

@@ -95,11 +95,7 @@ def play(
     is_plain: bool = False,
     body_model: BodyModel = BodyModel(),
 ) -> Passage:
-    """Simulate a passage of a cast through a site, for `duration_s`, everything random from `rng`.
-
-    `lead_s` is when the bodies enter, see `RandomizedActor`; `is_plain` leaves randomization out;
-    `body_model` says which laws make people, cats and dogs.
-    """
+    """Simulate a passage of a cast through a site, for `duration_s`, all random from `rng`."""
     rate_hz = site.radar.frame_rate_hz
     given = {} if body_model == BodyModel() else body_model.options
     actors = tuple(actor(rng, site, f, lead_s, given, is_plain=is_plain) for f in cast)

@@ -1,12 +1,8 @@
 """Make the elements of a data set, in one process or a hundred, always the same.
 
-Element k is made by `make(k)`, which draws from a generator seeded with k. Elements are
-handed out in small chunks; the parent alone joins them, in order, and writes shards. So
-the bytes on disk depend on neither the number of workers nor their luck, a worker needs no
-disk of the set's, and a run that was interrupted goes on after its last whole shard.
-
-Linear algebra may round differently with another number of threads: wherever elements are
-made, it has one.
+Element k is drawn from a generator seeded with k; the parent alone joins them, in order, and
+writes shards, so a run that was interrupted goes on after its last whole shard. Linear algebra has
+one thread, because it may round differently with another number.
 """
 
 from collections.abc import Mapping
@@ -84,10 +80,7 @@ def fill(
     cluster: str | None = None,
     report: Tell | None = None,
 ) -> None:
-    """Make the shards of a set that are missing; all else as in `make_shards`.
-
-    `bounds` are, by name of the shard, its first element and the one behind its last.
-    """
+    """Make the missing shards of a set; `bounds` are first element and end, by name."""
     missing = {name: ends for name, ends in bounds.items() if name not in shards}
     total = sum(last - first for first, last in bounds.values())
     done = total - sum(last - first for first, last in missing.values())

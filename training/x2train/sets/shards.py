@@ -1,9 +1,7 @@
 """Shards: arrays on disk that a later run may trust, and that an interrupted one leaves whole.
 
-A set is a folder with a manifest (JSON: what the set is, and per shard its name, rows and
-SHA-256) and shards (NumPy .npz). A shard is written under another name, synced, renamed, and
-only then entered; the manifest is replaced the same way. So whatever the manifest names is
-complete, and what it does not name is made again.
+A set is a folder with a manifest (JSON: what the set is, and per shard its name, rows and SHA-256)
+and shards (.npz), each written beside, synced, renamed, and only then entered.
 """
 
 import errno
@@ -29,11 +27,7 @@ VERSION = 1
 
 
 class ShardSet:
-    """One set of shards in a folder, made when missing; `about` is what it is made from.
-
-    Raises UsageError if the folder holds a set that was made otherwise, RecordingError if it
-    cannot be made, or its manifest cannot be read.
-    """
+    """One set of shards in a folder, made `about` the same; UsageError or RecordingError."""
 
     def __init__(self, folder: Path, about: Mapping[str, Any]) -> None:
         self.folder = folder
@@ -57,10 +51,7 @@ class ShardSet:
         return name in self._shards and (self.folder / f"{name}.npz").exists()
 
     def write(self, name: str, arrays: Arrays) -> None:
-        """Add a shard, or replace the one of this name.
-
-        Raises RecordingError if the disk does not take it; the set is then as it was.
-        """
+        """Add or replace a shard; RecordingError, and the set as it was, if the disk refuses."""
         memory = io.BytesIO()
         arrays_by_name: dict[str, Any] = dict(arrays)
         np.savez(memory, **arrays_by_name)
@@ -77,10 +68,7 @@ class ShardSet:
         write_whole(self.folder / MANIFEST, text.encode())
 
     def read(self, name: str) -> dict[str, NDArray[Any]]:
-        """Return a shard's arrays.
-
-        Raises RecordingError if it is missing, or its checksum is not that of the manifest.
-        """
+        """Return a shard's arrays; RecordingError if it is missing or its checksum is wrong."""
         path = self.folder / f"{name}.npz"
         try:
             data = path.read_bytes()
@@ -142,10 +130,7 @@ def write_whole(path: Path, data: bytes) -> None:
 
 
 def read_all(folder: Path) -> tuple[Mapping[str, Any], dict[str, NDArray[Any]]]:
-    """Return what a set was made from, and the columns of all its shards, in order.
-
-    Raises RecordingError if there is no set, or one of its shards is missing or damaged.
-    """
+    """Return what a set was made from, and the columns of all its shards; or RecordingError."""
     known = _read_manifest(folder)
     shards = ShardSet(folder, known.about)
     # A shard of elements that were all left out has no columns.

@@ -27,11 +27,7 @@ RadarKind = Literal["any", "x2", "x4m03"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Radar:
-    """A radar behind its matched filter.
-
-    Most here are decimated in range as well, as the maps need it: what the daemon would drop
-    is then not even made. `THESIS` has all its bins, and the daemon decimates them itself.
-    """
+    """A radar behind its matched filter, most decimated in range, as the maps need it."""
 
     name: str
     # of the pulse; bandwidth at -10 dB
@@ -194,10 +190,7 @@ class Site:
 
 
 def draw_close(rng: np.random.Generator, radar: Radar) -> Site:
-    """Return a random usual site with a radar on a shelf or a table, and bodies close to it.
-
-    The beam then shows a part of a body, such as a head, and each body at its height.
-    """
+    """Return a random usual site with a radar on a shelf or a table, and bodies close to it."""
     site = draw_site(rng, radar)
     height_m, tilt_deg = float(rng.uniform(0.2, 1.7)), float(rng.uniform(-15, 15))
     antenna = replace(site.antenna, height_m=height_m, tilt_deg=tilt_deg)

@@ -89,11 +89,7 @@ class WindowSpec:
 def windows_of(
     passage: Passage, settings: FeatureSettings, number: int
 ) -> Mapping[str, NDArray[Any]] | None:
-    """Return the maps and the truth of a passage's open dwells; None if there are none.
-
-    A dwell's label is that of the most alarming body that can be seen in it; one in which
-    none can is left out.
-    """
+    """Return the maps and the truth of a passage's open dwells; None if there are none."""
     radar = passage.site.radar
     axis, rate_hz = radar.axis(), radar.frame_rate_hz
     settings = settings.at(rate_hz)

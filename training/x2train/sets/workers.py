@@ -95,10 +95,7 @@ def _in_process() -> Iterator[Run]:
 
 @contextmanager
 def pool(workers: int) -> Iterator[Run]:
-    """Yield a pool of local processes; they end with the block, after at most an element.
-
-    Raises GenerateError if one of them dies.
-    """
+    """Yield a pool of local processes; GenerateError if one of them dies."""
     context = multiprocessing.get_context("spawn")
     stop = context.Event()
 
@@ -128,11 +125,7 @@ def pool(workers: int) -> Iterator[Run]:
 
 @contextmanager
 def _on_cluster(address: str) -> Iterator[Run]:
-    """Yield a pool of the workers of a Dask cluster; a worker that dies is made up for.
-
-    Raises GenerateError if the scheduler is not reached, has no workers, or gives a chunk up
-    because every worker that took it died.
-    """
+    """Yield a pool of the workers of a Dask cluster; GenerateError if they are lost."""
     # Late: only those who ask for a cluster wait for the import.
     distributed: Any = importlib.import_module("distributed")
     try:
@@ -189,10 +182,7 @@ class _Pooled:
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """Let processes that start now have one thread for linear algebra.
-
-    Another number of threads may round differently, and would be in the other workers' way.
-    """
+    """Let processes that start now have one thread for linear algebra, to round alike."""
     before = {name: os.environ.get(name) for name in _THREADS}
     os.environ.update(dict.fromkeys(_THREADS, "1"))
     try:

@@ -41,11 +41,7 @@ _RATE_SPREAD = 0.05
 def write_thesis_bundle(
     path: Path, recipe: StudyRecipe, cell: Cell, variant: Variant, tell: Tell, *, command: str
 ) -> Mapping[str, float]:
-    """Train a cell, write the repeat with the best score as a bundle, return its metrics.
-
-    The evaluation elements calibrate it, the fresh ones judge it, and streams of the same bodies.
-    `path` is without suffix. Raises RadardError if onnxruntime and torch do not agree.
-    """
+    """Train a cell, write its best repeat as a bundle, calibrated and judged; its metrics."""
     fitted, evaluate, fresh, _ = recipe.train(cell, variant, tell)
     net = folded(fitted, fitted.best_repeat)
     feature = f"thesis_type{cell.vector}"

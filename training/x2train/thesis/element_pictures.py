@@ -122,10 +122,7 @@ def five_scatterers(path: Path) -> Path:
 
 
 def profiles(path: Path, spec: ElementSpec) -> Path:
-    """Draw the widest extent of an element of every body, with its scatterers: 3.8 and 3.9.
-
-    A person's torso is in the middle of the scatterers, an animal's towards one end of them.
-    """
+    """Draw the widest extent of an element of every body, with its scatterers: 3.8 and 3.9."""
     figure, axes = plt.subplots(1, len(BODIES), figsize=(13, 3), layout="constrained")
     for ax, body in zip(axes, BODIES, strict=True):
         number = next(k for k in count() if _is_in_view(spec, body, k))

@@ -1,10 +1,8 @@
 """Elements of the thesis' data sets: 2 s of spectrogram columns of one body, as it draws them.
 
-Every element begins at t = 0 with new draws (table B.4) and lasts I + M - 1 frames; some
-bodies never enter the swath, and belong to the data all the same. RF at 41 GS/s, white noise
-of the level of (2.13), down-conversion and matched filter (2.18, 2.19), then the daemon's own
-features. The noise is the same at every frame rate, as in the thesis; a real module
-integrates less at 200 Hz and is noisier there.
+Every element begins at t = 0 with new draws (table B.4) and lasts I + M - 1 frames: RF at 41 GS/s,
+white noise of (2.13), down-conversion and matched filter (2.18, 2.19), then the daemon's own
+features. The noise is the same at every frame rate, as in the thesis.
 """
 
 from dataclasses import dataclass
@@ -118,11 +116,7 @@ def _converter() -> DownConverter:
 def scatterers(
     spec: ElementSpec, body: str, number: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], np.random.Generator]:
-    """Return ranges of one element's scatterers, the torso first, and their cross sections.
-
-    Ranges have shape (n_slow, n_points). The generator goes on to the noise. The same number is
-    the same body at every frame rate.
-    """
+    """Return ranges, (n_slow, n_points), the torso first, and cross sections of an element."""
     rng = np.random.default_rng([spec.seed, BODIES.index(body), number])
     points = draw(THESIS_BODIES[f"thesis_{body}"], rng)
     return *ranges(points, np.arange(spec.shape.n_slow) / spec.frame_rate_hz), rng

@@ -1,9 +1,7 @@
-"""The thesis' training: autoencoders layer by layer, output layer, the whole network.
+"""The thesis' training: autoencoders layer by layer, output layer, the whole network (table 4.5).
 
-Table 4.5: the first autoencoder for 500 epochs on the input, the second for 100 on the codes
-of the first, the output layer for 400 on those of the second, then the whole network for up
-to 2000, looked at every 100. The version with the best score at any look is kept, repeat by
-repeat. The thesis' text keeps the larger cross-entropy, which is worse; we keep the smaller.
+The version with the best score at any look is kept, repeat by repeat. The thesis' text keeps the
+larger cross-entropy, which is worse; we keep the smaller.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -183,11 +181,7 @@ def fit(
 def scaling_of(
     x: NDArray[np.float32], how: str, n_type1: int = _TYPE1
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return what is taken from every input, and the factor on it; see `FitSettings`.
-
-    Inputs that never change count 0 with 'each'; its factors are at most ten times the
-    median's, or bins that are nearly always empty would be blown up.
-    """
+    """Return what is taken from every input, and the factor on it; see `FitSettings`."""
     mean, scale = np.zeros(x.shape[1]), np.ones(x.shape[1])
     if how == "each":
         mean = x.mean(axis=0, dtype=np.float64)

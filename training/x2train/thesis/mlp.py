@@ -29,11 +29,7 @@ def xavier(shape: tuple[int, ...], generator: torch.Generator) -> torch.Tensor:
 
 
 class RepeatedMlp(nn.Module):
-    """A feed-forward network with bias, in `n_repeats` versions.
-
-    `sizes` are those of input, hidden layers and output. Weights begin as Xavier drew them,
-    biases at zero. Raises UsageError if a size is not positive.
-    """
+    """A feed-forward network with bias, in `n_repeats` versions, drawn as Xavier's."""
 
     def __init__(
         self, n_repeats: int, sizes: tuple[int, ...], activation: str, *, seed: int
@@ -54,10 +50,7 @@ class RepeatedMlp(nn.Module):
         )
 
     def codes(self, x: torch.Tensor, depth: int) -> torch.Tensor:
-        """Return the activations of hidden layer `depth`, shape (n_repeats, n, size).
-
-        `x` has shape (n, Q), or (n_repeats, n, Q); depth 0 is `x` itself.
-        """
+        """Return the activations of hidden layer `depth`, shape (n_repeats, n, size)."""
         act = ACTIVATIONS[self.activation]()
         for k in range(depth):
             x = act(affine(x, self.weights[k], self.biases[k]))
@@ -78,10 +71,7 @@ def affine(x: torch.Tensor, weight: torch.Tensor, bias: torch.Tensor) -> torch.T
 
 
 def probabilities(logits: torch.Tensor) -> torch.Tensor:
-    """Return class probabilities, shape (..., 2), of two outputs or of a single one.
-
-    A single output is the probability of class 2 (people).
-    """
+    """Return class probabilities, (..., 2), of two outputs or one, that of class 2 (people)."""
     if logits.shape[-1] == 1:
         p = torch.sigmoid(logits)
         return torch.cat([1 - p, p], dim=-1)
@@ -89,10 +79,7 @@ def probabilities(logits: torch.Tensor) -> torch.Tensor:
 
 
 def output_error(logits: torch.Tensor, y: torch.Tensor, kind: str) -> torch.Tensor:
-    """Return the sum over repeats of the mean error, 'cross-entropy' or 'mse'.
-
-    Logits have shape (n_repeats, n, n_outputs), classes `y` (n,), int64.
-    """
+    """Return the mean error over n, summed over repeats, 'cross-entropy' or 'mse'."""
     n = len(y)
     if kind == "mse":
         wanted = functional.one_hot(y, 2).to(logits.dtype)

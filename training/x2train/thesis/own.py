@@ -42,10 +42,7 @@ class OwnSettings:
 
 
 class TwoMapNet(nn.Module):
-    """Three convolutions on each map, then both together.
-
-    `shapes` are rows and columns of the maps, by name.
-    """
+    """Three convolutions on each map of `shapes`, then both together."""
 
     def __init__(self, shapes: dict[str, tuple[int, ...]], settings: OwnSettings) -> None:
         super().__init__()

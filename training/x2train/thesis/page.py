@@ -30,10 +30,7 @@ def page(
     commands: tuple[str, str, str],
     folder: Path,
 ) -> str:
-    """Return the page of all that was trained, with pictures by heading, named from `folder`.
-
-    `commands` are the one that made it, a trial of it, and the one for a single set.
-    """
+    """Return the page of all that was trained, with pictures by heading, named from `folder`."""
     main = [r for r in results if r.label in MAIN]
     own = [r for r in results if r.label == OWN]
     rest = [r for r in results if r.label not in {*MAIN, OWN}]

@@ -130,11 +130,7 @@ def confidence(path: Path, result: CellResult) -> Path:
 def publish(
     recipe: StudyRecipe, results: Sequence[CellResult], path: Path, commands: tuple[str, str, str]
 ) -> Path:
-    """Write tables of results, and pictures into a folder of the page's name beside it.
-
-    The page has the command that made it, a trial of it, and that of one set. Raises
-    RecordingError if the disk does not take it.
-    """
+    """Write tables of results, and pictures into a folder of the page's name beside it."""
     try:
         return _publish(recipe, results, path, commands)
     except OSError as err:

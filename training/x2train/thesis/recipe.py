@@ -46,11 +46,7 @@ class Variant:
 
 
 def variants(base: FitSettings) -> tuple[Variant, ...]:
-    """Return the rows of section 7: what the thesis leaves to be tried.
-
-    Each changes one thing of the plain ReLU network; learning rates and decays that an optimiser
-    or activation cannot do with go with it.
-    """
+    """Return the rows of section 7: what the thesis leaves to be tried, one at a time."""
 
     def row(label: str, **changes: Any) -> Variant:
         return Variant(label=label, fit=replace(base, **changes))

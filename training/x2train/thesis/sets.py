@@ -53,10 +53,7 @@ def make_bodies(
     workers: int = 1,
     tell: Tell | None = None,
 ) -> None:
-    """Make the shards of one body's elements `first` to before `first + n`.
-
-    The shards do not depend on the number of workers; `tell` is told how many are there.
-    """
+    """Make the shards of one body's elements `first` to before `first + n`, by workers."""
     bounds = {_name(*ends): ends for ends in _bounds(first, n)}
     shards = _shards(folder, spec, body)
     fill(shards, bounds, partial(_row, spec, body), workers=workers, report=tell)
@@ -65,10 +62,7 @@ def make_bodies(
 def load_cell(
     folder: Path, spec: ElementSpec, cell: Cell, first: int, n: int, *, rectified: bool = False
 ) -> CellData:
-    """Return `n` elements of a data set whose shards were made: animal and person in turn.
-
-    `rectified` turns range profiles so that the strongest sample lies left of the centre.
-    """
+    """Return `n` elements of a set: animal and person in turn, `rectified` if asked."""
     x, in_view = _in_turn(folder, spec, cell, (first, n), ("vector", "in_view"))
     if cell.vector == 1:
         x = np.ascontiguousarray(x[:, PROFILE:])

@@ -37,10 +37,7 @@ clutter:
 def stream_metrics(
     bundle: Bundle, rate_hz: float, bodies: tuple[str, ...], n: int, tell: Tell
 ) -> Mapping[str, float]:
-    """Return, of `n` visits of each body: its windows and its visits with and without alarm.
-
-    Windows are those with an open gate. A visit's alarm is that of sensitivity `normal`.
-    """
+    """Return, of `n` visits of each body, windows and visits with and without alarm."""
     classifier = Classifier(bundle)
     policy = alarm_policy(AlarmSection(), bundle.policy)
     metrics = {"streams of each body": float(n)}

@@ -56,10 +56,7 @@ def _described(source: BlockReader) -> dict[str, Any]:
 
 
 def write_parquet(path: Path, source: BlockReader) -> list[str]:
-    """Write `source` into a new Parquet file, block by block; return what was not kept: nothing.
-
-    Raises MissingExtra without pyarrow.
-    """
+    """Write `source` into a new Parquet file; return what was not kept; or MissingExtra."""
     pa: Any = needed("pyarrow", what="Parquet files")
     parquet: Any = needed("pyarrow.parquet", what="Parquet files")
     axis = source.stream.axis
@@ -81,10 +78,7 @@ def write_parquet(path: Path, source: BlockReader) -> list[str]:
 
 
 def write_mcap(path: Path, source: BlockReader) -> list[str]:
-    """Write `source` into a new MCAP file, block by block; return what was not kept.
-
-    Raises MissingExtra without mcap.
-    """
+    """Write `source` into a new MCAP file; return what was not kept; or MissingExtra."""
     mcap: Any = needed("mcap.writer", what="MCAP files")
     started = parse_utc(source.started_utc)
     start_ns = round(started.timestamp() * 1e3) * 1_000_000 if started else 0

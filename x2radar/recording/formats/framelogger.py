@@ -156,10 +156,7 @@ def _rate(
 
 
 def write(path: Path, source: BlockReader) -> list[str]:
-    """Write `source` into a new file; return what was not kept.
-
-    Raises SettingsError if the frames are no RF frames in the module's unit.
-    """
+    """Write RF `source`, in the module's unit, into a new file; return what was not kept."""
     axis = source.stream.axis
     if axis.kind != "rf":
         msg = f"{path.name}: FrameLogger files hold RF frames, this is baseband"

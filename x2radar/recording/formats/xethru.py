@@ -72,11 +72,7 @@ _MAX_META_BYTES = 1 << 28
 
 
 class XethruReader(BlockReader):
-    """Read a recording folder, or one ``.dat`` file in it.
-
-    The frame rate is that of `overrides`, else what our header says, else what the times of the
-    meta file give; `started_utc` is empty without that file.
-    """
+    """Read a recording folder, or one ``.dat`` file in it; its meta file gives the times."""
 
     def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:
         super().__init__(path, overrides)
@@ -238,10 +234,7 @@ def _read_meta(file: Path) -> tuple[str, dict[int, NDArray[np.int64]], Mapping[s
 
 
 def write(path: Path, source: BlockReader) -> list[str]:
-    """Write `source` into a new folder; return what was not kept.
-
-    Raises SettingsError if the frames are no baseband.
-    """
+    """Write baseband `source` into a new folder; return what was not kept."""
     axis = source.stream.axis
     if axis.kind != "baseband":
         msg = f"{path.name}: XeThru recordings hold baseband here, this is RF"

@@ -94,10 +94,7 @@ class BodyPlan:
     def dressed(
         self, rng: np.random.Generator, skin: str, total_rcs_dbsm: TotalRcs, looks_s: Array
     ) -> Body:
-        """Return the body with a skin drawn; its mean total is over the times `looks_s`.
-
-        Raises SceneError as `draw_skin` and `sized`.
-        """
+        """Return the body with a skin drawn; its mean total is over the times `looks_s`."""
         drawn = draw_skin(rng, skin, self.half_m, self.n_trunk, self.gain)
         drawn = sized(drawn, rng, total_rcs_dbsm, self.motion.pose(looks_s))
         return Body(self.label, drawn.names(self.parts), self.motion, drawn)

@@ -1,11 +1,7 @@
 """Birds in the room or at a window, and large moths close to the antenna: how they fly, and draws.
 
-A moth is a thousandth of a dog in cross section, but the echo falls with the fourth power of
-the range: at 0.3 m it is as loud as a dog at 2 m.
-
-Sizes and wing beats are fits to recalled values (budgerigar 35 g, 0.30 m, 14 Hz; pigeon
-330 g, 0.65 m, 7 to 8 Hz; span over mass near Rayner 1988, recalled; hawk moths and large
-owlet moths 25 to 60 Hz, silk moths slower).
+Sizes and wing beats are fits to recalled values (budgerigar 35 g, 0.30 m, 14 Hz; pigeon 330 g,
+0.65 m, 7 to 8 Hz; span over mass near Rayner 1988; hawk and large owlet moths 25 to 60 Hz).
 """
 
 from dataclasses import dataclass, field
@@ -40,11 +36,7 @@ class Flight:
     period_s: float = 60.0  # after which the hops are repeated
 
     def at(self, t_s: Array) -> tuple[Array, Array, Array]:
-        """Return place, heading and effort at times of shape (n_slow,).
-
-        Shapes (n_slow, 3), in room coordinates, (n_slow,), counter-clockwise from the x axis, and
-        (n_slow,): how hard the wings beat, 0 to 1.
-        """
+        """Return place (n_slow, 3), heading and effort (0 to 1) at times (n_slow,)."""
         offset = self.wander.at(t_s)
         turn = self.orbit_rad + self.orbit_rad_s * t_s
         place = self.home_m + offset[:, :3]
@@ -164,12 +156,7 @@ def draw_bird(
     total_rcs_dbsm: TotalRcs = None,
     skin: str = "surface",
 ) -> Body:
-    """Draw a bird; raises SceneError if a value is unknown or impossible.
-
-    `species` is a key of `BIRD_MASS_KG`, `style` one of `BIRD_STYLES`; `home_m` is the middle of
-    its rounds, or its first perch, in room coordinates; `mass_kg` 0.01 to 2, instead of a draw.
-    `total_rcs_dbsm` and `skin` are as in `draw_person`.
-    """
+    """Draw a bird of `BIRD_MASS_KG`; SceneError if a value is unknown or impossible."""
     Key(choices=tuple(BIRD_MASS_KG)).judge(species, "species")
     Key(choices=tuple(BIRD_STYLES)).judge(style, "style")
     drawn_kg = float(rng.uniform(*BIRD_MASS_KG[species]))
@@ -198,11 +185,7 @@ def draw_moth(
     total_rcs_dbsm: TotalRcs = "physical",
     skin: str = "surface",
 ) -> Body:
-    """Draw a large moth; raises SceneError if a value is impossible.
-
-    `home_m` is what it flies about, such as the module's lamp, in room coordinates. Its total
-    cross section is physical by default: close to the antenna its echo is loud without help.
-    """
+    """Draw a large moth about `home_m`; raises SceneError if a value is impossible."""
     span = rng.uniform(*MOTH_SPAN_M)
     # Within the range large moths beat slower.
     share = np.clip((span - MOTH_SPAN_M[0]) / (MOTH_SPAN_M[1] - MOTH_SPAN_M[0]), 0, 1)

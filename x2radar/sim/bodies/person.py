@@ -47,12 +47,9 @@ def draw_person(
 ) -> Body:
     """Draw a person; raises SceneError if a value is unknown or impossible, and names its key.
 
-    `style` is a key of `STYLES`. `path` is where it goes, speeds included, or waypoints; drawn by
-    default. Somebody who stands does so where it begins, facing along it. Speed and stature are
-    instead of the style's own; `total_rcs_dbsm` is as `TotalRcs`. It begins to move at `start_s`,
-    negative for somebody who is under way at time 0. `motion`, one of `MOTIONS`, moves somebody
-    who goes on two feet; people who stay in place, crawl or are busy move by the first. `skin` is
-    a key of `SKINS`.
+    `style` is a key of `STYLES`, `path` where it goes, speeds included, or waypoints; drawn by
+    default. It begins to move at `start_s`, negative for somebody under way at time 0. `motion` is
+    one of `MOTIONS`, `skin` one of `SKINS`.
     """
     Key(choices=tuple(STYLES)).judge(style, "style")
     Key(choices=MOTIONS).judge(motion, "motion")

@@ -88,14 +88,10 @@ def draw_pet(
     motion: str = "gait",
     skin: str = "surface",
 ) -> Body:
-    """Draw an animal; raises SceneError if a value is unknown or impossible, and names its key.
+    """Draw an animal of `SPECIES`; SceneError if a value is unknown or impossible.
 
-    `species` is a key of `SPECIES`, `style` one of its `styles`, drawn by their weights by
-    default. `path` is where it goes, speeds included, or waypoints for the style's own speed; by
-    default it is drawn, within 2.5 m to the sides and 0.8 to 6 m ahead. One that stays, or jumps,
-    does so where the path begins, facing along it. A speed is instead of the style's own, and its
-    animal begins to move at `start_s`. `mass_kg` is within the species' `possible_kg`.
-    The rest is as in `draw_person`; animals that stay move by the first generator.
+    `path` is where it goes, speeds included, or waypoints; by default it is drawn. A speed is
+    instead of the style's own. The rest is as in `draw_person`.
     """
     if speed_mps is not None and not isinstance(path, Path):
         points = path or draw_course(rng, "wander")

@@ -92,20 +92,14 @@ def draw(body: tuple[Scatterer, ...], rng: np.random.Generator) -> tuple[Scatter
 
 
 def ranges(body: tuple[Scatterer, ...], t_s: Array) -> tuple[Array, Array]:
-    """Return distances in metres, shape (n_slow, n_scatterers), and cross sections in m2.
-
-    Times are since the body's start; cross sections are of shape (n_scatterers,).
-    """
+    """Return distances in metres, (n_slow, n_scatterers), and cross sections in m2."""
     position_m, rcs_m2 = ranges_xyz(body, t_s)
     x, y, z = np.moveaxis(position_m, -1, 0)
     return np.sqrt(x**2 + y**2 + z**2), rcs_m2
 
 
 def ranges_xyz(body: tuple[Scatterer, ...], t_s: Array) -> tuple[Array, Array]:
-    """Return where the scatterers are, shape (n_slow, n_scatterers, 3), and their RCS.
-
-    The radar is the origin; otherwise as `ranges`.
-    """
+    """Return the scatterers' places, (n_slow, n_scatterers, 3), and their RCS; see `ranges`."""
     x, y0, z, vy, hz, phase, a1, a3, rcs = np.array([astuple(p) for p in body]).reshape(-1, 9).T
     t = t_s[:, None]
     turn = 2 * np.pi * hz * t

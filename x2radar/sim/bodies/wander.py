@@ -22,10 +22,7 @@ class Wander:
 
     @classmethod
     def draw(cls, rng: np.random.Generator, limits: ArrayLike, rms_rate: ArrayLike) -> Self:
-        """Draw numbers within ``-limits`` to ``limits``, shape (n_numbers,).
-
-        `rms_rate` is the root mean square of each one's time derivative.
-        """
+        """Draw numbers within `limits`, (n_numbers,), with root mean square `rms_rate`."""
         limit = np.asarray(limits, np.float64)
         shape = (_N_WAVES, len(limit))
         ladder = 1.35 ** np.arange(_N_WAVES)[:, None]

@@ -71,10 +71,7 @@ _COARSEST_DB = -20.0
 
 
 def choose(task: Task) -> str:
-    """Return the name of the cheapest tier that meets the error asked for.
-
-    Raises SceneError if that is not within -130 to -20 dB.
-    """
+    """Return the name of the cheapest tier for an error of -130 to -20 dB; or SceneError."""
     if not dense.FINEST_DB <= task.error_db <= _COARSEST_DB:
         msg = f"error_db {task.error_db:g} is not within {dense.FINEST_DB:g} to {_COARSEST_DB:g}"
         raise SceneError(msg)

@@ -35,11 +35,7 @@ _BLOCK_FRAMES = 1024
 
 
 def echo_sigma_m(axis: FastTimeAxis, kind: str | None = None) -> float:
-    """Return the standard deviation of an echo in range, of the axis' bandwidth at -10 dB.
-
-    It is sqrt(2) wider behind the matched filter. Raises SceneError if the axis states no
-    bandwidth.
-    """
+    """Return the standard deviation of an echo in range; SceneError without a bandwidth."""
     if not axis.bandwidth_hz > 0:
         msg = f"bandwidth_hz {axis.bandwidth_hz:g}: echoes need a pulse with a bandwidth"
         raise SceneError(msg)
@@ -85,11 +81,7 @@ def blocks(n_slow: int, n_points: int) -> Iterator[slice]:
 
 
 def carrier_turns(range_m: Array, axis: FastTimeAxis) -> Array:
-    """Return the echo's carrier phase in turns, -0.5 to 0.5: sign * 2 R / lambda, float64.
-
-    The whole turns are taken off in float64, so the error is 1e-16 of the number of
-    wavelengths: 1e-9 of a turn at 100 km.
-    """
+    """Return the echo's carrier phase in turns, -0.5 to 0.5: sign * 2 R / lambda, float64."""
     turns = range_m * (axis.phase_sign * 2 * axis.carrier_hz / SPEED_OF_LIGHT_MPS)
     turns -= np.rint(turns)
     return turns
@@ -113,10 +105,7 @@ def phasor(turns: Array, amplitude: Amplitude) -> Baseband:
 
 @lru_cache(maxsize=16)
 def carrier_wave(axis: FastTimeAxis) -> Baseband:
-    """Return the carrier at every bin, shape (n_range,), that turns baseband into RF.
-
-    It undoes `carrier_turns`: the product of both is the phase since the echo's centre.
-    """
+    """Return the carrier at every bin, shape (n_range,), that turns baseband into RF."""
     turns = -carrier_turns(axis.range_m, axis)
     wave = phasor(turns, np.ones_like(turns))
     wave.flags.writeable = False

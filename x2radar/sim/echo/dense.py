@@ -62,11 +62,7 @@ def _kept(
     reach_m: float,
     floor: float,
 ) -> tuple[Array, Amplitude]:
-    """Return ranges and amplitudes without scatterers that never count.
-
-    Echoes show up to `reach_m` outside the swath. Where one of the others does not count, its
-    amplitude is zero and its range the swath's beginning, so that nothing overflows.
-    """
+    """Return ranges and amplitudes without scatterers that never show."""
     first_m = axis.range_offset_m
     last_m = first_m + (axis.n_range - 1) * axis.bin_length_m
     mask = counted(range_m, amplitude, first_m - reach_m, last_m + reach_m, floor)

@@ -110,10 +110,7 @@ def suits(axis: FastTimeAxis) -> bool:
 
 @lru_cache(maxsize=16)
 def design_for(axis: FastTimeAxis, error_db: float) -> Design:
-    """Return the design for an axis, made once.
-
-    Raises SceneError if the bins are too long, or no design reaches the error.
-    """
+    """Return the design for an axis, made once; SceneError if none reaches the error."""
     if not suits(axis) or error_db < FINEST_DB:
         msg = (
             f"no coarse grid gives {error_db:g} dB on bins of {axis.bin_length_m:g} m: the "
@@ -197,10 +194,7 @@ def frame_ns(n_blocks: int, n_block: int, n_window: int) -> float:
 
 
 def _fit(shape: _Shape, bin_sigma: float) -> tuple[Array, float]:
-    """Return the least-squares matrix (n_window, n_block) and its worst error.
-
-    Lengths are in sigmas of the echo; the first bin of the block is at 0.
-    """
+    """Return the least-squares matrix (n_window, n_block) and its worst error, in sigmas."""
     n_block, n_step, halo, touched, share = shape
     spacing = n_block * bin_sigma / n_step
     n_window = n_step + halo

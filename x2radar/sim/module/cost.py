@@ -85,11 +85,7 @@ def parts(scene: Scene) -> Iterator[tuple[str, Scene]]:
 
 
 def echoes(scene: Scene, seed: int, settings: RadarSettings) -> Iterator[Cost]:
-    """Return what echoes alone cost at every bound of their error, with the error measured.
-
-    That is the largest of any bin over the sum of the frame's amplitudes. There are none while
-    nothing is in the swath.
-    """
+    """Return what echoes alone cost at every bound of their error, with the error measured."""
     rate_hz = settings.frame_rate_hz
     rows = Stage(scene, seed, rate_hz).next_block(round(rate_hz)).rows
     amplitude = rows.root_rcs_m / rows.range_m**2

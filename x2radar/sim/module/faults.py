@@ -87,11 +87,7 @@ class FaultPlan:
 
 
 def parse_faults(text: str) -> FaultPlan:
-    """Read ``kind:value[,kind:value...]``, units as in `KINDS`.
-
-    Raises SettingsError if a kind is unknown or given twice, or its value is missing or out of
-    range; the message is one line and lists the kinds.
-    """
+    """Read ``kind:value[,kind:value...]``, units as in `KINDS`; or SettingsError."""
     values: dict[str, float] = {}
     for item in text.split(","):
         name, _, number = item.strip().partition(":")

@@ -20,11 +20,7 @@ def serve(
     speed: float | None = 1.0,
     stop: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Run `module` behind `transport` until the transport closes or `stop` says so.
-
-    `speed` is module seconds per real second; None is as fast as the host reads. `stop` is
-    asked before every wait.
-    """
+    """Run `module` behind `transport`, at `speed` or as it is read, until it closes or `stop`."""
     started_s = time.monotonic()
     now_s = 0.0
     with contextlib.suppress(TransportClosed):
@@ -51,10 +47,7 @@ def serve(
 
 
 def connect(make: Callable[[], SimulatedModule], speed: float | None) -> Transport:
-    """Return a transport to a new module that runs in a thread of this process, as `serve`.
-
-    Closing it ends the thread.
-    """
+    """Return a transport to a new module that runs in a thread of this process, as `serve`."""
     module = make()
     near, far = memory_pair(keeps_pieces=module.splits_output)
 

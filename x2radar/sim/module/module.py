@@ -43,10 +43,7 @@ _NO_FRAME = np.zeros(1, np.float32)
 
 
 class SimulatedModule:
-    """A module in software, an X2 by default; same seed, same bytes.
-
-    The scene starts from the beginning whenever the stream starts. `faults` are how it misbehaves.
-    """
+    """A module in software, an X2 by default; same seed, same bytes."""
 
     def __init__(
         self,
@@ -113,12 +110,7 @@ class SimulatedModule:
                 self._obey()
 
     def advance(self, now_s: float) -> None:
-        """Do what is due until `now_s` (module time, in seconds, never going back).
-
-        In order of time, so that many small steps and one large one come to the same. A module
-        whose host does not read for more than `MAX_LATE_S` loses frames, as a real one does: its
-        counter goes on.
-        """
+        """Do what is due until `now_s` (module time, in seconds, never going back)."""
         until_s = max(self._now_s, now_s)
         while (at_s := self._own_due_s) <= until_s and at_s < _FOREVER_S:
             self._now_s = max(at_s, self._now_s)
@@ -135,10 +127,7 @@ class SimulatedModule:
         self._now_s = until_s
 
     def data_to_send(self) -> bytes:
-        """Return the bytes that go to the host now, and forget them.
-
-        Call it until it returns nothing: a faulty line gives its output in pieces.
-        """
+        """Return bytes for the host, and forget them; call it until there are none."""
         return self._line.due_bytes(self._now_s)
 
     def _restart(self) -> None:

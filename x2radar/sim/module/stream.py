@@ -59,10 +59,7 @@ class EchoStream:
         self._block: deque[np.ndarray[Any, Any] | None] = deque()
 
     def next(self) -> np.ndarray[Any, Any] | None:
-        """Return the next frame, shape (n_range,), float32 RF or complex64 baseband.
-
-        None for a frame that the receiver loses.
-        """
+        """Return the next frame, (n_range,), float32 RF or complex64; None for a lost one."""
         if not self._block:
             frames = self._frames()
             lost = self._receiver.draws.lost(self._at, len(frames))

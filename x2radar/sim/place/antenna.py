@@ -73,11 +73,7 @@ class Antenna(Checked):
         return np.asarray(self._turned()[1])
 
     def gain(self, towards_m: Array) -> Array:
-        """Return the power gain of one antenna, relative to its axis, `floor_db` to 1.
-
-        Vectors from the antenna are of shape (..., 3) and of any length; zero counts as on the
-        axis. Out and back by one direction, an echo's amplitude takes this once.
-        """
+        """Return the power gain over the axis, `floor_db` to 1, for vectors (..., 3)."""
         if self.shape == "isotropic":
             return np.ones(towards_m.shape[:-1])
         right, ahead, up = np.moveaxis(towards_m @ self._turned().T, -1, 0)
@@ -88,10 +84,7 @@ class Antenna(Checked):
         return np.maximum(gain, 10 ** (self.floor_db / 10))
 
     def direct(self, points: Points, offset_m: Array | None = None) -> EchoRows:
-        """Return the echoes that come straight back, one row a point, in their order.
-
-        `offset_m`, shape (n_slow, 3), is how far the mount has moved the antenna from its place.
-        """
+        """Return the echoes that come straight back, one row a point, in their order."""
         towards_m = points.position_m - self.position_m
         if offset_m is not None:
             towards_m = towards_m - offset_m[:, None]

@@ -46,12 +46,7 @@ class Surface(Checked):
     smoothness: float = limited(1.0, 0, 1, "share of amplitude left in the mirror direction")
 
     def reflection(self, cos_incidence: Array) -> Array:
-        """Return the signed amplitude reflection coefficient (Fresnel), same shape.
-
-        In the sign convention of the electric field across the plane of incidence; its
-        cosine is against the surface's normal, 0 to 1. The antennas are polarised upright, so
-        floor and ceiling reflect little near their Brewster angle.
-        """
+        """Return the signed amplitude reflection (Fresnel), polarised upright; `cosine` 0 to 1."""
         transmitted = np.sqrt(self.permittivity - 1 + cos_incidence**2)
         weight = self.permittivity if self.axis == "z" else 1.0
         front = weight * cos_incidence
@@ -122,12 +117,7 @@ class TailSettings(Checked):
 
 
 class DiffuseTail:
-    """Ways between a body and the static things around it, all drawn when it is made.
-
-    The things' places, their strengths (exponential) and, for every way, how strongly it sees
-    each point of a body (log-normal: a body glints differently in every direction). The antenna's
-    pattern counts towards the body and towards the thing.
-    """
+    """Ways between a body and the static things around it, all drawn when it is made."""
 
     def __init__(self, rng: np.random.Generator, settings: TailSettings, antenna: Antenna) -> None:
         n = settings.n_paths
@@ -142,12 +132,7 @@ class DiffuseTail:
         self._root *= 10 ** (settings.energy_db / 20) / np.sqrt(self._calibration())
 
     def rows(self, points: Points) -> EchoRows:
-        """Return one body's echoes by way of the static things, one row a way.
-
-        Each is ``(R_body + d + R_thing) / 2`` long, d from body to thing; never shorter than the
-        way to the body's centre of scattering. From the 65th on, points share the aspects of the
-        first.
-        """
+        """Return a body's echoes by static things, (R_body + d + R_thing) / 2, one row a way."""
         n_points = points.rcs_m2.shape[1]
         aspect = self._aspect[np.arange(n_points) % _N_ASPECTS]
         total = points.rcs_m2 @ aspect
@@ -178,11 +163,7 @@ class DiffuseTail:
 
 
 def _draw_things(rng: np.random.Generator, settings: TailSettings, antenna: Antenna) -> Array:
-    """Return the places of the static things, shape (n_paths, 3).
-
-    Of many places those are taken that the antenna sees, by its gain, which then need not
-    weaken them: the same power on average, but no way is spent on what hardly shows.
-    """
+    """Return the places of the static things, by the antenna's gain, shape (n_paths, 3)."""
     n_places = _PLACES_A_PATH * settings.n_paths
     radius, turn, height = rng.random((3, n_places))
     radius = settings.free_m + (settings.reach_m - settings.free_m) * radius

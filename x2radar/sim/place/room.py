@@ -30,11 +30,7 @@ _SLOWEST_S = 600.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RoomSettings(Checked):
-    """A room, in levels over noise; None leaves a part out.
-
-    Raises SettingsError if a field makes no sense. 'Recorded' is two P4xx recordings
-    (docs/research/scenes.md).
-    """
+    """A room, in levels over noise; None leaves a part out. SettingsError if impossible."""
 
     # On real UWB modules the strongest static bin lies 49 to 57 dB over the noise; recorded: 47
     # and 54 dB, and 10 to 12 maxima more than 33 dB over it within 4.4 m.
@@ -71,13 +67,7 @@ class _Group:
 
 
 class Room:
-    """The static echo of one room, as one axis, RF or baseband, sees it.
-
-    Places over the swath, levels against the budget's noise, phases and drifts are drawn when it
-    is made; every part has its own generator, so a part that is left out does not change the
-    others. Left out: that an echo's envelope moves with its drift, which is 20 times less than
-    what the turn of its phase does, and drift of the distributed clutter.
-    """
+    """The static echo of one room, as one axis, RF or baseband, sees it."""
 
     def __init__(
         self,
@@ -115,12 +105,7 @@ class Room:
         return self._still
 
     def echo(self, t_s: Array, offset_m: Array | None = None) -> Frames:
-        """Return the room's echo at times since the stream began, in any order.
-
-        `offset_m`, shape (n_slow, 3), is how far the mount has moved the antenna: less than a
-        centimetre. The result, shape (n_slow, n_range), is a read-only view of one row where
-        nothing drifts or moves.
-        """
+        """Return the room's echo, (n_slow, n_range), the mount off by `offset_m` (n_slow, 3)."""
         has_drift = bool(self._drift_m.any() or self._drift_gain.any())
         if offset_m is None and not has_drift:
             shape = (len(t_s), self._still.size)

@@ -89,12 +89,7 @@ _COURSE = ("course", "waypoints_m", "speed_mps", "near_m", "far_m", "start_s")
 
 
 def read_actor(raw: Any, where: str) -> Actor:
-    """Return the actor that a scene file describes, checked: it can be made.
-
-    `raw` has ``body: NAME`` or ``thing: NAME``, its options, and perhaps its probability. Raises
-    SceneError if it names nothing known, or an option is unknown or impossible; one line with
-    the path of the key.
-    """
+    """Return the actor that a scene file's body or thing describes, checked; or SceneError."""
     if not isinstance(raw, dict):
         msg = f"{where}: must be a mapping with the key body or thing"
         raise SceneError(msg)

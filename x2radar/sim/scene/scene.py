@@ -1,9 +1,7 @@
 """Scenes: what stands and moves before the radar, in order, from YAML.
 
-A scene is a sequence of steps, each with the bodies and things that move in it for some seconds;
-after the last one it starts again with new draws. What it does not name (room, antenna, mount,
-receiver, multipath) costs nothing. Everything random comes from the scene's seed and the step's
-number, so one seed gives the same frames on any machine.
+A scene is a sequence of steps; after the last one it starts again with new draws. Everything
+random comes from the scene's seed and the step's number.
 """
 
 import difflib
@@ -107,11 +105,7 @@ def builtin_scenes() -> tuple[Scene, ...]:
 
 
 def load_scene(name: str) -> Scene:
-    """Return a scene by built-in name, or from a YAML file whose path ends in .yaml or .yml.
-
-    Raises SceneError if there is no such scene or file, or it says something impossible; the
-    message names the key's path.
-    """
+    """Return a scene by built-in name, or from a .yaml or .yml file; or SceneError."""
     if name.endswith((".yaml", ".yml")):
         try:
             text = Path(name).read_text(encoding="utf-8-sig")

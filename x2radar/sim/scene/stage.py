@@ -72,11 +72,7 @@ class Stage:
         self._at = 0
 
     def next_block(self, most: int, times_s: Array | None = None) -> SceneBlock:
-        """Return the next frames, `most` of them or fewer where a step ends.
-
-        `times_s`, shape (most,), is when they are really taken, since the stream's start; by
-        default the frame number over the rate.
-        """
+        """Return the next `most` frames or fewer, taken at `times_s`, of one step."""
         now = self._now
         if self._at == now.begun + now.n:
             self._now = now = next(self._steps)
@@ -149,10 +145,7 @@ class Stage:
 
 
 def check_swath(scene: Scene, near_m: float, far_m: float) -> None:
-    """Raise SceneError if a thing that was put in a place never enters the swath.
-
-    One line with the path of the body or thing.
-    """
+    """Raise SceneError if a thing that was put in a place never enters the swath."""
     listed = [(actor, _MAX_LOOK_S) for actor in scene.background]
     for item in scene.steps:
         steps = (item,) if isinstance(item, SceneStep) else item.steps

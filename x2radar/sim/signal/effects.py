@@ -1,9 +1,7 @@
 """What is wrong with a real receiver, frame by frame: settings and their draws.
 
-Every draw belongs to a frame's number, not to the order of calls: block `b` of 256 frames
-has its own generator, seeded with the stream's seed, the kind of effect and `b`. So any
-frames, in any order and chunks, get what they would get alone. An effect that is off (zero,
-the default) draws nothing.
+Every draw belongs to a frame's number: block `b` of 256 frames has a generator seeded with the
+stream's seed, the kind of effect and `b`. An effect that is off draws nothing.
 """
 
 from collections.abc import Callable
@@ -27,10 +25,7 @@ _KINDS = ("delay", "gain", "clock", "burst", "spike", "lost")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReceiverEffects(Checked):
-    """Imperfections of one receiver; all off by default.
-
-    Raises SettingsError if a field makes no sense.
-    """
+    """Imperfections of one receiver, all off by default; SettingsError if impossible."""
 
     # The noise level of the link budget belongs to its own 13 dB.
     noise_figure_db: float = limited(13.0, 0, 40, "noise figure, dB")
@@ -60,10 +55,7 @@ class FrameDraws:
         self._rate_hz = frame_rate_hz
 
     def times_s(self, first: int, n: int) -> Array:
-        """Return when frames `first` to `first + n` are taken, shape (n,), in seconds.
-
-        Jitter beyond 5 % of a period is cut there, so order is kept.
-        """
+        """Return when `n` frames from `first` on are taken, in order, in seconds."""
         number = np.arange(first, first + n, dtype=np.float64)
         if self._effects.frame_jitter:
             late = self._normal("clock", first, n) * self._effects.frame_jitter
@@ -105,10 +97,7 @@ class FrameDraws:
         return np.asarray(chance < self._effects.lost_share)
 
     def spikes(self, first: int, n: int, n_range: int) -> tuple[NDArray[np.int64], ...]:
-        """Return the samples above the converter's top: frame from `first`, range bin, raw value.
-
-        Three arrays of shape (n_spikes,), int64; values are 8192 to 65535.
-        """
+        """Return the samples above the converter's top: frame from `first`, bin, raw value."""
         if self._effects.spike_share == 0:
             none = np.zeros(0, np.int64)
             return none, none, none

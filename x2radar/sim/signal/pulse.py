@@ -1,10 +1,7 @@
 """The pulse, how strong an echo is, and how much noise a receiver has, with its colour.
 
-The pulse is the thesis' Gaussian (2.3): ``p(t) = exp(-t^2 / (2 sp^2))`` on a carrier. Its
-centre, not its start, defines the delay, so that the range axis reads true.
-
-Owns the module's unit: raw samples run from 0 to 100 over the 13-bit threshold sweep, as
-Radarlib normalises them.
+The pulse is the thesis' Gaussian (2.3), ``p(t) = exp(-t^2 / (2 sp^2))`` on a carrier; its centre
+defines the delay. Raw samples run from 0 to 100 over the 13-bit threshold sweep.
 """
 
 import math
@@ -46,12 +43,7 @@ class LinkBudget:
     noise_sigma: float = 0.04
 
     def amplitude(self, range_m: Array, rcs_m2: Array, axis: FastTimeAxis) -> Array:
-        """Return the peak amplitude of RF echoes in the module's unit (2.11, 2.13).
-
-        Ranges, in metres, are of shape (..., n_scatterers), cross sections (n_scatterers,);
-        nearer than 0.1 m counts as 0.1 m. The axis gives wavelength and noise bandwidth (the
-        sampling rate, as the thesis has it).
-        """
+        """Return the peak amplitude of RF echoes in the module's unit (2.11, 2.13)."""
         wavelength_m = SPEED_OF_LIGHT_MPS / axis.carrier_hz
         r = np.maximum(range_m, NEAREST_M)
         sent = self.tx_power_w * self.antenna_gain**2 * wavelength_m**2

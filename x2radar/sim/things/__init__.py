@@ -37,12 +37,7 @@ THINGS: Mapping[str, ThingKind] = MappingProxyType(
 def draw_thing(
     rng: np.random.Generator, kind: str, position_m: Any, raw: Any = None, where: str = "thing"
 ) -> Mover:
-    """Return a thing of `THINGS` that moves in its place on the floor, [x, y] in metres.
-
-    That is its middle, or the hinge of a door. What `raw` leaves out of the kind's `draws`, and
-    everything else random, is drawn. Raises SceneError, one line with `where` and the key, if
-    there is no such kind, or a number is unknown or impossible.
-    """
+    """Return a thing of `THINGS` that moves in its place on the floor, [x, y]; or SceneError."""
     if kind not in THINGS:
         raise SceneError(unknown(kind, THINGS, where, "no such thing"))
     thing = THINGS[kind]

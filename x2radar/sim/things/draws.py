@@ -71,11 +71,7 @@ TOWARDS = Draw(-360, 360, (120, 240), "where it faces: 180 towards the radar, de
 def values_of(
     rng: np.random.Generator, draws: Mapping[str, Draw], raw: Any, where: str
 ) -> dict[str, float]:
-    """Return a thing's numbers: what `raw` says, the rest drawn.
-
-    Every number is drawn, said or not, so that saying one does not change the others. Raises
-    SceneError if `raw` holds anything unknown or impossible.
-    """
+    """Return a thing's numbers: what `raw` says, the rest drawn; or SceneError."""
     keys = {name: Key(d.low, d.high, d.meaning) for name, d in draws.items()}
     said = checked(raw, keys, where)
     drawn = {name: d.value(rng) for name, d in draws.items()}
@@ -135,12 +131,7 @@ DRAWS = {
 
 
 class MountVibration:
-    """A displacement of the antenna over time.
-
-    Three axes, each with its own share: a hum that swells and fades, a slow sway, and
-    shocks, each a burst at the bracket's frequency that dies away in 0.2 s. Shocks come
-    one in each interval, at a moment within it that a golden section gives.
-    """
+    """A displacement of the antenna: a hum, a slow sway, and shocks that die in 0.2 s."""
 
     def __init__(self, rng: np.random.Generator, values: Values) -> None:
         self._hz = values["hum_hz"]
@@ -152,10 +143,7 @@ class MountVibration:
         self._swell, self._sway = Gust(rng, 0.02, 0.5), Gust(rng, 0.05, 0.3)
 
     def offset_m(self, t_s: Array) -> Array:
-        """Return how far the antenna is off its place, shape (n_slow, 3), in metres.
-
-        Times may come in any order; shocks that overlap add up.
-        """
+        """Return how far the antenna is off its place, shape (n_slow, 3), in metres."""
         hum_m = self._hum_m * self._swell.at(t_s)
         hum_m *= np.sin(2 * np.pi * ((self._hz * t_s + self._turn) % 1.0))
         sway_m = self._sway_m * (2 * self._sway.at(t_s) - 1)
@@ -177,8 +165,5 @@ class MountVibration:
 def draw_mount(
     rng: np.random.Generator, raw: Values | None = None, where: str = "mount"
 ) -> MountVibration:
-    """Return a mount that vibrates; what `raw` leaves out of `DRAWS` is drawn.
-
-    Raises SceneError if `raw` holds anything unknown or impossible.
-    """
+    """Return a mount that vibrates; what `raw` leaves out is drawn; or SceneError."""
     return MountVibration(rng, values_of(rng, DRAWS, raw, where))

@@ -82,10 +82,7 @@ FAN = ThingKind(
 
 
 def drum(t_s: Array, spin_hz: float) -> tuple[Array, Array]:
-    """Return a drum's rate in hertz and its turns so far, both of shape (n_slow,).
-
-    It tumbles, runs up to its spin and down again, from the start of a programme.
-    """
+    """Return a drum's rate in hertz and its turns so far, both of shape (n_slow,)."""
     ends_s = np.cumsum([_TUMBLE_S, _RAMP_S, _SPIN_S, _RAMP_S])
     cycle, now_s = np.divmod(t_s, ends_s[-1])
     up_s = np.clip(now_s - ends_s[0], 0, _RAMP_S)
@@ -99,11 +96,7 @@ def drum(t_s: Array, spin_hz: float) -> tuple[Array, Array]:
 
 
 def _washing_machine(rng: np.random.Generator, position_m: Array, values: Values) -> Thing:
-    """Draw a box that shakes.
-
-    The drum hangs on springs: its swing grows with ``(f/f0)^2`` and passes a resonance, the
-    answer of a mass on springs to an unbalance.
-    """
+    """Draw a box that shakes, through the resonance of a mass on springs."""
     across, up = grid(values["width_m"], values["height_m"], 3, 4)
     n = across.size
     right, ahead = facing(values["heading_deg"])
@@ -157,10 +150,7 @@ _BRISTLES = 3
 
 
 def _vacuum(rng: np.random.Generator, position_m: Array, values: Values) -> Thing:
-    """Draw a flat disc on the floor with a spinning side brush.
-
-    Its way is drawn for ten minutes and ends where it began; then it comes again.
-    """
+    """Draw a flat disc with a side brush; its way of ten minutes ends where it began."""
     radius_m, brush_hz = values["radius_m"], values["brush_hz"]
     low_m, top_m = np.array([[0, 0, values["height_m"] / 2], [0, 0, values["height_m"]]])
     knot_s, x_m, y_m, turn_deg, bump_s = _drive(rng, values["area_m"] / 2, values["speed_mps"])

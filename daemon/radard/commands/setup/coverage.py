@@ -56,10 +56,7 @@ class CoverageOptions:
 
 
 def snr_db(options: CoverageOptions, x_m: float, y_m: float, z_m: float) -> float | None:
-    """Return a point's echo over the noise of its bin in one frame; None outside the swath.
-
-    The point is `x_m` to the right, `y_m` ahead and `z_m` up from the floor.
-    """
+    """Return the echo over noise at x_m right, y_m ahead, z_m up; None outside the swath."""
     axis = RadarSettings().axis
     antenna, budget = options.antenna, LinkBudget()
     towards_m = np.array([x_m, y_m, z_m]) - antenna.position_m

@@ -99,11 +99,7 @@ class Record(BaseModel, extra="forbid"):
 
 
 def install_system(what: Installation) -> Iterator[str]:
-    """Install user, device rule, units, configuration, state, manual and completion.
-
-    Yields what was done, and in the end what is left to do. What is there already stays: a second
-    time changes nothing, and another program or port only the unit.
-    """
+    """Install all that is not there yet; yield what was done, and what is left to do."""
     _check(what)
     record = Record.read(what.root)
     left: list[str] = []
@@ -126,10 +122,7 @@ def install_system(what: Installation) -> Iterator[str]:
 
 
 def uninstall_system(root: Path, *, purge: bool) -> Iterator[str]:
-    """Take away what `install_system` wrote below a root; with `purge`, state and user as well.
-
-    Raises UsageError if nothing is recorded there.
-    """
+    """Take away what `install_system` wrote; UsageError if nothing is recorded there."""
     if not (root / RECORD_FILE).exists():
         msg = f"{root / RECORD_FILE}: not there: nothing that radard setup --install has made"
         raise UsageError(msg)

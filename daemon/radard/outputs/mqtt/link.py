@@ -1,11 +1,7 @@
-"""MqttLink: one connection to a broker, made again whenever it is lost.
-
-Every connection is a new client of the library with a clean session: what must survive is in
-the log, and nothing else may be sent a second time.
+"""MqttLink: one connection to a broker, made again whenever it is lost, with a clean session.
 
 MQTT 5 lets a broker refuse a message, and state its largest packet. One of 3.1.1 drops the line
-instead, and says nothing: then the largest message in flight is to blame, and after the second
-time it is left out (`PacketLimits`).
+instead: then the largest message in flight is left out after the second time (`PacketLimits`).
 """
 
 import contextlib

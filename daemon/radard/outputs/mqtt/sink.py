@@ -1,19 +1,9 @@
 """MQTT: the sensor's topics on a broker, its commands, and Home Assistant's discovery.
 
-`topics` decides what to publish, `link` keeps the connection, the log keeps the events; this file
-joins them. Events are published one after another, each when the broker
-has confirmed the one before (QoS 1), so they arrive in order. When a connection breaks
-between a delivery and its confirmation the event comes twice, with the same id, phase and
-t_s; it is never lost.
-
-Commands that come in::
-
-    command/arm, arm-home, disarm, ack, calibrate    empty payload; disarm: the code, if one is set
-    command/panel                                    what Home Assistant's alarm panel sends
-    command/sensitivity                              low, normal or high
-
-Who can publish here can disarm: a code is a second lock, for those who share a Home Assistant.
-After five wrong ones in a row none is taken for a minute.
+Events are published one after another, each when the broker has confirmed the one before (QoS 1);
+over a lost connection one may come twice, with the same id. Commands: `COMMANDS` (empty payload;
+disarm: the code, if one is set), `panel` (what Home Assistant's alarm panel sends), `sensitivity`.
+After five wrong codes in a row none is taken for a minute.
 """
 
 import hmac
@@ -131,12 +121,7 @@ class CommandReader:
         return f"{self._head}/+"
 
     def read(self, topic: str, payload: bytes, *, is_retained: bool) -> MqttCommand | None:
-        """Return what a message asks for; None on other topics.
-
-        Raises ValueError if it is unknown, has a wrong payload or code, or was retained: a
-        retained `disarm` would disarm at every reconnection. ConfigError if the code cannot be
-        read.
-        """
+        """Return what a message asks for, None on other topics; ValueError or ConfigError."""
         head, _, name = topic.rpartition("/")
         if head != self._head:
             return None
@@ -190,10 +175,7 @@ class CommandReader:
 
 
 def panel_command(payload: bytes) -> tuple[str, str]:
-    """Return the command that Home Assistant's panel sends, and the code with it.
-
-    Raises ValueError if it is none.
-    """
+    """Return command and code that Home Assistant's panel sends; ValueError if it is none."""
     text, code = payload.decode(), ""
     if text.startswith("{"):
         try:

@@ -1,22 +1,10 @@
 """MqttTopics: the content of a sensor's topics; decides which messages to publish, and when.
 
-No network here: records, states and times go in, messages come out. Topics below
-`PREFIX/SENSOR/`:
-
-    availability   online | offline                      retained, also the last will
-    state          {armed, panel, alarm, label, ...}     retained
-    health         {state, reason, fault, tamper, ...}   retained
-    decision       every decision                        QoS 0
-    event          every phase of every event            QoS 1, from the log
-    picture        PNG of the last alarm                 retained
-    command/NAME   see `radard.outputs.mqtt.sink`      never retained
-
-Home Assistant is told by discovery which entities a sensor has. `device`: one retained message for
-the whole device (Home Assistant from 2024.11); `components`: one for every entity, as older
-versions and openHAB want it. Keys are the abbreviated ones of its documentation. The alarm is a
-`motion` sensor, because alarm panels take motion for an intruder; any other movement is
-`occupancy`, which they ignore. `exp_aft` makes an entity unavailable when a daemon that hangs
-keeps its connection but sends no state.
+Retained: `availability` (also the last will), `state`, `health`, `picture`. Not: `decision` (QoS
+0), `event` (QoS 1, from the log). Home Assistant's discovery is one message for the device (from
+2024.11), or `components`, one for every entity, as older versions and openHAB want it. The alarm
+is `motion`, which alarm panels take for an intruder; other movement is `occupancy`. `exp_aft`
+makes an entity unavailable when a daemon hangs and sends no state.
 """
 
 import json
@@ -158,11 +146,7 @@ _ENTITIES = (*_STATE_ENTITIES, _EVENT, _PICTURE, *_DECISION_ENTITIES, *_COMMAND_
 
 
 def panel_state(panel: SensorState | None, *, is_armed: bool, is_on: bool) -> str:
-    """Return a panel's state as Home Assistant calls it.
-
-    `panel` is that of `radard.outputs.base.Host`, None where it is not known yet; `is_on` says
-    that an alarm is.
-    """
+    """Return a panel's state as Home Assistant calls it; `is_on` says that an alarm is."""
     state = panel.panel if panel is not None else ("armed" if is_armed else "disarmed")
     if is_on or state == "alarm":
         return "triggered"
@@ -216,10 +200,7 @@ class MqttTopics:
         return Publication(f"{self.base}/event", _json(record), 1, is_retained=False)
 
     def on_record(self, record: Record, now_s: float) -> list[Publication]:
-        """Take a record at a monotonic time; return what to publish now.
-
-        Not events (`event`), and after a `hello` not `discovery`: these have their own order.
-        """
+        """Take a record at a monotonic time, no event; return what to publish now."""
         kind = record["type"]
         if kind == "hello":
             self._hello = record
@@ -245,10 +226,7 @@ class MqttTopics:
         *,
         calibration: str | None = None,
     ) -> list[Publication]:
-        """Take state and reason (None: as before), panel, progress; return what changed.
-
-        `panel` is that of `radard.outputs.base.Host`.
-        """
+        """Take state and reason (None: as before), panel, progress; return what changed."""
         self._calibration = calibration
         self._status = status or self._status
         self._panel = panel
@@ -323,11 +301,7 @@ class MqttTopics:
         return [Publication(f"{self.base}/{name}", _json(whole))]
 
     def discovery(self) -> list[Publication]:
-        """Return what Home Assistant is told, once there was a `hello`; empty payloads remove.
-
-        What the chosen form does not use is removed first, so that a change of form or options
-        leaves nothing behind.
-        """
+        """Return what Home Assistant is told, once there was a `hello`; empty payloads remove."""
         if self._hello is None:
             return []
         prefix, form, sensor = (

@@ -20,11 +20,7 @@ class ClipTimeoutError(RadardError):
 
 
 async def read_clip(path: Path) -> bytes:
-    """Return `radard.web.pictures.clip_view.clip_view` of a clip, made in another process.
-
-    Raises RadardError with one line if the clip cannot be read, ClipTimeoutError if that takes
-    too long. The process ends with the call, also if it is cancelled.
-    """
+    """Return `clip_view` of a clip, made in another process; RadardError, ClipTimeoutError."""
     process = await asyncio.create_subprocess_exec(
         *(sys.executable, "-P", "-m", "radard.web.pictures.clip_view", str(path)),
         stdin=asyncio.subprocess.DEVNULL,

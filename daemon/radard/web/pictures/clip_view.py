@@ -1,11 +1,7 @@
-"""A clip's pictures and decisions for a page: one answer, made on request.
+"""A clip's pictures and decisions for a page: u32 length of the JSON, the JSON, then columns.
 
-::
-
-    u32 length of the JSON, the JSON, then one message of columns (`radard.web.pictures.wire`)
-
-It is a program, `python -m radard.web.pictures.clip_view FILE`, for `clip_process`: the
-answer goes to stdout, or one line to stderr why there is none.
+It is a program, `python -m radard.web.pictures.clip_view FILE`, for `clip_process`: the answer
+goes to stdout, or one line to stderr why there is none.
 """
 
 import json
@@ -37,10 +33,7 @@ _KEYS = ("t_s", "seq", "gate", "label", "alarm", "fused_p_human", "fused_p_pet",
 
 
 def clip_view(path: Path) -> bytes:
-    """Return the answer for a clip; pictures are made of eleven minutes at most.
-
-    Raises X2RadarError, FeatureError or OSError if the file cannot be read or is no radar's.
-    """
+    """Return the answer for a clip; X2RadarError, FeatureError or OSError if it is none."""
     with open_recording(path) as reader:
         stream = reader.stream
         thin = max(1, stream.axis.n_range // 96)
@@ -86,11 +79,7 @@ def _joined(made: list[Columns], spectrograms: Spectrograms) -> bytes:
 
 
 def _decisions(path: Path) -> list[dict[str, Any]]:
-    """Return what was decided on the clip, on its own clock; nothing for a bare recording.
-
-    A clip gets its decisions when it ends. What lies in other files, or is more than the file can
-    hold, is not read.
-    """
+    """Return what was decided on the clip, on its own clock; nothing for a bare recording."""
     try:
         file = Hdf5File(path)
     except RecordingError:

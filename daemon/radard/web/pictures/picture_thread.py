@@ -29,11 +29,7 @@ Announce = Callable[[dict[str, Any]], None]
 
 
 class PictureThread:
-    """Make pictures of the frames in a ring.
-
-    `ring` returns the ring, None before there is one; `announce` takes the axes of a stream
-    (`radard.web.pictures.wire.axes`) before its first picture, `emit` every message.
-    """
+    """Make pictures of a `ring`'s frames; `announce` takes their axes, `emit` messages."""
 
     def __init__(
         self, ring: Callable[[], FrameRing | None], announce: Announce, emit: Emit

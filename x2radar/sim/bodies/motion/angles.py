@@ -1,14 +1,8 @@
 """People and four-legged animals by joint angles: the third of three motion generators.
 
-Hips, knees, ankles, shoulders and elbows, or shoulder and elbow, hip and stifle, follow short
-Fourier series over the stride, drawn about published means. The lowest foot carries the body, or
-its end of the trunk: nothing pins a foot to its place, so feet slide a little, and the hips go up
-and down as the angles make them.
-
-Means for people are the usual sagittal curves of level walking and running (Winter,
-Biomechanics and Motor Control of Human Movement; Novacheck, The biomechanics of running, 1998;
-read off at tenths of a stride, recalled). Those for dogs follow treadmill kinematics of trotting
-dogs (Hottinger et al., Noninvasive computer-assisted gait analysis of dogs, 1996; recalled).
+Joints follow short Fourier series over the stride; the lowest foot carries the body. Means:
+walking and running of Winter (Biomechanics and Motor Control of Human Movement) and Novacheck (The
+biomechanics of running, 1998), trotting dogs of Hottinger et al. 1996; recalled.
 """
 
 from dataclasses import dataclass

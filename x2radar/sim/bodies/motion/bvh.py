@@ -24,11 +24,7 @@ class _Joint:
 
 
 def read_bvh(text: str) -> tuple[list[str], list[int], Array, float]:
-    """Return names, parents (-1 for the root), positions and frame rate of a file's joints.
-
-    Positions are of shape (n_frames, n_joints, 3), in the file's units and axes. Raises
-    ValueError, LookupError, ArithmeticError, StopIteration or RuntimeError if it makes no sense.
-    """
+    """Return names, parents (-1: root), positions (n_frames, n_joints, 3) and frame rate."""
     lines = iter(enumerate(text.splitlines(), 1))
     joints = _hierarchy(lines)
     word = next(lines)[1].split()

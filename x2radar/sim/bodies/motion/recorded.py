@@ -1,10 +1,8 @@
 """Recorded motion: joints of a BVH file or a NumPy archive over time, as a body with any skin.
 
 An archive has `position_m` (n_frames, n_joints, 3), `parent` (n_joints,), `frame_rate_hz` and
-perhaps the joints' `names`. Joints that bear the standard names of a skeleton (`Part.joints`) move
-its parts, with their girths by the body's size; of other trees each joint ends a segment that
-begins at its parent. Between frames positions follow a spline whose velocity does not jump; before
-the first and after the last frame the body stands still.
+perhaps `names`. Joints with the standard names of a skeleton (`Part.joints`) move its parts; of
+other trees each joint ends a segment that begins at its parent.
 """
 
 import zipfile
@@ -55,10 +53,7 @@ class RecordedMotion:
     def of(
         cls, names: Sequence[str], parent: Sequence[int], position_m: Array, frame_rate_hz: float
     ) -> Self:
-        """Return the motion of joints whose parents are known (-1 for the root).
-
-        Raises SceneError if the joints are no body's: all in one place, or metres apart.
-        """
+        """Return the motion of joints with parents (-1: root); SceneError if no body's."""
         at = {name: k for k, name in enumerate(names)}
         for skeleton, top in ((PERSON, "head_top"), (QUADRUPED, "HL_hip")):
             if all(name in at for part in skeleton.parts for name in part.joints):
@@ -123,12 +118,7 @@ def _lengths_m(skeleton: Skeleton, at: dict[str, int], position_m: Array) -> Arr
 
 
 def read_motion(file: str | None, *, scale: float = 1.0, up: str = "y") -> RecordedMotion:
-    """Read a BVH file, or an archive of joint positions; its suffix decides (.bvh or .npz).
-
-    `scale` is metres per unit of the file, 0.01 for centimetres, which BVH files often have; `up`
-    is which axis of the file, 'y' or 'z', points up. Raises SceneError, one line, if the file
-    cannot be read or makes no sense.
-    """
+    """Read a .bvh file or .npz of joints, `scale` metres a unit, axis `up`; or SceneError."""
     if not isinstance(file, str):
         msg = f"file: must be the path of a BVH file or an archive of joint positions, not {file}"
         raise SceneError(msg)
@@ -196,12 +186,7 @@ def draw_recorded(
     total_rcs_dbsm: TotalRcs = None,
     skin: str = "surface",
 ) -> Body:
-    """Draw the skin of a recorded skeleton; raises SceneError as `read_motion`.
-
-    The file is read as `read_motion` does; `label` is what an alarm should take it for. Its origin
-    lies at `place_m`, turned to the left by `turn_deg`. `total_rcs_dbsm` and `skin` are as in
-    `draw_person`.
-    """
+    """Draw the skin of a recorded skeleton; raises SceneError as `read_motion`."""
     motion = read_motion(file, scale=scale, up=up)
     cos, sin = np.cos(np.deg2rad(turn_deg)), np.sin(np.deg2rad(turn_deg))
     turn = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])

@@ -43,11 +43,7 @@ class Clock:
         arm_m: float,
         ahead_s: float,
     ) -> Self:
-        """Return the clock of a body on a path, counted from 0 at the first step; see `started`.
-
-        Feet are `arm_m` from the middle: turning on the spot moves them. They start `ahead_s`
-        before the body.
-        """
+        """Return the clock of a body on a path, counted from 0 at the first step."""
         first = path.start_s - ahead_s - _NEAR_S
         n = int((path.end_s + _TAIL_S - first) / STEP_S) + 2
         state = path.at(first + STEP_S * np.arange(n, dtype=np.float64))
@@ -69,11 +65,7 @@ class Clock:
         return cls(first, rate, share, spans, gone)
 
     def started(self, offset: float, more_duty: float) -> Self:
-        """Return a clock set so that the first leg lifts off at the beginning of every span.
-
-        It lands at phase `offset`, and stands `more_duty` longer than others. While the
-        body stands, the count goes on slowly to where the next span begins.
-        """
+        """Return a clock set so that the first leg lifts off at the beginning of every span."""
         gone = self.strides.copy()
         last = 0
         for a, b in self.spans:

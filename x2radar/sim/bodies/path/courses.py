@@ -37,11 +37,7 @@ class Bend:
 def bends(
     waypoints_m: Sequence[tuple[float, float]], turn_radius_m: float
 ) -> tuple[tuple[float, float, float], list[Bend]]:
-    """Return x, y and direction of the beginning of a course through waypoints, and its parts.
-
-    Corners are rounded to `turn_radius_m`, or less where the waypoints leave no room. Raises
-    SceneError if there are fewer than two points, or two in one place.
-    """
+    """Return the beginning (x, y, direction) of a course with rounded corners, and its parts."""
     if len(waypoints_m) < 2:
         msg = f"waypoints_m: {len(waypoints_m)} waypoint, but a course has 2 or more"
         raise SceneError(msg)
@@ -166,20 +162,12 @@ COURSES: Mapping[str, Callable[[np.random.Generator, float, float], Waypoints]] 
 def draw_course(
     rng: np.random.Generator, name: str, near_m: float = NEAR_M, far_m: float = FAR_M
 ) -> Waypoints:
-    """Return the waypoints of a course of `COURSES` through a swath along the floor.
-
-    Two or more points (x, y), in room coordinates, in metres; neighbours are 0.1 m apart or
-    more. The whole course, corners included, stays 0.4 m off the wall that the radar hangs on:
-    nobody passes beneath the antenna, or through the wall.
-    """
+    """Return waypoints (x, y), in metres, of a course of `COURSES` through a swath."""
     return off_wall(COURSES[name](rng, near_m, far_m))
 
 
 def off_wall(points: Waypoints) -> Waypoints:
-    """Return a course moved into the room until all of it is 0.4 m off the radar's wall.
-
-    It is moved as a whole and nothing is drawn, so other draws stay what they are.
-    """
+    """Return a course moved, as a whole, until all of it is 0.4 m off the radar's wall."""
     into_room_m = max(0.0, _WALL_M - _nearest_wall_m(points))
     return [(float(x), float(y + into_room_m)) for x, y in points]
 

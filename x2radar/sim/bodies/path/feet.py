@@ -152,12 +152,7 @@ class Feet:
 
     @classmethod
     def plan(cls, path: Path, gait: Gait) -> Self:
-        """Return the footfalls of a gait along a path.
-
-        Feet begin to step a little before the body goes and go on for a stride after it has
-        stopped, until they stand under it. In between, a foot is left where it is if moving it
-        would not bring it anywhere else.
-        """
+        """Return the footfalls of a gait along a path."""
         arm = max(float(np.hypot(*home)) for home in gait.home_m)
         clock = Clock.along(path, gait.stride_m, gait.duty, arm_m=arm, ahead_s=gait.ahead_s)
         more = gait.more_duty or (0.0,) * len(gait.offset)
@@ -184,10 +179,7 @@ class Feet:
         return cls(clock, falls, gait.ramp)
 
     def at(self, t_s: Array) -> FootState:
-        """Return the feet at times of shape (n_slow,), in any order.
-
-        On the floor a foot is still to the last bit; at both ends of a swing its velocity is zero.
-        """
+        """Return the feet at times (n_slow,); on the floor one is still to the last bit."""
         f = self.falls.at(t_s)
         t = t_s[:, None]
         since, until = t - f.touch_down_s, f.lift_off_s - t

@@ -47,11 +47,7 @@ def timetable(
     *,
     start_s: float,
 ) -> Array:
-    """Return the pieces of a path, from rest to rest, shape (9, n_pieces); see `Path.pieces`.
-
-    Stops are ways since the last one, in metres, and pauses, in seconds. An empty course is that
-    of a body that stays; the last piece is at rest and goes on for ever.
-    """
+    """Return the pieces of a path, from rest to rest, shape (9, n_pieces); see `Path.pieces`."""
     stretches = _stretches([b for b in course if b.length_m > _TINY], speed_mps, stops, agility)
     speeds = _speeds(stretches, agility.acceleration_mps2)
     rows: list[tuple[float, ...]] = []
@@ -149,10 +145,7 @@ class PathState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Path:
-    """A course on the floor with the times at which it is gone along.
-
-    Before `start_s` the body stands at the beginning, after `end_s` at the end.
-    """
+    """A course on the floor with the times at which it is gone along."""
 
     # (9, n_pieces), at the beginning of each piece of time: time, distance, speed, acceleration,
     # x, y, direction, curvature, and the time integral of the direction less the first one.
@@ -169,13 +162,7 @@ class Path:
         agility: Agility | None = None,
         start_s: float = 0.0,
     ) -> Self:
-        """Return a path through waypoints (x, y), from rest to rest; raises SceneError as `bends`.
-
-        Corners up to 130 degrees are cut short, by `turn_radius_m` or less where there is no room;
-        at sharper ones the course goes through the point and then round. Stops are ways since the
-        last one, in metres, and pauses, in seconds; limits are those of a walking adult by
-        default.
-        """
+        """Return a path through waypoints (x, y), from rest to rest; SceneError as `bends`."""
         begin, course = bends(waypoints_m, turn_radius_m)
         limits = agility or Agility()
         return cls(timetable(begin, course, speed_mps, stops, limits, start_s=start_s))

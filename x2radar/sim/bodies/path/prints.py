@@ -29,10 +29,7 @@ class StridePhase:
 
     @classmethod
     def along(cls, path: Path, stride_m: Callable[[Array], Array]) -> Self:
-        """Return the phase along a path.
-
-        `stride_m` takes speeds in m/s and returns lengths of strides in metres, above zero.
-        """
+        """Return the phase along a path; `stride_m` is metres by speeds in m/s."""
         t_s = np.arange(path.start_s - _MARGIN_S, path.end_s + _MARGIN_S, _STEP_S)
         speed = path.at(t_s).speed_mps
         rate_hz = speed / np.maximum(stride_m(np.maximum(speed, 0.05)), 0.02)
@@ -76,12 +73,7 @@ class Footprints:
         lift_skew: float = 1.0,
         scatter_m: Array | None = None,
     ) -> Self:
-        """Return the prints of a foot along a path.
-
-        Half-way through a stance it is `home_m` ahead of the body's middle and to its left;
-        `facing_rad` is how far the body is turned to the left of its way, `scatter_m`, shape
-        (64, 2), what is added to the prints, in turn. The rest is as the fields.
-        """
+        """Return the prints of a foot along a path, `home_m` ahead of and beside the middle."""
         first = int(np.floor(phase.strides[0] - offset)) - 1
         last = int(np.ceil(phase.strides[-1] - offset)) + 1
         number = np.arange(first, last + 1)
@@ -100,11 +92,7 @@ class Footprints:
         return cls(phase, offset, duty, first, place, lift_m, lift_skew)
 
     def at(self, t_s: Array, vigour: Array) -> tuple[Array, Array]:
-        """Return where the foot's sole is, shape (n_slow, 3), and how far its swing is.
-
-        `vigour` is 0 standing to 1 going: a body that stops puts its feet down. The swing, shape
-        (n_slow,), is 0 on the floor, then 0 to 1 in the air.
-        """
+        """Return the sole, shape (n_slow, 3), and how far its swing is, 0 to 1."""
         p = self.phase.at(t_s) - self.offset
         whole = np.floor(p)
         k = np.clip(whole.astype(np.int64) - self.first, 0, len(self.place_m) - 2)

@@ -101,11 +101,7 @@ class PersonBuild:
 def draw_person_build(
     rng: np.random.Generator, *, age: Age = "adult", height_m: float | None = None
 ) -> PersonBuild:
-    """Draw a person's sizes, scattered by some per cent about their shares of the stature.
-
-    Twelve numbers are drawn, whatever is given. Raises SceneError if `height_m` is not from
-    0.6 to 2.3 m.
-    """
+    """Draw a person's sizes about their shares of `height_m`, 0.6 to 2.3; or SceneError."""
     is_man, z, share = rng.random(), rng.standard_normal(10), rng.random()
     if age == "toddler":
         stature = _TODDLER_M[0] + share * (_TODDLER_M[1] - _TODDLER_M[0])

@@ -46,10 +46,7 @@ class Skeleton:
     def half_m(
         self, length_m: Sequence[float] | Array, size_m: float, girth: float = 1.0
     ) -> Array:
-        """Return half-lengths of the parts, shape (n_parts, 3): along, to the side, across.
-
-        `length_m` is from joint to joint, `girth` the thickness against an average body.
-        """
+        """Return half-lengths of the parts, shape (n_parts, 3): along, to the side, across."""
         rows = []
         for part, length in zip(self.parts, length_m, strict=True):
             thick = girth if part.is_flesh else 1.0
@@ -111,10 +108,7 @@ def two_links(
 
 
 def hang(top_m: Array, yaw_rad: Array, *links: Link) -> list[Array]:
-    """Return the joints of a chain of links that hangs from a joint, each of shape (n_slow, 3).
-
-    The first is `top_m` itself; `yaw_rad`, shape (n_slow,), is where forward is.
-    """
+    """Return the joints, (n_slow, 3) each, of a chain of links that hangs from `top_m`."""
     ahead, left = direction(yaw_rad), direction(yaw_rad + 0.5 * np.pi)
     down = np.array([0.0, 0.0, -1.0])
     joints = [top_m]

@@ -66,10 +66,7 @@ class Skin(ABC):
         """Return the echoes of a pose, as many as `names` has; `antenna_m` has shape (3,)."""
 
     def mean_total_m2(self, pose: Pose) -> float:
-        """Return the sum of all cross sections, averaged over aspect and the given times.
-
-        Square metres, seen level from far away, every azimuth weighing the same.
-        """
+        """Return the sum of all cross sections, level from far away, over aspect and times."""
         middle = pose.centre_m.mean(axis=(0, 1))
         totals = []
         for turn in np.arange(_N_AZIMUTHS) * (2 * np.pi / _N_AZIMUTHS):

@@ -38,22 +38,13 @@ def draw_skin(
     n_trunk: int = 1,
     gain: EchoGain = THEORY,
 ) -> Skin:
-    """Draw a skin of `SKINS` for a body; its scale is the physical one.
-
-    Half-lengths of the segments, along the axis, to the side, across both, are of shape
-    (n_segments, 3), in metres; so many segments, from the first on, are the trunk. The surface
-    skin has levels of its own instead of `gain`. Raises SceneError if there is no such skin.
-    """
+    """Draw a skin of `SKINS` for parts of half-lengths (n_segments, 3); or SceneError."""
     Key(choices=tuple(SKINS)).judge(name, "skin")
     return SKINS[name](rng, np.array(half_m, dtype=np.float64), n_trunk, gain)
 
 
 def sized(skin: Skin, rng: np.random.Generator, total_rcs_dbsm: TotalRcs, pose: Pose) -> Skin:
-    """Return the same skin with another mean total cross section over a pose.
-
-    One number is drawn, used or not: the choice changes nothing drawn later. Raises SceneError
-    if `total_rcs_dbsm` is a number outside -70 to 30.
-    """
+    """Return the skin with another mean total over a pose; SceneError outside -70 to 30 dBsm."""
     # Were people larger than pets, a classifier would learn size instead of movement.
     total_m2 = float(10.0 ** (rng.uniform(*TOTAL_RCS_DBSM) / 10.0))
     if total_rcs_dbsm == "physical":

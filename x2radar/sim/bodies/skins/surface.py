@@ -105,11 +105,7 @@ class SurfaceSkin(Skin):
 
     @classmethod
     def draw_apart(cls, rng: np.random.Generator, half_m: Array, gain: EchoGain) -> Self:
-        """Draw ellipsoids by themselves, the usual model of micro-Doppler studies.
-
-        Nothing joins the trunk to one surface, nothing casts a shadow, and floors and fluctuation
-        may be absent.
-        """
+        """Draw ellipsoids by themselves, the usual model of micro-Doppler studies."""
         n, broadside = len(half_m), _broadside_m2(half_m)
         floor = rng.uniform(*_APART_FLOOR) * broadside
         spread_db = np.full(n, rng.uniform(*_APART_SPREAD_DB))
@@ -119,11 +115,7 @@ class SurfaceSkin(Skin):
         )
 
     def points(self, pose: Pose, antenna_m: Array) -> Points:
-        """Return the parts as the antenna sees them; see `Skin`.
-
-        An ellipsoid echoes where its surface faces the antenna, nearer than its middle by the root
-        of ``a^2 l^2 + b^2 m^2 + c^2 n^2``: 10 to 20 cm at a person's trunk, 4 to 8 cm at limbs.
-        """
+        """Return the parts where their surface faces the antenna; see `Skin`."""
         middle, along, left = _first(pose.centre_m), _first(pose.axis), _first(pose.side)
         towards = antenna_m[:, None, None] - middle
         # A part in the antenna itself looks some way or other, but not NaN.
@@ -141,13 +133,7 @@ class SurfaceSkin(Skin):
     def _one_surface(
         self, pose: Pose, antenna_m: Array, still_m2: Array, echo: tuple[Array, Array]
     ) -> tuple[Array, Array]:
-        """Return cross sections and depths with the trunk as one bright spot.
-
-        `still_m2` is without fluctuation: the spot must not wander when an echo glints. Its other
-        parts keep no more than roughness gives in any view. The sum of cross sections is the same
-        at every time. The spot, at the first part, is so much nearer than its middle as the
-        nearest surface is; where two are equally near, between them.
-        """
+        """Return cross sections and depths with the trunk as one bright spot, their sum kept."""
         parts = slice(self.n_trunk)
         rcs, nearer_m = (x.copy() for x in echo)
         floor_m2 = (self.scale * self.floor_m2)[parts]
@@ -164,10 +150,7 @@ class SurfaceSkin(Skin):
         return rcs, nearer_m
 
     def mean_total_m2(self, pose: Pose) -> float:
-        """Return the sum over all parts, averaged over aspect and times; see `Skin`.
-
-        The fluctuation has mean 1 and changes nothing.
-        """
+        """Return the sum over all parts, averaged over aspect and times; see `Skin`."""
         turn = np.arange(_N_AZIMUTHS) * (2.0 * np.pi / _N_AZIMUTHS)
         level = np.stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)])
         middle, along, left = (_first(x)[:, None] for x in (pose.centre_m, pose.axis, pose.side))
@@ -200,11 +183,7 @@ class SurfaceSkin(Skin):
         return np.asarray(rcs, dtype=np.float64)
 
     def _covered(self, centre: Array, axis: Array, side: Array, towards: Array) -> Array:
-        """Return how much the trunk covers each part, from 0 to 1.
-
-        In coordinates where the trunk is the unit sphere, a part is covered if its ray
-        towards the antenna has yet to pass the trunk's middle, and passes it closer than 1.
-        """
+        """Return how much the trunk, taken for a sphere, covers each part, from 0 to 1."""
         long, left = axis[..., :1], side[..., :1]
         from_trunk = centre - centre[..., :1]
         place2 = ahead = np.zeros(())

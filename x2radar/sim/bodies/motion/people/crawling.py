@@ -34,10 +34,7 @@ class Crawling:
     def draw(
         cls, rng: np.random.Generator, path: Path, build: PersonBuild, traits: Traits
     ) -> Self:
-        """Draw somebody who crawls.
-
-        Knees and hands of opposite sides go nearly together (Patrick et al. 2009, recalled).
-        """
+        """Draw somebody who crawls, knees with opposite hands (Patrick et al. 2009, recalled)."""
         z, share = traits
         width = (0.10 + 0.05 * share[0]) * build.stature_m / 1.75
         reach, cadence = 0.45 * build.trunk_m, 1 + 0.08 * z[6]

@@ -1,13 +1,8 @@
 """What somebody does besides going: with hands, trunk and head, or with the whole body in place.
 
-Somebody who searches a drawer, gets dressed or talks goes nowhere and still moves. No motion
-capture stands behind this: how far things move is anatomy, how fast is a guess at everyday speed
-(hands 0.2 to 0.9 m/s and the head 0.1 to 0.6 rad/s, rms; up to 2 shakes or nods a second), and
-the rest is drawn for each person.
-
-Squats, jumping jacks, knees raised in turn, kicks, arms swung: all are a few sinusoids of one
-beat and its double, with sizes and phases drawn: beats of 0.4 to 1.6 Hz and the ranges of the
-joints are what everyday exercise takes (a guess).
+No motion capture stands behind this: how far things move is anatomy, how fast a guess (hands 0.2
+to 0.9 m/s and the head 0.1 to 0.6 rad/s, rms; exercise is a few sinusoids of 0.4 to 1.6 Hz and its
+double), drawn for each person.
 """
 
 from dataclasses import dataclass, replace
@@ -47,19 +42,12 @@ class Doer(Protocol):
     """An activity besides going; a function of time alone."""
 
     def at(self, t_s: Array, vigour: Array) -> Doing:
-        """Return what is done at times of shape (n_slow,).
-
-        `vigour` is 0 standing to 1 at cruising speed: a person who goes does nothing else.
-        """
+        """Return what is done at times (n_slow,); `vigour` is 0 standing to 1 cruising."""
         ...
 
 
 def within_reach(hands: Array) -> Array:
-    """Return hands of which none is farther from its shoulder than an arm reaches.
-
-    Shape (n_slow, 2, 3), left and right: ahead, outward and up, in lengths of the arm. In what
-    is returned the second is to the left for both.
-    """
+    """Return hands, (n_slow, 2, 3) in arms' lengths, none farther than an arm reaches."""
     size = np.linalg.norm(hands, axis=-1, keepdims=True)
     short = hands * np.minimum(1, _REACH / np.maximum(size, 1e-9))
     short[..., 1:2] *= np.array([1.0, -1.0])[:, None]

@@ -38,10 +38,7 @@ _HEEL_RISE_RAD = 1.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GaitParams:
-    """How somebody goes; angles in radians, shares of the leg's length where no unit is named.
-
-    The stride is ``stride * leg * (v / sqrt(g leg))^power`` long.
-    """
+    """How somebody goes; a stride is ``stride * leg * (v / sqrt(g leg))^power`` long."""
 
     stride: float
     power: float

@@ -159,11 +159,7 @@ def carriage_at(style: PersonStyle, speed_mps: float, hip_height_m: float) -> Ca
 def gait_of(
     kind: str, hip_height_m: float, *, cadence: float, width_m: float, lift_m: float, limp: float
 ) -> Gait:
-    """Return the footwork of a walk or a run.
-
-    `cadence` is strides a second against the usual, strides being the shorter; `width_m` half
-    the distance between the feet; `limp` the share of the stride that the right foot is spared.
-    """
+    """Return the footwork of a walk or a run; `limp` is the share the right foot is spared."""
     h = hip_height_m
 
     def stride(v: Array) -> Array:

@@ -69,11 +69,7 @@ class Torso:
     def up(
         self, t_s: Array, facing_rad: Array, lean_rad: Array, phase: Array, vigour: Array
     ) -> Array:
-        """Return unit vectors from the hips to the neck, shape (n_slow, 3).
-
-        `lean_rad` is the forward lean that the trunk swings about; `phase` is in strides, `vigour`
-        0 standing to 1 at cruising speed; all of shape (n_slow,).
-        """
+        """Return unit vectors from the hips to the neck, shape (n_slow, 3)."""
         wander = self.wander.at(t_s)
         pitch = self.pitch_rad * vigour * np.sin(2 * np.pi * (2 * phase - self.pitch_lag))
         roll = self.roll_rad * vigour * np.sin(2 * np.pi * (phase - self.roll_lag)) + wander[:, 1]
@@ -146,10 +142,7 @@ class StridingPerson(ABC):
 
 
 def sides(left: Array, turn_rad: Array) -> Array:
-    """Return the side vectors of all parts, shape (n_slow, n_segments, 3).
-
-    Pelvis and legs turn with the stride, `turn_rad`, shape (n_slow,), chest and arms against it.
-    """
+    """Return the side vectors of all parts, shape (n_slow, n_segments, 3)."""
     ahead = np.stack([left[:, 1], -left[:, 0], left[:, 2]], axis=-1)
     angle = np.outer(turn_rad, _TURNS)[..., None]
     return np.asarray(np.cos(angle) * left[:, None] - np.sin(angle) * ahead[:, None])

@@ -1,9 +1,7 @@
 """People on two feet by the first generator: trunk and arms over legs that reach for footfalls.
 
-The feet stand where the plan says; the ball of a standing foot does not move. The heel rises
-over it in the last third of the stance, so the ankle is still from foot-flat to heel-off. Knees
-and elbows follow by two-link inverse kinematics, knees bending forward and elbows
-backward where arms hang.
+The ball of a standing foot does not move; the heel rises over it in the last third of the stance.
+Knees and elbows follow by two-link inverse kinematics.
 """
 
 from collections.abc import Mapping
@@ -214,11 +212,7 @@ def _moved(feet: FootState, cos: Array, sin: Array, by_m: Array) -> FootState:
 def _elbow(
     b: PersonBuild, shoulder: Array, wrist: Array, frame: tuple[Array, Array, float]
 ) -> tuple[Array, Array]:
-    """Return shoulder and elbow of an arm whose wrist is given.
-
-    Before the body elbows point down. For other directions that turns with the arm by the
-    shortest way: back where it hangs, ahead where it is raised, smooth all but behind the back.
-    """
+    """Return shoulder and elbow of an arm whose wrist is given."""
     ahead, left, sign = frame
     fore = ahead + (0.4 * sign) * left - 0.3 * UP
     fore /= np.sqrt((fore * fore).sum(axis=-1, keepdims=True))

@@ -44,10 +44,7 @@ def draw_lags(
     build: QuadrupedBuild,
     spread_and_share: tuple[float, float],
 ) -> tuple[str, Array]:
-    """Return the gait of a style, or that of the speed, and when the legs land, drawn about it.
-
-    How much the lags spread, in strides; and a number, 0 to 1, that is low for any order at all.
-    """
+    """Return a gait, when its legs land, their spread in strides, and a share of disorder."""
     fr = speed_mps**2 / (9.81 * build.hip_m)
     gait = style if style in _LAGS else next(name for limit, name in _SPEEDS if fr <= limit)
     spread, share = spread_and_share

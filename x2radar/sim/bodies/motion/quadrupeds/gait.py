@@ -56,11 +56,7 @@ def froude(speed_mps: Array | float, hip_m: float) -> Array:
 
 
 def stride_m(speed_mps: Array, hip_m: float, species: Species) -> Array:
-    """Return the length of a stride, in metres, at speeds of any shape.
-
-    ``k h Fr^e``, see `Species.stride`: of two relations, that of symmetric gaits fades into
-    that of asymmetric ones between Fr 2 and 3.
-    """
+    """Return the length of a stride, ``k h Fr^e`` in metres, at speeds of any shape."""
     fr = froude(speed_mps, hip_m)
     (factor, power), *fast = species.stride
     if not fast:
@@ -73,11 +69,7 @@ def stride_m(speed_mps: Array, hip_m: float, species: Species) -> Array:
 
 
 def duty(speed_mps: Array, hip_m: float) -> Array:
-    """Return the share of a stride that a foot is on the floor, at speeds of any shape.
-
-    0.52 Fr^-0.14 for symmetric gaits, 0.53 Fr^-0.28 for asymmetric ones (recalled), blended
-    like the stride, within `DUTY`.
-    """
+    """Return the share of a stride that a foot is on the floor (recalled), at any speeds."""
     fr = np.maximum(froude(speed_mps, hip_m), 1e-6)
     share = smooth_step(fr - 2.0)
     free = (0.52 * fr**-0.14) ** (1.0 - share) * (0.53 * fr**-0.28) ** share

@@ -1,11 +1,7 @@
 """How animals carry head and tail over their trunk, and those of the first generator.
 
-These are a skeleton hung between feet and a moving trunk. What an animal does (`Action`) says
-where trunk and paws are; here the rest follows: two-link legs by inverse kinematics with the
-elbow backwards and the knee forwards, neck, head and tail.
-
-Resting breaths follow ``53.5 M^-0.26`` a minute (Stahl 1967, recalled), within what the species
-has; panting is at 4 to 6 Hz (recalled).
+A skeleton hung between feet and a moving trunk, which an `Action` gives. Resting breaths follow
+``53.5 M^-0.26`` a minute (Stahl 1967, recalled); panting is at 4 to 6 Hz (recalled).
 """
 
 from collections.abc import Sequence
@@ -103,10 +99,7 @@ class Manner:
 def draw_manner(
     rng: np.random.Generator, build: QuadrupedBuild, species: Species, style: str, nod_rad: float
 ) -> tuple[Manner, Breath]:
-    """Draw what an animal does with head, tail and chest, in a style of `PET_STYLES`.
-
-    How much is drawn does not depend on species and style. `nod_rad` is that of its gait.
-    """
+    """Draw what an animal does with head, tail and chest, in a style of `PET_STYLES`."""
     u = rng.uniform(0.0, 1.0, 8)
     sits = style in {"sit", "groom", "scratch"}
     stays = sits or style in {"stand", "lie", "pant", "play"}

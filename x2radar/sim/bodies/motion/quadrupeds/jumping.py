@@ -23,11 +23,7 @@ _CLEAR_M, _TUCK_S, _RISE_S = 0.08, 0.3, 0.6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Leap:
-    """One jump from rest to rest, as seen from where it begins.
-
-    Distances are along the heading and up. A crouch, a push at constant acceleration, a
-    parabola, a landing at constant deceleration and a rise.
-    """
+    """One jump from rest to rest, as seen from where it begins, along the heading and up."""
 
     begin_s: float  # when the crouch begins
     leave_s: float  # when the push begins; the fore feet leave the floor
@@ -119,10 +115,7 @@ class Jumping:
     def draw(
         cls, rng: np.random.Generator, build: QuadrupedBuild, path: Path, species: Species
     ) -> Self:
-        """Draw one that jumps onto something, stays, and jumps down on its other side.
-
-        It stands where the path begins, and jumps along it.
-        """
+        """Draw one that jumps onto something, stays, and jumps down on its other side."""
         standing = draw_staying(rng, build, "jump", path)
         h = build.hip_m
         climb = float(np.clip(h * rng.uniform(*species.jump), 0.2, 0.9))

@@ -72,11 +72,7 @@ class Staying:
 def draw_staying(
     rng: np.random.Generator, build: QuadrupedBuild, style: str, path: Path
 ) -> Staying:
-    """Draw an animal that stays where a path begins, facing along it.
-
-    One that pants lies, one that grooms or scratches sits, one that jumps or plays stands
-    first.
-    """
+    """Draw an animal that stays where a path begins, facing along it."""
     name = _POSTURE_OF.get(style, style)
     height, hind, fore, pitch, spread = _POSTURES[name]
     h = build.hip_m
