@@ -76,5 +76,4 @@ def __getattr__(name: str) -> Any:
     for place, names in _PLACES.items():
         if name in names:
             return getattr(import_module(f"x2radar.{place}"), name)
-    msg = f"module 'x2radar' has no attribute '{name}'"
-    raise AttributeError(msg)
+    raise AttributeError(f"module 'x2radar' has no attribute '{name}'")

@@ -116,8 +116,7 @@ def read_frames(
         n = _frames_in(_LONGEST_S if duration_s is None else duration_s, stream.frame_rate_hz)
         samples = stacked(recording.frames(start_s), stream, n)
     if not len(samples):
-        msg = f"{path}: no frame at or behind {start_s:g} s"
-        raise RecordingError(msg)
+        raise RecordingError(f"{path}: no frame at or behind {start_s:g} s")
     return samples, stream
 
 

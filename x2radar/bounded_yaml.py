@@ -25,8 +25,7 @@ class YamlError(ValueError):
 def compose_yaml(text: str) -> yaml.Node | None:
     """Return the node tree of a YAML document, None of an empty one; or YamlError."""
     if len(text) > MAX_CHARACTERS:
-        msg = f"{len(text)} characters, at most {MAX_CHARACTERS} are read"
-        raise YamlError(msg)
+        raise YamlError(f"{len(text)} characters, at most {MAX_CHARACTERS} are read")
     try:
         node: yaml.Node | None = yaml.compose(text, yaml.SafeLoader)
         if node is not None:
@@ -36,8 +35,7 @@ def compose_yaml(text: str) -> yaml.Node | None:
         problem = " ".join(str(getattr(err, "problem", None) or err).split())
         raise YamlError(problem, mark.line + 1 if mark else None) from err
     except RecursionError as err:
-        msg = "nested too deeply"
-        raise YamlError(msg) from err
+        raise YamlError("nested too deeply") from err
     return node
 
 
@@ -62,8 +60,7 @@ def construct(node: yaml.Node | None) -> Any:
         msg = f"a value that does not suit its tag or kind ({type(err).__name__})"
         raise YamlError(msg) from err
     except RecursionError as err:
-        msg = "nested too deeply"
-        raise YamlError(msg) from err
+        raise YamlError("nested too deeply") from err
     finally:
         loader.dispose()
 
@@ -74,11 +71,9 @@ def _count(node: yaml.Node, known: dict[int, int], above: set[int]) -> int:
         return known[id(node)]
     line = node.start_mark.line + 1
     if id(node) in above:
-        msg = "an alias to what it stands in"
-        raise YamlError(msg, line)
+        raise YamlError("an alias to what it stands in", line)
     if isinstance(node, yaml.ScalarNode) and len(node.value) > MAX_SCALAR:
-        msg = f"a value of {len(node.value)} characters"
-        raise YamlError(msg, line)
+        raise YamlError(f"a value of {len(node.value)} characters", line)
     above.add(id(node))
     n = 1
     if isinstance(node, yaml.SequenceNode):
@@ -88,8 +83,7 @@ def _count(node: yaml.Node, known: dict[int, int], above: set[int]) -> int:
         _check_keys(node)
     above.discard(id(node))
     if n > MAX_NODES:
-        msg = f"more than {MAX_NODES} values, with aliases written out"
-        raise YamlError(msg)
+        raise YamlError(f"more than {MAX_NODES} values, with aliases written out")
     known[id(node)] = n
     return n
 

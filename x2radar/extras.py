@@ -34,8 +34,7 @@ def needed(module: str, *, what: str) -> Any:
         name = (getattr(err, "name", None) or "").partition(".")[0]
         is_missing = isinstance(err, ModuleNotFoundError) and name == package
         why = "which is not installed" if is_missing else f"which fails: {err}"
-        msg = f"{what}: needs {package}, {why}: {install_hint(extra)}"
-        raise MissingExtra(msg) from err
+        raise MissingExtra(f"{what}: needs {package}, {why}: {install_hint(extra)}") from err
 
 
 def install_hint(extra: str) -> str:

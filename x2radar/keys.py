@@ -49,8 +49,7 @@ class Key:
     def judge(self, value: Any, where: str) -> None:
         """Raise SceneError, one line that begins with `where`, if `value` is impossible."""
         if fault := self.fault(value):
-            msg = f"{where}: {fault}"
-            raise SceneError(msg)
+            raise SceneError(f"{where}: {fault}")
 
 
 def limited(
@@ -102,8 +101,7 @@ def checked(raw: Any, keys: Mapping[str, Key | None], where: str) -> dict[str, A
     if raw is None:
         return {}
     if not isinstance(raw, Mapping):
-        msg = f"{where}: must be a mapping with the keys {', '.join(keys)}"
-        raise SceneError(msg)
+        raise SceneError(f"{where}: must be a mapping with the keys {', '.join(keys)}")
     for name, value in raw.items():
         if name not in keys:
             raise SceneError(unknown(name, keys, where))
@@ -123,8 +121,7 @@ def place_of(value: Any, where: str, names: str = "x and y") -> tuple[float, ...
     """Return a place in the room, each number within 100 m; raise SceneError if it is none."""
     n = 2 + names.count(",")
     if not isinstance(value, (list, tuple, np.ndarray)) or len(value) != n:
-        msg = f"{where}: must be {n} numbers, {names} in metres, not {value!r}"
-        raise SceneError(msg)
+        raise SceneError(f"{where}: must be {n} numbers, {names} in metres, not {value!r}")
     for k, number in enumerate(value):
         Key(-100, 100).judge(number, f"{where}[{k}]")
     return tuple(map(float, value))

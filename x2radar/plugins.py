@@ -42,8 +42,7 @@ class Plugin:
         """Raise PluginError if an object lacks any of these attributes."""
         missing = [name for name in names if not hasattr(made, name)]
         if missing:
-            msg = f"{self.about}: {type(made).__name__} has no {', '.join(missing)}"
-            raise PluginError(msg)
+            raise PluginError(f"{self.about}: {type(made).__name__} has no {', '.join(missing)}")
 
 
 def find_plugin(group: str, name: str) -> Plugin | None:
@@ -57,8 +56,7 @@ def find_plugin(group: str, name: str) -> Plugin | None:
         return None
     if len(found) > 1:
         offers = ", ".join(sorted(_distribution(point) for point in found.values()))
-        msg = f"plug-in '{name}' of {group}: several offer it: {offers}"
-        raise PluginError(msg)
+        raise PluginError(f"plug-in '{name}' of {group}: several offer it: {offers}")
     (point,) = found.values()
     about = f"plug-in '{name}' of {group} ({_distribution(point)})"
     try:

@@ -58,8 +58,7 @@ class Port:
         for key in self.options:
             if key not in KEYS[self.kind]:
                 known = ", ".join(sorted(KEYS[self.kind]))
-                msg = f"port key '{key}': unknown; known are {known}"
-                raise SettingsError(msg)
+                raise SettingsError(f"port key '{key}': unknown; known are {known}")
 
     def number(self, key: str, default: float) -> float:
         """Return a numeric option; raise SettingsError if it is no number."""
@@ -71,8 +70,7 @@ class Port:
         except ValueError:
             value = math.nan
         if not math.isfinite(value):
-            msg = f"port key '{key}': '{text}' is not a number"
-            raise SettingsError(msg)
+            raise SettingsError(f"port key '{key}': '{text}' is not a number")
         return value
 
 
@@ -90,14 +88,12 @@ def parse_port(text: str) -> Port:
         raise SettingsError(msg) from err
     options = dict(pairs)
     if len(options) != len(pairs):
-        msg = f"port '{text}': a key is given twice"
-        raise SettingsError(msg)
+        raise SettingsError(f"port '{text}': a key is given twice")
     for kind in _NAMED:
         if target.startswith(f"{kind}:"):
             rest = unquote(target[len(kind) + 1 :], errors="surrogateescape")
             if not rest:
-                msg = f"port '{text}': nothing behind '{kind}:'"
-                raise SettingsError(msg)
+                raise SettingsError(f"port '{text}': nothing behind '{kind}:'")
             return Port(kind, rest, options)
     if "://" in target:
         _check_url(target)
@@ -112,8 +108,7 @@ def _check_url(url: str) -> None:
         raise PortUrlError(msg)
     if scheme.lower() not in _SERVERS:
         if not rest and scheme.lower() != "loop":
-            msg = f"port '{url}': nothing behind '{scheme}://'"
-            raise PortUrlError(msg)
+            raise PortUrlError(f"port '{url}': nothing behind '{scheme}://'")
         return
     try:
         parts = urlsplit(url)
@@ -122,8 +117,7 @@ def _check_url(url: str) -> None:
         is_good = False
     if not is_good:
         form = f"{scheme}://HOST:PORT"
-        msg = f"port '{url}': must be {form}, with a host and a port from 1 to 65535"
-        raise PortUrlError(msg)
+        raise PortUrlError(f"port '{url}': must be {form}, with a host and a port from 1 to 65535")
 
 
 def named_port(kind: Kind, what: Path | str) -> str:
@@ -159,6 +153,5 @@ def parse_speed(text: str) -> float | None:
     except ValueError:
         factor = math.nan
     if not 0 < factor < 1e6:
-        msg = f"--speed '{text}': use realtime, max or a factor above 0"
-        raise SettingsError(msg)
+        raise SettingsError(f"--speed '{text}': use realtime, max or a factor above 0")
     return factor

@@ -54,12 +54,10 @@ def port_settings(port: Port) -> ModuleSettings | SettingsChooser:
     known = tuple(MODULES) if is_sim else ("auto", *MODULES)
     device = port.options.get("device", _SIM_DEVICE if is_sim else "auto")
     if device not in known:
-        msg = f"port key 'device': '{device}'; known are {', '.join(known)}"
-        raise SettingsError(msg)
+        raise SettingsError(f"port key 'device': '{device}'; known are {', '.join(known)}")
     kind = port.options.get("kind")
     if kind not in {None, *_KINDS}:
-        msg = f"port key 'kind': '{kind}'; known are {', '.join(_KINDS)}"
-        raise SettingsError(msg)
+        raise SettingsError(f"port key 'kind': '{kind}'; known are {', '.join(_KINDS)}")
     rate_hz = port.number("rate", 0.0) if "rate" in port.options else None
     if device != "auto":
         return MODULES[device].settings.for_port(rate_hz, kind)
@@ -80,8 +78,7 @@ def _connector(
     text = port.options.get("seed", "0")
     # Not as a float, which takes large seeds for their neighbours.
     if not re.fullmatch(r"[0-9]{1,20}", text):
-        msg = f"port key 'seed': '{text}' must be a whole number from 0 up"
-        raise SettingsError(msg)
+        raise SettingsError(f"port key 'seed': '{text}' must be a whole number from 0 up")
     seed, scene = int(text), load_scene(port.target)
     if not callable(settings):
         range_m = settings.axis.range_m

@@ -49,6 +49,5 @@ def __getattr__(name: str) -> Any:
     """Import what is asked for: the daemon itself needs none of it here."""
     place = next((place for place, names in _PLACES.items() if name in names), None)
     if place is None:
-        msg = f"module 'radard' has no attribute '{name}'"
-        raise AttributeError(msg)
+        raise AttributeError(f"module 'radard' has no attribute '{name}'")
     return getattr(import_module(f"radard.{place}"), name)

@@ -236,8 +236,7 @@ def spectrogram(
     """
     frames = _checked(frames, axis, frame_rate_hz)
     if not axis.carrier_hz > 0:
-        msg = "the axis has no carrier_hz, so there are no velocities"
-        raise UsageError(msg)
+        raise UsageError("the axis has no carrier_hz, so there are no velocities")
     n_cpi = max(2, round(cpi_s * frame_rate_hz))
     rows = DownConverter(axis).convert(frames)
     power = micro_doppler(rows, n_cpi)
@@ -248,14 +247,11 @@ def spectrogram(
 def _checked(frames: Any, axis: FastTimeAxis, frame_rate_hz: float) -> Frames:
     rows = np.asarray(frames)
     if rows.ndim != 2 or rows.shape[1] != axis.n_range:
-        msg = f"frames of the shape {rows.shape}: the axis wants (n, {axis.n_range})"
-        raise UsageError(msg)
+        raise UsageError(f"frames of the shape {rows.shape}: the axis wants (n, {axis.n_range})")
     if (rows.dtype.kind == "c") != (axis.kind == "baseband") or rows.dtype.kind not in "cfiu":
-        msg = f"frames of {rows.dtype}: {axis.kind} frames are {_KINDS[axis.kind]}"
-        raise UsageError(msg)
+        raise UsageError(f"frames of {rows.dtype}: {axis.kind} frames are {_KINDS[axis.kind]}")
     if not 0 < frame_rate_hz < np.inf:
-        msg = f"frame_rate_hz {frame_rate_hz}: must be above 0"
-        raise UsageError(msg)
+        raise UsageError(f"frame_rate_hz {frame_rate_hz}: must be above 0")
     dtype = np.complex64 if axis.kind == "baseband" else np.float32
     fitting: Any = np.ascontiguousarray(rows, dtype)
     made: Frames = fitting

@@ -90,8 +90,7 @@ def _body(argv: Sequence[str]) -> int:
     args = _parser().parse_args(argv)
     _start_logging(args.verbose - args.quiet, as_json=args.log_format == "json")
     if args.duration is not None and not 0 < args.duration < 1e9:
-        msg = f"--duration {args.duration:g}: must be above 0, in seconds"
-        raise UsageError(msg)
+        raise UsageError(f"--duration {args.duration:g}: must be above 0, in seconds")
     if args.record is not None:
         check_name(args.record, "hdf5")
     options = config_options(args)

@@ -172,11 +172,9 @@ def _check_owner(db: sqlite3.Connection) -> None:
         db.execute(f"PRAGMA {name}").fetchone()[0] for name in ("application_id", "user_version")
     )
     if not is_empty and owner != _APPLICATION_ID:
-        msg = "a database of another program"
-        raise ForeignDatabase(msg)
+        raise ForeignDatabase("a database of another program")
     if version > _VERSION:
-        msg = "made by a newer version"
-        raise ForeignDatabase(msg)
+        raise ForeignDatabase("made by a newer version")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -257,17 +255,14 @@ def read_events(
     means all), and the newest `limit`. Raises StoreError if it is missing, no log, or unreadable.
     """
     if not path.is_file():
-        msg = f"{path}: no such store"
-        raise StoreError(msg)
+        raise StoreError(f"{path}: no such store")
     if not os.access(path, os.R_OK):
-        msg = f"{path}: only its owner may read it; try sudo -u {path.owner()}"
-        raise StoreError(msg)
+        raise StoreError(f"{path}: only its owner may read it; try sudo -u {path.owner()}")
     try:
         with closing(_open_to_read(path)) as db:
             rows = db.execute("SELECT CAST(record AS BLOB) FROM log ORDER BY n").fetchall()
     except (sqlite3.Error, ForeignDatabase) as err:
-        msg = f"{path}: cannot be read as a store: {err}"
-        raise StoreError(msg) from err
+        raise StoreError(f"{path}: cannot be read as a store: {err}") from err
     records = (parse_record(text) for (text,) in rows)
     return fold_events(filter(None, records), since_s=since_s, kinds=kinds, limit=limit)
 
@@ -307,8 +302,7 @@ def _open_to_read(path: Path) -> sqlite3.Connection:
             raise
         else:
             return db
-    msg = "it cannot be opened"
-    raise sqlite3.DatabaseError(msg)
+    raise sqlite3.DatabaseError("it cannot be opened")
 
 
 def _inode_of(path: Path) -> tuple[int, int] | None:

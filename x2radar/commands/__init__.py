@@ -24,5 +24,4 @@ def add_command(
 def check_above_zero(option: str, value: float | None, unit: str) -> None:
     """Raise SettingsError unless the value of an option is above zero, where it is given."""
     if value is not None and not 0 < value < 1e9:
-        msg = f"{option} {value:g}: must be above 0, in {unit}"
-        raise SettingsError(msg)
+        raise SettingsError(f"{option} {value:g}: must be above 0, in {unit}")

@@ -36,8 +36,7 @@ def _run(args: argparse.Namespace) -> int:
             if data != MAGIC:
                 data += file.read()
     except OSError as err:
-        msg = f"{args.file}: cannot be read: {err.strerror}"
-        raise RecordingError(msg) from err
+        raise RecordingError(f"{args.file}: cannot be read: {err.strerror}") from err
     is_capture = data == MAGIC
     items = describe_capture(Capture(args.file)) if is_capture else describe(read_trace(data))
     for line in _summary(items) if args.summary else map(json.dumps, items):

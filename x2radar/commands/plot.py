@@ -57,8 +57,7 @@ def register(commands: Commands) -> None:
 def _run(args: argparse.Namespace) -> int:
     check_above_zero("--duration", args.duration, "seconds")
     if args.out is not None and args.out.suffix not in _SUFFIXES:
-        msg = f"--out {args.out}: must end in {', '.join(_SUFFIXES)}"
-        raise SettingsError(msg)
+        raise SettingsError(f"--out {args.out}: must end in {', '.join(_SUFFIXES)}")
     needed("matplotlib", what="pictures")
     if is_port(args.what):
         look = _look_at_port(args.what, args.duration)
@@ -68,8 +67,7 @@ def _run(args: argparse.Namespace) -> int:
         look = _look(path.name, stream, samples, args.start)
     plt: Any = needed("matplotlib.pyplot", what="pictures")
     if args.out is None and plt.get_backend().lower() == "agg":
-        msg = "no window can be opened here; give --out FILE.png"
-        raise SettingsError(msg)
+        raise SettingsError("no window can be opened here; give --out FILE.png")
     figure = draw(look)
     if args.out is None:
         plt.show()
@@ -77,8 +75,7 @@ def _run(args: argparse.Namespace) -> int:
     try:
         figure.savefig(args.out, dpi=110)
     except OSError as err:
-        msg = f"{args.out}: cannot write: {err.strerror or err}"
-        raise RecordingError(msg) from err
+        raise RecordingError(f"{args.out}: cannot write: {err.strerror or err}") from err
     print(args.out, file=sys.stderr)
     return 0
 

@@ -77,11 +77,10 @@ def _run(args: argparse.Namespace) -> int:
     radar = make_radar(port, speed=parse_speed(args.speed))
     paths = (args.file, args.capture_wire) if args.capture_wire else (args.file,)
     if (free := free_bytes(*paths)) < args.free_floor * _MB:
-        msg = (
+        raise X2RadarError(
             f"{args.file}: {free / _MB:.0f} MB are free there, less than the "
             f"{args.free_floor:g} MB to leave (--free-floor)"
         )
-        raise X2RadarError(msg)
     radar.identify()
     settings = asdict(radar.settings)
     with ExitStack() as open_now:
@@ -140,11 +139,9 @@ def _check(args: argparse.Namespace) -> None:
     check_above_zero("--rotate-size", args.rotate_size, "MB")
     check_above_zero("--rotate-time", args.rotate_time, "seconds")
     if args.label is not None and not (args.label and args.label.isprintable()):
-        msg = "--label: must be a word, such as human or pet"
-        raise SettingsError(msg)
+        raise SettingsError("--label: must be a word, such as human or pet")
     if not 0 <= args.free_floor < 1e9:
-        msg = f"--free-floor {args.free_floor:g}: must be 0 or more, in MB"
-        raise SettingsError(msg)
+        raise SettingsError(f"--free-floor {args.free_floor:g}: must be 0 or more, in MB")
 
 
 def _labels(name: str | None, port: Port, radar: X2Radar, counter: int) -> "list[Label]":

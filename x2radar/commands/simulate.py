@@ -46,8 +46,7 @@ def _list(_args: argparse.Namespace) -> int:
 
 def _serve(args: argparse.Namespace) -> int:
     if args.seed < 0:
-        msg = f"--seed {args.seed}: must be a whole number from 0 up"
-        raise SettingsError(msg)
+        raise SettingsError(f"--seed {args.seed}: must be a whole number from 0 up")
     if args.cost:
         return _print_bill(load_scene(args.scene), args.seed)
     faults = parse_faults(args.fault) if args.fault is not None else None

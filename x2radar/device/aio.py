@@ -74,8 +74,7 @@ class AsyncRadar:
     async def __anext__(self) -> Frame:
         """Return the next frame; raises as `X2Radar.frames`."""
         if self._thread is None:
-            msg = "the radar is not open: use 'async with'"
-            raise TransportClosed(msg)
+            raise TransportClosed("the radar is not open: use 'async with'")
         if self._halt.is_set() and self._queue.empty():
             raise StopAsyncIteration
         item = await self._queue.get()

@@ -136,8 +136,7 @@ class BringUp:
                     raise refusal(self.link.name, reply)
             elif reply is not None or self.has_restarted:
                 return
-        msg = f"{self.link.name}: no answer to a reset; is it an XeThru X2 module?"
-        raise DeviceError(msg)
+        raise DeviceError(f"{self.link.name}: no answer to a reset; is it an XeThru X2 module?")
 
     def _wait_ready(self, first_ping_s: float | None = None) -> None:
         """Wait for READY; ping when it does not come within `first_ping_s` seconds."""
@@ -160,11 +159,10 @@ class BringUp:
 
     def _check_safe_mode(self, pong: object, cause: DeviceError | None = None) -> None:
         if isinstance(pong, Pong) and pong.code == PongCode.SAFE_MODE:
-            msg = (
+            raise SafeModeError(
                 f"{self.link.name} is in fail-safe mode, as after many crashes, and refuses "
                 "commands: power it off and on again"
-            )
-            raise SafeModeError(msg) from cause
+            ) from cause
 
     def _configure(self) -> None:
         *before, start = self._commands
@@ -182,8 +180,7 @@ class BringUp:
                 if not self.has_restarted:
                     return
             self._wait_ready()
-        msg = f"{self.link.name} restarts again and again while it is configured"
-        raise DeviceError(msg)
+        raise DeviceError(f"{self.link.name} restarts again and again while it is configured")
 
     def _on_event(self, event: Event, arrived_s: float) -> None:
         match event:

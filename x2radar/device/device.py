@@ -177,8 +177,7 @@ class X2Radar(Closing):
             else:
                 module.link.pump(READ_S)
             if not self._waiting and time.monotonic() - last_s > stall_s:
-                msg = f"{self.name}: no frame for {stall_s:g} s"
-                raise ReadTimeout(msg)
+                raise ReadTimeout(f"{self.name}: no frame for {stall_s:g} s")
 
     def command(self, command: Message, *, wait_s: float | None = None) -> Message:
         """Send one command, any host message, and return its reply.
@@ -269,8 +268,7 @@ class X2Radar(Closing):
 
     def _opened(self) -> BringUp:
         if self._module is None:
-            msg = f"{self.name} is not open"
-            raise TransportClosed(msg)
+            raise TransportClosed(f"{self.name} is not open")
         return self._module
 
     def _begin(self) -> None:

@@ -112,8 +112,7 @@ def find_module(candidates: Iterable[str] | None = None, timeout_s: float = _ANS
         candidates = [r.path for r in list_ports() if "/rfcomm" not in r.path]
     paths = list({os.path.realpath(path): path for path in candidates}.values())
     if not paths:
-        msg = "no module answers: there is no serial port; is the module plugged in?"
-        raise PortNotFound(msg)
+        raise PortNotFound("no module answers: there is no serial port; is the module plugged in?")
     # Late, as above.
     from concurrent.futures import ThreadPoolExecutor  # noqa: PLC0415
 
@@ -170,5 +169,4 @@ def _refuse_locked(path: str) -> None:
             pass
         except (OSError, ValueError, IndexError, OverflowError):
             continue
-        msg = f"{path}: in use by another program"
-        raise PortBusy(msg)
+        raise PortBusy(f"{path}: in use by another program")

@@ -87,8 +87,7 @@ class Link:
     def pump(self, wait_s: float) -> Answered | Refused | None:
         """Move bytes once, waiting `wait_s` for the first; return the reply."""
         if self.halt.is_set():
-            msg = f"{self.name} was closed"
-            raise TransportClosed(msg)
+            raise TransportClosed(f"{self.name} was closed")
         session = self._session
         if out := session.data_to_send():
             self._transport.write(out)
@@ -151,8 +150,7 @@ class Link:
                     return None
                 unanswered += 1
                 if unanswered > resends:
-                    msg = f"{self.name}: no answer to {command}"
-                    raise DeviceError(msg)
+                    raise DeviceError(f"{self.name}: no answer to {command}")
             elif isinstance(reply, Refused):
                 if not self.may_ask_again(reply) or time.monotonic() > busy_until_s:
                     raise refusal(self.name, reply)

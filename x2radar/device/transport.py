@@ -96,8 +96,7 @@ class SerialTransport:
             if first:
                 # What was read counts; the next read meets the end again.
                 return first
-            msg = f"{self.url}: the port is gone ({err})"
-            raise TransportClosed(msg) from err
+            raise TransportClosed(f"{self.url}: the port is gone ({err})") from err
 
     def _set_timeout(self, timeout_s: float) -> None:
         # pyserial configures the whole port again for this, over rfc2217 through the network.
@@ -109,8 +108,7 @@ class SerialTransport:
         try:
             self._serial.write(data)
         except (serial.SerialException, OSError, TypeError) as err:
-            msg = f"{self.url}: the port is gone ({err})"
-            raise TransportClosed(msg) from err
+            raise TransportClosed(f"{self.url}: the port is gone ({err})") from err
 
     def close(self) -> None:
         """Close the port, and the socket that pyserial leaves open."""
@@ -179,8 +177,7 @@ class _Pipe:
 
     def _check(self) -> None:
         if self._closed:
-            msg = "the far end of the memory pair is closed"
-            raise TransportClosed(msg)
+            raise TransportClosed("the far end of the memory pair is closed")
 
 
 class MemoryTransport:
@@ -263,8 +260,7 @@ class PtyTransport:
             # select refuses -1 with a ValueError.
             yield self._master
         except (OSError, ValueError) as err:
-            msg = f"{self.path}: the pseudo-terminal is closed"
-            raise TransportClosed(msg) from err
+            raise TransportClosed(f"{self.path}: the pseudo-terminal is closed") from err
 
     def close(self) -> None:
         """Close both ends of the terminal."""

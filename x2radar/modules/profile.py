@@ -65,8 +65,7 @@ class ProfileSettings(ModuleSettings):
             msg = f"port key 'rate': {rate_hz:g}; the profiles of an X2M200 run at 20 only"
             raise SettingsError(msg)
         if kind not in {None, "baseband"}:
-            msg = "port key 'kind': the profiles of an X2M200 send baseband only"
-            raise SettingsError(msg)
+            raise SettingsError("port key 'kind': the profiles of an X2M200 send baseband only")
         return cls()
 
     def startup_commands(self) -> tuple[Message, ...]:

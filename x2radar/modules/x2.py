@@ -121,8 +121,7 @@ class RadarSettings(ModuleSettings):
                     iterations=min(64, int(budget)),
                     output=output,
                 )
-        msg = f"frame_rate_hz = {frame_rate_hz!r}: no sweep is that fast"
-        raise SettingsError(msg)
+        raise SettingsError(f"frame_rate_hz = {frame_rate_hz!r}: no sweep is that fast")
 
     @classmethod
     def for_port(cls, rate_hz: float | None, kind: str | None) -> "RadarSettings":

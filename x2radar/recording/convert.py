@@ -40,8 +40,7 @@ def convert(
             try:
                 notes = found.write(folder / out.name, reader)
             except OSError as err:
-                msg = f"{out}: cannot write: {err.strerror or err}"
-                raise X2RadarError(msg) from err
+                raise X2RadarError(f"{out}: cannot write: {err.strerror or err}") from err
             _put_in_place(folder, out)
         *_, last = reader.blocks(samples=False)
         duration_s = float(last.t_s[-1]) + 1 / reader.stream.frame_rate_hz

@@ -234,8 +234,7 @@ def open_recording(
     (180, 120, 60)
     """
     if kind is not None and kind not in READABLE:
-        msg = f"'{kind}' is no format that is read; known are {', '.join(READABLE)}"
-        raise SettingsError(msg)
+        raise SettingsError(f"'{kind}' is no format that is read; known are {', '.join(READABLE)}")
     if not isinstance(path, str | Path):
         from x2radar.recording.parts import PartsReader  # noqa: PLC0415 - h5py takes a while
 

@@ -74,8 +74,7 @@ def encode(message: Message) -> bytes:
             case _:
                 return _pack(_BY_CLASS[type(message)], message)
     except (struct.error, KeyError, TypeError, ValueError, ArithmeticError) as err:
-        msg = f"{message!r} does not fit the wire: {err}"
-        raise MessageError(msg) from err
+        raise MessageError(f"{message!r} does not fit the wire: {err}") from err
 
 
 def decode_command(data: PacketData) -> Message:
@@ -162,11 +161,9 @@ def _unpack(form: _Form, data: PacketData) -> Message:
                 arrays.append(array)
                 at += array.nbytes
     except (struct.error, ValueError) as err:
-        msg = f"{row.cls.__name__} cut short: {len(data)} bytes ({err})"
-        raise MessageError(msg) from err
+        raise MessageError(f"{row.cls.__name__} cut short: {len(data)} bytes ({err})") from err
     if at != len(data) and not row.has_rest:
-        msg = f"{row.cls.__name__} has {len(data) - at} bytes too many"
-        raise MessageError(msg)
+        raise MessageError(f"{row.cls.__name__} has {len(data) - at} bytes too many")
     return row.cls(*fields, *arrays)
 
 
@@ -179,8 +176,7 @@ def _pack(form: _Form, message: Message) -> bytes:
         del values[-row.n_arrays :]
         sizes = {len(body) // 4 for body in bodies}
         if len(sizes) != 1:
-            msg = f"arrays of unequal length {sorted(sizes)}"
-            raise ValueError(msg)
+            raise ValueError(f"arrays of unequal length {sorted(sizes)}")
         values.insert(row.count, sizes.pop())
     return b"".join([row.prefix, form.head.pack(*values), *bodies])
 
@@ -189,8 +185,7 @@ def _decode_x4_set(data: PacketData, setting: int) -> X4Set:
     for form in X4_FORMATS[setting]:
         if struct.calcsize("<" + form) == len(data) - 6:
             return X4Set(setting, struct.unpack_from("<" + form, data, 6))
-    msg = f"X4Set of {setting:#x} has {len(data) - 6} bytes"
-    raise MessageError(msg)
+    raise MessageError(f"X4Set of {setting:#x} has {len(data) - 6} bytes")
 
 
 def _elements(values: Any, dtype: str) -> bytes:
@@ -216,11 +211,9 @@ def _decode_data(data: PacketData) -> Data:
         n, at = (_COUNT.unpack_from(data, 10)[0], 14) if len(data) > 10 else (0, 10)
         values: Any = np.frombuffer(data, _DATA_TYPES[kind], n, at)
     except (struct.error, ValueError) as err:
-        msg = f"Data cut short: {len(data)} bytes ({err})"
-        raise MessageError(msg) from err
+        raise MessageError(f"Data cut short: {len(data)} bytes ({err})") from err
     if at + values.nbytes != len(data):
-        msg = f"Data has {len(data) - at - values.nbytes} bytes too many"
-        raise MessageError(msg)
+        raise MessageError(f"Data has {len(data) - at - values.nbytes} bytes too many")
     values.flags.writeable = False
     return Data(content_id, info, values)
 
@@ -232,13 +225,11 @@ def _decode_reply(data: PacketData) -> Reply:
         # Without elements there is no count; the element size is optional, see above.
         n, at = (_COUNT.unpack_from(data, 10)[0], 14) if len(data) > 11 else (0, len(data))
     except struct.error as err:
-        msg = f"Reply cut short: {len(data)} bytes ({err})"
-        raise MessageError(msg) from err
+        raise MessageError(f"Reply cut short: {len(data)} bytes ({err})") from err
     size = _REPLY_SIZES[kind]
     body = data[at : at + n * size]
     if len(body) != n * size or len(data) - at - len(body) > 1:
-        msg = f"Reply has {len(data) - at} bytes for {n} elements of {size} bytes"
-        raise MessageError(msg)
+        raise MessageError(f"Reply has {len(data) - at} bytes for {n} elements of {size} bytes")
     match kind:
         case DataType.STRING:
             text = bytes(body).rstrip(b"\0").decode("utf-8", "replace")

@@ -67,8 +67,7 @@ class Session:
     def send(self, command: Message) -> None:
         """Queue a command; raises ProtocolError if another one still waits for its reply."""
         if self._outstanding is not None:
-            msg = f"{self._outstanding} is not answered yet"
-            raise ProtocolError(msg)
+            raise ProtocolError(f"{self._outstanding} is not answered yet")
         self._to_send += framing.encode(encode(command))
         self._outstanding = command
 

@@ -22,8 +22,7 @@ def prepare_folder(folder: Path, *, free_bytes: float) -> None:
     clips = [c for c in _oldest_first(folder) if all(p.stat().st_nlink == 1 for p in c)]
     needed = free_bytes - shutil.disk_usage(folder).free
     if needed > sum(map(_size_of, clips)):
-        msg = f"{folder}: less than {free_bytes / 1e6:g} MB are free"
-        raise OutputError(msg)
+        raise OutputError(f"{folder}: less than {free_bytes / 1e6:g} MB are free")
     for clip in clips:
         if shutil.disk_usage(folder).free >= free_bytes:
             break

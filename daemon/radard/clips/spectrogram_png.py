@@ -108,15 +108,13 @@ def decode_png(data: bytes) -> tuple[Rgb, dict[str, Any] | None]:
         width, height, *form = struct.unpack(">IIBBBBB", found[b"IHDR"])
         n = height * (1 + 3 * width)
         if form != [8, 2, 0, 0, 0] or not 0 < n <= _MAX_BYTES:
-            msg = "not a picture of ours"
-            raise ValueError(msg)
+            raise ValueError("not a picture of ours")
         pixels = zlib.decompressobj().decompress(found[b"IDAT"], n)
         lines = np.frombuffer(pixels, np.uint8).reshape(height, 1 + 3 * width)
         key, _, text = found.get(b"tEXt", b"").partition(b"\0")
         axes = json.loads(text) if key == _AXES else None
     except (KeyError, struct.error, zlib.error, RecursionError) as err:
-        msg = f"not a picture of ours: {err}"
-        raise ValueError(msg) from err
+        raise ValueError(f"not a picture of ours: {err}") from err
     return lines[:, 1:].reshape(height, width, 3), axes
 
 

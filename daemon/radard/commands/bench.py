@@ -52,8 +52,7 @@ def run(argv: Sequence[str]) -> int:
     args = make_parser().parse_args(argv)
     check_seconds("--duration", args.duration, 4.0)
     if not 1 <= args.rounds <= 100:
-        msg = f"--rounds {args.rounds}: must be 1 to 100"
-        raise UsageError(msg)
+        raise UsageError(f"--rounds {args.rounds}: must be 1 to 100")
     if args.radars is not None:
         return _fit(args)
     config = listening_config(args, default_port="sim:human")
@@ -117,11 +116,9 @@ class Fit:
 def _fit(args: argparse.Namespace) -> int:
     """Say which profile fits `args.radars` radars, errors beside it."""
     if args.model or args.profile:
-        msg = "--radars measures every profile; leave out --model and --profile"
-        raise UsageError(msg)
+        raise UsageError("--radars measures every profile; leave out --model and --profile")
     if not 1 <= args.radars <= _MAX_RADARS:
-        msg = f"--radars {args.radars}: must be 1 to {_MAX_RADARS}"
-        raise UsageError(msg)
+        raise UsageError(f"--radars {args.radars}: must be 1 to {_MAX_RADARS}")
     n_cores = len(os.sched_getaffinity(0))
     fits = []
     for profile in front().profiles:
@@ -286,8 +283,7 @@ def listen(port: str, duration_s: float) -> Heard:
         first = next(coming)
         stream, settings = radar.stream, radar.settings
         if stream is None:
-            msg = f"{port}: frames came without their stream's axis"
-            raise RadardError(msg)
+            raise RadardError(f"{port}: frames came without their stream's axis")
         frames = [first, *islice(coming, max(1, round(duration_s * stream.frame_rate_hz)) - 1)]
 
     def decode() -> None:

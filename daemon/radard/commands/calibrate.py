@@ -94,8 +94,7 @@ def _surveyed(listening: Listening, config: Config, args: argparse.Namespace) ->
     begun_s = None
     for item in listening.dwells(args.duration, skip_s=args.delay):
         if isinstance(item, Notice):
-            msg = f"the stream broke off ({item.reason}): calibrate again"
-            raise RadardError(msg)
+            raise RadardError(f"the stream broke off ({item.reason}): calibrate again")
         moves = survey.add(item)
         begun_s = item.t_s if begun_s is None else begun_s
         told = f"{survey.n_dwells} windows" + (", something moves" if moves else "")

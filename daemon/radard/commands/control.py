@@ -61,8 +61,7 @@ def sensors_asked(config: Config, sensor: str | None) -> list[str]:
     """Return the sensors that a command is for; raises UsageError if there is none of the name."""
     known = [each.sensor.name for each in config.each()]
     if sensor and config.is_one_of_several and sensor not in known:
-        msg = f"no sensor '{sensor}'; known are {', '.join(known)}"
-        raise UsageError(msg)
+        raise UsageError(f"no sensor '{sensor}'; known are {', '.join(known)}")
     return [sensor] if sensor else known
 
 
@@ -79,12 +78,10 @@ def asked(config: Config, sensor: str, command: str) -> Mapping[str, Any]:
         except FileNotFoundError:
             continue
         except (OSError, ValueError) as err:
-            msg = f"{path}: no radard answers ({err})"
-            raise NoDaemon(msg) from err
+            raise NoDaemon(f"{path}: no radard answers ({err})") from err
         break
     if answer is None:
-        msg = f"no radard runs here: no {paths[-1]}"
-        raise NoDaemon(msg)
+        raise NoDaemon(f"no radard runs here: no {paths[-1]}")
     if not answer.get("ok"):
         raise NoDaemon(str(answer.get("error", "refused")))
     return answer

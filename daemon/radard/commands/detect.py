@@ -90,8 +90,7 @@ def _format(to: str | None, out: Path | None) -> str:
         msg = f"--out {out}: no format is called {by_name}; --to is {', '.join(FORMATS)}"
         raise UsageError(msg)
     if kind == "parquet" and out is None:
-        msg = "--to parquet: a table like that needs --out FILE"
-        raise UsageError(msg)
+        raise UsageError("--to parquet: a table like that needs --out FILE")
     return kind
 
 
@@ -111,8 +110,7 @@ def _table(kind: str, rows: str, out: Path | None) -> Iterator[Add]:
             yield opened.enter_context(open_table(kind, rows, file, part))
         part.replace(out)
     except OSError as err:
-        msg = f"--out {out}: cannot write: {err.strerror or err}"
-        raise OutputError(msg) from err
+        raise OutputError(f"--out {out}: cannot write: {err.strerror or err}") from err
     finally:
         part.unlink(missing_ok=True)
 

@@ -98,12 +98,10 @@ def _write_bundle(path: Path, parts: Mapping[str, str], added: Sequence[Path]) -
     """Write parts by name, and added files as they are, into a new `path`; or RadardError."""
     try:
         if len({file.name for file in added}) < len(added):
-            msg = "--add: two files of one name; the bundle can hold one of them"
-            raise RadardError(msg)
+            raise RadardError("--add: two files of one name; the bundle can hold one of them")
         total = sum(file.stat().st_size for file in added)
         if total > _MAX_ADDED_BYTES:
-            msg = f"--add: {total / 1e6:.0f} MB are too much; 500 MB fit"
-            raise RadardError(msg)
+            raise RadardError(f"--add: {total / 1e6:.0f} MB are too much; 500 MB fit")
         with path.open("xb") as out, tarfile.open(fileobj=out, mode="w:gz") as tar:
             # Private: what is redacted is still about somebody's home.
             path.chmod(0o600)
@@ -117,13 +115,11 @@ def _write_bundle(path: Path, parts: Mapping[str, str], added: Sequence[Path]) -
                 with file.open("rb") as content:
                     tar.addfile(about, content)
     except FileExistsError as err:
-        msg = f"{path}: exists already; reports are never overwritten"
-        raise RadardError(msg) from err
+        raise RadardError(f"{path}: exists already; reports are never overwritten") from err
     except OSError as err:
         # Half a bundle is none, and would be in the way of the next attempt.
         path.unlink(missing_ok=True)
-        msg = f"{err.filename or path}: {err.strerror or err}"
-        raise RadardError(msg) from err
+        raise RadardError(f"{err.filename or path}: {err.strerror or err}") from err
 
 
 def gather(file: Path | None, environ: Mapping[str, str] = os.environ) -> dict[str, str]:

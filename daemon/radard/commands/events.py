@@ -25,8 +25,7 @@ def run(argv: Sequence[str]) -> int:
     """Run the subcommand."""
     args = make_parser().parse_args(argv)
     if args.limit is not None and args.limit < 1:
-        msg = f"--limit {args.limit}: must be above 0"
-        raise UsageError(msg)
+        raise UsageError(f"--limit {args.limit}: must be above 0")
     path = args.store or _configured(args.config)
     since_s = parse_since(args.since, wall_clock.now_s()) if args.since else None
     events = read_events(path, since_s=since_s, kinds=args.kind or (), limit=args.limit)
@@ -58,8 +57,7 @@ def _configured(file: Path | None) -> Path:
     own = log_path(config)
     if own is not None and own.is_file():
         return own
-    msg = "no store: give --store FILE, or an output store:FILE in the configuration"
-    raise UsageError(msg)
+    raise UsageError("no store: give --store FILE, or an output store:FILE in the configuration")
 
 
 def _table(events: Sequence[StoredEvent]) -> Iterator[str]:

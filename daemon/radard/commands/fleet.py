@@ -92,8 +92,7 @@ def run(argv: Sequence[str]) -> int:
     config = load_config(args.config)
     url = args.url or _configured(config)
     if not args.wait > 0:
-        msg = f"--wait {args.wait:g}: must be above 0, in seconds"
-        raise UsageError(msg)
+        raise UsageError(f"--wait {args.wait:g}: must be above 0, in seconds")
     with _Watch(url, config) as watch:
         watch.listen(args.wait)
         while True:
@@ -183,8 +182,7 @@ class _Watch:
         item = self._messages.get()
         if isinstance(item, str):
             self._link.close(0.5)
-            msg = f"mqtt {self._address}: {item}"
-            raise OutputError(msg)
+            raise OutputError(f"mqtt {self._address}: {item}")
         return self
 
     def __exit__(self, *_error: object) -> None:
@@ -200,8 +198,7 @@ class _Watch:
             except queue.Empty:
                 return
             if isinstance(item, str):
-                msg = f"mqtt {self._address}: {item}"
-                raise OutputError(msg)
+                raise OutputError(f"mqtt {self._address}: {item}")
             if item is not None:
                 self.fleet.take(*item, time.monotonic())
 
@@ -210,8 +207,7 @@ def _configured(config: Config) -> str:
     for output in config.output:
         if output.partition(":")[0] in {"mqtt", "mqtts"}:
             return output
-    msg = "no broker: give mqtt://HOST, or an output mqtt://HOST in the configuration"
-    raise UsageError(msg)
+    raise UsageError("no broker: give mqtt://HOST, or an output mqtt://HOST in the configuration")
 
 
 def _plain(value: object) -> str:

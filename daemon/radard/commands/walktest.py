@@ -72,8 +72,7 @@ def run(argv: Sequence[str]) -> int:
 def _kept_file(config: Config) -> Path:
     """Return where the daemon finds an adult's level."""
     if config.sensor.kind in {"sim", "replay"}:
-        msg = "--adult: only a real radar's level is kept as its own"
-        raise UsageError(msg)
+        raise UsageError("--adult: only a real radar's level is kept as its own")
     return for_service(config, saved_file(config, "settings"))
 
 
@@ -84,8 +83,7 @@ def _keep(path: Path, level_db: float | None) -> None:
     try:
         change(path, "settings", {"mount": {"level_db": level_db}})
     except ValueError as err:
-        msg = f"--adult: {err}"
-        raise RadardError(msg) from err
+        raise RadardError(f"--adult: {err}") from err
     sys.stderr.write(f"mount.level_db: {level_db:.1f}, an adult's level, is kept in {path}\n")
 
 

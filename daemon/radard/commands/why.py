@@ -34,12 +34,10 @@ def run(argv: Sequence[str]) -> int:
     out: Path | None = args.out
     if out is not None:
         if out.suffix not in _SUFFIXES:
-            msg = f"--out {out}: must end in {', '.join(_SUFFIXES)}"
-            raise UsageError(msg)
+            raise UsageError(f"--out {out}: must end in {', '.join(_SUFFIXES)}")
         needed("matplotlib", what="pictures")
     if not 0 <= args.at < 1e9:
-        msg = f"--at {args.at:g}: must be 0 or more, in seconds"
-        raise UsageError(msg)
+        raise UsageError(f"--at {args.at:g}: must be 0 or more, in seconds")
     moment = moment_of(args.file, args.at, judging_config(args, args.file))
     parts = []
     if moment.classifier is not None and moment.seen is not None:
@@ -49,8 +47,7 @@ def run(argv: Sequence[str]) -> int:
         try:
             figure(moment, parts).savefig(out, dpi=110)
         except OSError as err:
-            msg = f"--out {out}: cannot write: {err.strerror or err}"
-            raise OutputError(msg) from err
+            raise OutputError(f"--out {out}: cannot write: {err.strerror or err}") from err
         print(out, file=sys.stderr)
     return 0
 

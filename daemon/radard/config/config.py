@@ -52,8 +52,7 @@ class Config(SinkOptions, RadarSections):
     @model_validator(mode="after")
     def _check_sensors(self) -> "Config":
         if self.sensors and self.sensor.port is not None:
-            msg = "sensor.port and sensors are both given; one radar or several"
-            raise ValueError(msg)
+            raise ValueError("sensor.port and sensors are both given; one radar or several")
         return self
 
     def each(self) -> tuple["Config", ...]:
@@ -69,8 +68,7 @@ class Config(SinkOptions, RadarSections):
         if name not in self.sensors:
             known = ", ".join(self.sensors) or self.sensor.name
             asked = "which sensor?" if name is None else f"no sensor '{name}';"
-            msg = f"{asked} known are {known} (--sensor NAME)"
-            raise UsageError(msg)
+            raise UsageError(f"{asked} known are {known} (--sensor NAME)")
         entry = self.sensors[name]
         sensor = SensorSection(name=name, port=entry.port, speed=entry.speed)
         own = {key: value for key in OWN_SECTIONS if (value := getattr(entry, key)) is not None}

@@ -17,13 +17,11 @@ def read_secret(what: str, file: Path | None, variable: str | None) -> str | Non
     `what` is the key of the configuration without `_file` and `_env`.
     """
     if file is not None and variable is not None:
-        msg = f"{what}_file and {what}_env are both given; one is enough"
-        raise ConfigError(msg)
+        raise ConfigError(f"{what}_file and {what}_env are both given; one is enough")
     if variable is not None:
         lines = os.environ.get(variable, "").removeprefix("\ufeff").splitlines()
         if not lines or not lines[0].strip():
-            msg = f"{what}_env: the variable {variable} is empty or not set"
-            raise ConfigError(msg)
+            raise ConfigError(f"{what}_env: the variable {variable} is empty or not set")
         return lines[0].strip()
     if file is None:
         return None
@@ -31,9 +29,7 @@ def read_secret(what: str, file: Path | None, variable: str | None) -> str | Non
         lines = file.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as err:
         why = err.strerror if isinstance(err, OSError) else "not text"
-        msg = f"{what}_file: {file}: {why}"
-        raise ConfigError(msg) from err
+        raise ConfigError(f"{what}_file: {file}: {why}") from err
     if not lines or not lines[0].strip():
-        msg = f"{what}_file: {file}: the first line is empty"
-        raise ConfigError(msg)
+        raise ConfigError(f"{what}_file: {file}: the first line is empty")
     return lines[0].strip()

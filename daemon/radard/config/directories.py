@@ -85,8 +85,7 @@ def for_service(config: "Config", own: Path) -> Path:
     if named_state_dir(config) is not None or not os.path.lexists(SYSTEM_STATE_DIR):
         return own
     if not os.access(SYSTEM_STATE_DIR, os.W_OK | os.X_OK):
-        msg = f"{SYSTEM_STATE_DIR}: the service keeps its {own.name} there: use sudo"
-        raise NotAllowed(msg)
+        raise NotAllowed(f"{SYSTEM_STATE_DIR}: the service keeps its {own.name} there: use sudo")
     return SYSTEM_STATE_DIR / own.name
 
 

@@ -64,8 +64,7 @@ def config_options(args: argparse.Namespace) -> dict[str, Any]:
 def check_seconds(name: str, value: float, least: float) -> None:
     """Raise UsageError unless an option in seconds is between `least` and a day."""
     if not least <= value <= LONGEST_S:
-        msg = f"{name} {value:g}: must be {least:g} to {LONGEST_S:g}, in seconds"
-        raise UsageError(msg)
+        raise UsageError(f"{name} {value:g}: must be {least:g} to {LONGEST_S:g}, in seconds")
 
 
 def listening_config(args: argparse.Namespace, default_port: str | None = None) -> Config:

@@ -95,8 +95,7 @@ def profile_names() -> str:
 def check_profile(name: str | None) -> str | None:
     """Raise ValueError unless there is such a profile; for pydantic."""
     if name is not None and front().named(name) is None:
-        msg = f"no profile '{name}'; there are {profile_names()}"
-        raise ValueError(msg)
+        raise ValueError(f"no profile '{name}'; there are {profile_names()}")
     return name
 
 

@@ -86,8 +86,7 @@ def time_zone(name: str | None) -> tzinfo | None:
     try:
         return ZoneInfo(name)
     except (OSError, ValueError, KeyError) as err:
-        msg = f"time zone '{name}': unknown; write one as Europe/Oslo or UTC"
-        raise ValueError(msg) from err
+        raise ValueError(f"time zone '{name}': unknown; write one as Europe/Oslo or UTC") from err
 
 
 def _days_of(text: str) -> set[int]:

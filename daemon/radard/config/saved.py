@@ -40,11 +40,9 @@ class DrawnZones(ZonesSection):
     def _check_spans(self) -> "DrawnZones":
         spans = (*self.include, *self.exclude, *self.away)
         if len(spans) > MAX_ZONES:
-            msg = f"more than {MAX_ZONES} zones"
-            raise ValueError(msg)
+            raise ValueError(f"more than {MAX_ZONES} zones")
         if any(to - start < _MIN_ZONE_M for start, to in spans):
-            msg = f"a zone is at least {_MIN_ZONE_M:g} m long"
-            raise ValueError(msg)
+            raise ValueError(f"a zone is at least {_MIN_ZONE_M:g} m long")
         return self
 
 
@@ -106,8 +104,7 @@ def change(path: Path, kind: Kind, sections: Sections) -> None:
         try:
             write_atomically(path, "\n".join(lines) + "\n")
         except OSError as err:
-            msg = f"{path}: cannot be kept: {err.strerror or err}"
-            raise OutputError(msg) from err
+            raise OutputError(f"{path}: cannot be kept: {err.strerror or err}") from err
 
 
 def forget(path: Path) -> None:
@@ -115,8 +112,7 @@ def forget(path: Path) -> None:
     try:
         path.unlink(missing_ok=True)
     except OSError as err:
-        msg = f"{path}: cannot be taken away: {err.strerror or err}"
-        raise OutputError(msg) from err
+        raise OutputError(f"{path}: cannot be taken away: {err.strerror or err}") from err
 
 
 def _text(value: Any) -> str:

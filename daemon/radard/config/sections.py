@@ -40,8 +40,7 @@ def _read_by(read: Callable[[Any], object]) -> AfterValidator:
 
 def _check_span(span: tuple[float, float]) -> tuple[float, float]:
     if not 0 <= span[0] < span[1] < 1000:
-        msg = "must be [from, to] in metres, from below to"
-        raise ValueError(msg)
+        raise ValueError("must be [from, to] in metres, from below to")
     return span
 
 
@@ -160,8 +159,7 @@ class AlarmSection(AlarmChoices):
     @model_validator(mode="after")
     def _check_confirmation(self) -> "AlarmSection":
         if self.confirm_k and self.confirm_n and self.confirm_k > self.confirm_n:
-            msg = "confirm_k cannot be more than confirm_n"
-            raise ValueError(msg)
+            raise ValueError("confirm_k cannot be more than confirm_n")
         return self
 
 

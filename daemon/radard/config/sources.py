@@ -40,20 +40,17 @@ def read_yaml(path: Path) -> tuple[dict[str, Any], Places]:
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as err:
-        msg = f"{path}: cannot read the configuration ({err})"
-        raise ConfigError(msg) from err
+        raise ConfigError(f"{path}: cannot read the configuration ({err})") from err
     try:
         node = compose_yaml(text)
         raw = _texts_of(node)
     except YamlError as err:
         where = f"{path}:{err.line}" if err.line else str(path)
-        msg = f"{where}: not YAML: {err.problem}"
-        raise ConfigError(msg) from err
+        raise ConfigError(f"{where}: not YAML: {err.problem}") from err
     if node is None or not raw:
         return {}, {}
     if not isinstance(raw, dict):
-        msg = f"{path}: must be a mapping of sections"
-        raise ConfigError(msg)
+        raise ConfigError(f"{path}: must be a mapping of sections")
     return raw, dict(_places(node, path))
 
 
@@ -66,8 +63,7 @@ def read_environment(
         if not name.startswith(ENV_PREFIX):
             continue
         if (other := names.setdefault(name.lower(), name)) != name:
-            msg = f"{other} and {name} are the same key; give one"
-            raise ConfigError(msg)
+            raise ConfigError(f"{other} and {name} are the same key; give one")
         section, double, key = name[len(ENV_PREFIX) :].lower().partition("__")
         field = root.model_fields.get(section)
         if field is None and not (double and section):

@@ -37,8 +37,7 @@ _MAX_AGE_D = 90.0  # older ones are called stale: rooms and receivers change wit
 
 def _moment(text: str) -> str:
     if text and datetime.fromisoformat(text).tzinfo is None:
-        msg = "no time zone"
-        raise ValueError(msg)
+        raise ValueError("no time zone")
     return text
 
 
@@ -101,8 +100,7 @@ class Calibration:
         )
         for name, own, stream, slack in pairs:
             if abs(own - stream) > slack:
-                msg = f"calibration: {name} is {own:g}, the stream's is {stream:g}"
-                raise ConfigError(msg)
+                raise ConfigError(f"calibration: {name} is {own:g}, the stream's is {stream:g}")
 
     def stale(self, *, device: str, software: str, now: datetime) -> Iterator[str]:
         """Yield, in a few words each, why this should be made again; nothing if it is fresh."""
@@ -164,15 +162,13 @@ def load_calibration(path: Path) -> Calibration:
     try:
         made = parse_json(_CalibrationFile, path.read_bytes())
     except OSError as err:
-        msg = f"{path}: cannot read the calibration: {err.strerror}"
-        raise ConfigError(msg) from err
+        raise ConfigError(f"{path}: cannot read the calibration: {err.strerror}") from err
     except ValueError as err:
         msg = f"{path}: not a calibration that is read here: {err}; calibrate again"
         raise ConfigError(msg) from err
     n, n_bins = len(made.threshold_db), len(made.noise_floor_db)
     if n != n_bins:
-        msg = f"{path}: threshold_db: {n} values for {n_bins} bins"
-        raise ConfigError(msg)
+        raise ConfigError(f"{path}: threshold_db: {n} values for {n_bins} bins")
     floor_db = np.array([-np.inf if v is None else v for v in made.noise_floor_db])
     return Calibration(
         frame_rate_hz=made.frame_rate_hz,

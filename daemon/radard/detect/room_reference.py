@@ -122,8 +122,7 @@ def _parsed(made: _RoomFile) -> RoomReference:
     floor = FloorReference(_floor(made.floor), _floor(made.floor_kept), made.calm_s)
     is_half = (made.noise_db is None) != (made.noise_kept_db is None)
     if is_half or len(parts) != len(usable) or floor.first.shape != floor.kept.shape:
-        msg = "its parts do not fit each other"
-        raise ValueError(msg)
+        raise ValueError("its parts do not fit each other")
     echoes = parts[..., 0] + 1j * parts[..., 1]
     return RoomReference(echoes, usable, made.noise_db, made.noise_kept_db, floor)
 

@@ -93,36 +93,32 @@ class RoomSurvey:
             ends = [span for span in self._paths.values() if span[1] - span[0] > _PLACE_M]
             if ends:
                 low, high = ends[0]
-                msg = (
+                raise RoomNotEmpty(
                     f"the room is not empty: something went from {low:.1f} to "
                     f"{high:.1f} m; leave it empty and try again"
                 )
-                raise RoomNotEmpty(msg)
             return
         if seen:
             times_s, ranges_m = np.array(seen).T
             n_seen = len(set(times_s))
-            msg = (
+            raise RoomNotEmpty(
                 f"the room is not empty: something moves at {ranges_m.min():.1f} to "
                 f"{ranges_m.max():.1f} m, in {n_seen} of {self.n_dwells} windows; {cure}"
             )
-            raise RoomNotEmpty(msg)
         if excess_db[worst] > _UNREST_DB:
-            msg = (
+            raise RoomNotEmpty(
                 f"the room is not empty: something stirs at {axis.range_m[worst]:.1f} m, "
                 f"{excess_db[worst]:.0f} dB over the noise, perhaps breath or a fan; {cure}"
             )
-            raise RoomNotEmpty(msg)
 
     def calibration(self, origin: Provenance, *, false_gates_per_day: float = 1.0) -> Calibration:
         """Return the calibration; raise RadardError if too little was heard."""
         independent = self.n_dwells * self._hop_s / max(self._dwell_s, self._hop_s)
         if independent < MIN_INDEPENDENT or not np.any(self._power):
-            msg = (
+            raise RadardError(
                 f"too little was heard: {self.n_dwells} sound windows, {self._n_skipped} with "
                 f"frames missing; give it a longer --duration, or see 'x2radar selftest'"
             )
-            raise RadardError(msg)
         assert self._last is not None  # noqa: S101 - there were dwells
         floor = np.mean(self._power, axis=0)
         levels = [level_over(floor, residue) for residue in self._residue]
@@ -155,8 +151,7 @@ class RoomSurvey:
     @property
     def _axis(self) -> FastTimeAxis:
         if self._last is None:
-            msg = "nothing was heard: no window was sound; see 'x2radar selftest'"
-            raise RadardError(msg)
+            raise RadardError("nothing was heard: no window was sound; see 'x2radar selftest'")
         return self._last.axis
 
 

@@ -28,8 +28,7 @@ def type1_vector(diagram: NDArray[np.float32], n_cadence: int) -> NDArray[np.flo
     against float64 at most 1e-6 from 1e-35 up. Raises FeatureError if there are fewer columns.
     """
     if not 1 <= n_cadence <= diagram.shape[1]:
-        msg = f"n_cadence {n_cadence} is not in 1 to {diagram.shape[1]}"
-        raise FeatureError(msg)
+        raise FeatureError(f"n_cadence {n_cadence} is not in 1 to {diagram.shape[1]}")
     scale = float(np.max(diagram, initial=0))
     if scale == 0 or not np.isfinite(scale):
         return np.zeros(diagram.shape[0] * n_cadence, np.float32)
@@ -62,8 +61,7 @@ def extent_profile(
     """
     n_columns = len(frames) - n_cpi + 1
     if n_cpi < 2 or n_columns < 1:
-        msg = f"{len(frames)} frames cannot fill a CPI of {n_cpi}"
-        raise FeatureError(msg)
+        raise FeatureError(f"{len(frames)} frames cannot fill a CPI of {n_cpi}")
     rest = frames - frames[n_cpi // 2]
     parts = rest.view(np.float32)
     top = float(max(parts.max(initial=0), -parts.min(initial=0)))

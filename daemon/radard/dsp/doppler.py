@@ -65,8 +65,7 @@ def micro_doppler(frames: ArrayLike, n_cpi: int) -> NDArray[np.float32]:
     """
     rows = np.asarray(frames)
     if rows.ndim != 2 or n_cpi < 2 or len(rows) < n_cpi:
-        msg = f"frames of shape {rows.shape} cannot fill a CPI of {n_cpi} frames"
-        raise FeatureError(msg)
+        raise FeatureError(f"frames of shape {rows.shape} cannot fill a CPI of {n_cpi} frames")
     stream = StreamingDoppler(n_cpi, n_keep=len(rows) - n_cpi + 1)
     stream.push(rows)
     return np.minimum(stream.columns(), np.finfo(np.float32).max).astype(np.float32)

@@ -53,11 +53,10 @@ class DownConverter:
 
     def _design(self, axis: FastTimeAxis) -> None:
         if not 0 < axis.carrier_hz < axis.sample_rate_hz / 2 or axis.bandwidth_hz <= 0:
-            msg = (
+            raise FeatureError(
                 f"RF frames need a sampling rate above twice the carrier and a bandwidth; got "
                 f"{axis.sample_rate_hz:g}, {axis.carrier_hz:g} and {axis.bandwidth_hz:g} Hz"
             )
-            raise FeatureError(msg)
         kernel = _kernel(axis)
         half = len(kernel) // 2
         # So many bins share a block that its columns overlap by about a half: more would
@@ -102,14 +101,12 @@ class DownConverter:
         frames = np.asarray(samples)
         if frames.shape[-1:] != (self._n_range,):
             n = frames.shape[-1] if frames.ndim else 0
-            msg = f"a frame of {n} bins in a stream of {self._n_range}"
-            raise FeatureError(msg)
+            raise FeatureError(f"a frame of {n} bins in a stream of {self._n_range}")
         if out is None:
             out = np.empty((*frames.shape[:-1], self.axis.n_range), np.complex64)
         if self._rf:
             if frames.dtype.kind not in "iuf":
-                msg = f"RF frames are real numbers, not {frames.dtype}"
-                raise FeatureError(msg)
+                raise FeatureError(f"RF frames are real numbers, not {frames.dtype}")
             self._convert(frames.reshape(-1, self._n_range), out)
         elif self._conjugate:
             np.conjugate(frames[..., :: self._step], out=out, casting="same_kind")

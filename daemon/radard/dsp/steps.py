@@ -36,8 +36,7 @@ def blocks(
         raise FeatureError(msg)
     flags = None if valid is None else np.atleast_1d(np.asarray(valid, np.bool_))
     if flags is not None and flags.shape != rows.shape[:1]:
-        msg = f"{rows.shape[0]} frames, but {flags.size} flags"
-        raise FeatureError(msg)
+        raise FeatureError(f"{rows.shape[0]} frames, but {flags.size} flags")
     for first in range(0, len(rows), size):
         part = slice(first, first + size)
         yield rows[part], None if flags is None else flags[part]
@@ -78,8 +77,7 @@ class StepBuffer:
             n_scratch = min(self._n_block, max(1, _IN_CACHE // n_range))
             self._scratch = np.zeros((n_scratch, n_range), np.complex64)
         if n_range != self.n_range:
-            msg = f"a frame of {n_range} bins in a stream of {self.n_range}"
-            raise FeatureError(msg)
+            raise FeatureError(f"a frame of {n_range} bins in a stream of {self.n_range}")
         self._product = None
         if self._fill + n > self._capacity:
             kept = slice(self._fill - self._n_keep, self._fill)

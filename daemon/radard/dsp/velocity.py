@@ -116,11 +116,10 @@ class VelocityTransform(ColumnStream):
     ) -> None:
         settings = (frame_rate_hz, step_mps, cpi_s, column_rate_hz)
         if not all(0 < value < np.inf for value in settings) or not step_mps <= max_mps < np.inf:
-            msg = (
+            raise FeatureError(
                 "velocity transform: frame rate, steps and times must be above zero, and the "
                 f"grid must hold a step; got {settings} and {max_mps} m/s"
             )
-            raise FeatureError(msg)
         rate_hz = frame_rate_hz / n_mean
         self.n_cpi = max(_MIN_CPI, round(cpi_s * rate_hz))
         self.stride = max(1, round(rate_hz / column_rate_hz))

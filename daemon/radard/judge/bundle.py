@@ -139,14 +139,11 @@ def load_bundle(name: str) -> Bundle:
     try:
         return _parse(path.read_bytes(), path.with_suffix(".onnx").read_bytes())
     except OSError as err:
-        msg = f"model '{name}': cannot read {err.filename}: {err.strerror}"
-        raise BundleError(msg) from err
+        raise BundleError(f"model '{name}': cannot read {err.filename}: {err.strerror}") from err
     except NotJson as err:
-        msg = f"model '{name}': the sidecar is not JSON: {err}"
-        raise BundleError(msg) from err
+        raise BundleError(f"model '{name}': the sidecar is not JSON: {err}") from err
     except (ValueError, ModelMismatch) as err:
-        msg = f"model '{name}': {err}"
-        raise ModelMismatch(msg) from err
+        raise ModelMismatch(f"model '{name}': {err}") from err
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -162,21 +159,16 @@ class _Sidecar(Bundle):
 def _parse(sidecar: bytes, onnx: bytes) -> Bundle:
     made = parse_json(_Sidecar, sidecar)
     if hashlib.sha256(onnx).hexdigest() != made.onnx_sha256:
-        msg = "the weights are not those of the sidecar (sha256 differs)"
-        raise ValueError(msg)
+        raise ValueError("the weights are not those of the sidecar (sha256 differs)")
     if unsafe := unsafe_in(onnx):
-        msg = f"the network is refused: {unsafe}"
-        raise ValueError(msg)
+        raise ValueError(f"the network is refused: {unsafe}")
     if not {"human", "pet"} <= set(made.classes):
-        msg = f"classes {made.classes}; human and pet are needed, other is allowed"
-        raise ValueError(msg)
+        raise ValueError(f"classes {made.classes}; human and pet are needed, other is allowed")
     if set(made.stream) != set(_STREAM_KEYS):
-        msg = f"stream needs the keys {', '.join(_STREAM_KEYS)}"
-        raise ValueError(msg)
+        raise ValueError(f"stream needs the keys {', '.join(_STREAM_KEYS)}")
     EvidenceSettings.from_mapping(made.evidence)
     for item in made.inputs:
         shape = feature_shape(item.feature, made.features)
         if item.shape != shape:
-            msg = f"input {item.name} is {item.shape}, {item.feature} is {shape}"
-            raise ValueError(msg)
+            raise ValueError(f"input {item.name} is {item.shape}, {item.feature} is {shape}")
     return replace(made, onnx=onnx)

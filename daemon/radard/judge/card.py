@@ -45,8 +45,7 @@ def read_card(model: str) -> Card:
     try:
         found = parse_json(_Sidecar, sidecar_path(model).read_bytes())
     except ValueError as err:
-        msg = f"model '{model}': {err}"
-        raise ModelMismatch(msg) from err
+        raise ModelMismatch(f"model '{model}': {err}") from err
     nothing = Card(policy="", command="", passages=0, sensitivities={})
     return replace(found.evaluation or nothing, metrics=found.metrics)
 

@@ -64,11 +64,10 @@ class Classifier:
         found = {i.name: [1, *i.shape[1:]] for i in self._session.get_inputs()}
         n_out = self._session.get_outputs()[0].shape[-1]
         if wanted != found or n_out != len(bundle.classes):
-            msg = (
+            raise ModelMismatch(
                 f"model '{bundle.name}': the network takes {found} and gives {n_out} classes, "
                 f"the sidecar says {wanted} and {len(bundle.classes)}"
             )
-            raise ModelMismatch(msg)
         missing = set(self._outputs) - {o.name for o in self._session.get_outputs()}
         if missing:
             msg = f"model '{bundle.name}': the network does not give {', '.join(sorted(missing))}"
@@ -93,8 +92,7 @@ class Classifier:
         logits, *more = (np.asarray(made)[0] for made in self._session.run(self._outputs, feed))
         for values in (logits, *more):
             if not np.isfinite(values).all():
-                msg = f"model '{bundle.name}' answered {values}"
-                raise ModelMismatch(msg)
+                raise ModelMismatch(f"model '{bundle.name}' answered {values}")
         p = softmax(logits.astype(np.float64) / bundle.temperature)
         by_class = dict(zip(bundle.classes, p, strict=True))
         window = Probabilities(*(float(by_class.get(name, 0.0)) for name in CLASSES))

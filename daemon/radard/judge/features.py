@@ -160,8 +160,7 @@ def feature_shape(name: str, settings: FeatureSettings) -> tuple[int, ...]:
         if plugin is not None:
             plugin.check(plugin.made, ("shape", "extract"))
             return tuple(plugin.guard(lambda: plugin.made.shape(settings)))
-        msg = f"feature '{name}': unknown; this radard makes {', '.join(FEATURES)}"
-        raise ModelMismatch(msg)
+        raise ModelMismatch(f"feature '{name}': unknown; this radard makes {', '.join(FEATURES)}")
     return shapes[name]
 
 
@@ -188,8 +187,7 @@ class FeatureStream:
         n_slow = len(dwell.frames)
         n_columns = n_slow - settings.n_cpi + 1
         if n_columns < 1:
-            msg = f"{n_slow} frames cannot fill a CPI of {settings.n_cpi}"
-            raise FeatureError(msg)
+            raise FeatureError(f"{n_slow} frames cannot fill a CPI of {settings.n_cpi}")
         n_new = dwell.end_frame - self._end_frame
         streams = self._streams
         if streams is None or not 0 < n_new < n_slow:
@@ -228,8 +226,7 @@ def _plugged_feature(
     shape = tuple(plugin.made.shape(settings))
     if not isinstance(made, np.ndarray) or made.shape != shape or made.dtype != np.float32:
         has = f"{made.dtype} {made.shape}" if isinstance(made, np.ndarray) else type(made).__name__
-        msg = f"{plugin.about}: gives {has}, not float32 {shape}"
-        raise FeatureError(msg)
+        raise FeatureError(f"{plugin.about}: gives {has}, not float32 {shape}")
     return made
 
 

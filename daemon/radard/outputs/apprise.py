@@ -39,11 +39,10 @@ def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> Deliv
     apprise, scheme = _apprise(), _SCHEME.match(target)
     service = scheme and _service(apprise, target)
     if scheme is None or service is None:
-        msg = (
+        raise UsageError(
             "--output apprise: no URL that Apprise knows; give apprise:SERVICE://... or "
             "apprise:@FILE with such a URL in its first line"
         )
-        raise UsageError(msg)
     o, sensor = options.apprise, context.sensor
 
     def send(item: Item) -> None:

@@ -27,14 +27,11 @@ def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> Deliv
     try:
         words = shlex.split(command)
     except ValueError as err:
-        msg = f"--output exec: {err}"
-        raise UsageError(msg) from err
+        raise UsageError(f"--output exec: {err}") from err
     if not words:
-        msg = "--output exec: no command"
-        raise UsageError(msg)
+        raise UsageError("--output exec: no command")
     if shutil.which(words[0]) is None:
-        msg = f"--output exec: {words[0]}: no such program, or not executable"
-        raise OutputError(msg)
+        raise OutputError(f"--output exec: {words[0]}: no such program, or not executable")
     o, sensor = options.exec, context.sensor
     return Delivery(
         f"exec:{words[0]}",
@@ -63,16 +60,14 @@ def _run(words: list[str], record: Record, timeout_s: float) -> None:
             start_new_session=True,
         )
     except OSError as err:
-        msg = f"cannot be started: {err.strerror}"
-        raise DeliveryError(msg) from err
+        raise DeliveryError(f"cannot be started: {err.strerror}") from err
     try:
         process.communicate(json_line(record).encode(), timeout_s)
     except subprocess.TimeoutExpired as err:
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(process.pid, signal.SIGKILL)
         process.communicate()
-        msg = f"killed after {timeout_s:g} s"
-        raise DeliveryError(msg, is_refusal=is_refusal) from err
+        raise DeliveryError(f"killed after {timeout_s:g} s", is_refusal=is_refusal) from err
     code = process.returncode
     if code != 0:
         how = f"ended by {signal.Signals(-code).name}" if code < 0 else f"exit status {code}"

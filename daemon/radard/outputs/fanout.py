@@ -123,8 +123,7 @@ class Outputs:
         for name in meant:
             check_output(name)
         if sum(name in {"json", "table"} for name in meant) > 1:
-            msg = "--output: json and table both want stdout; give one of them a file"
-            raise UsageError(msg)
+            raise UsageError("--output: json and table both want stdout; give one of them a file")
         self.can_wait, self._config = can_wait, config
         options = _options_of(config)
         # At full speed nothing is left for the next run but how the sensor is armed.

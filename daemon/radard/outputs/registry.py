@@ -50,8 +50,7 @@ def check_output(output: str) -> plugins.Plugin | None:
         return plugin
     # Only the scheme: the rest may hold a secret.
     shown = output if scheme == output else f"{scheme}:{'...' if scheme in SCHEMES else rest}"
-    msg = f"--output '{shown}': unknown or incomplete; known are {FORMS}"
-    raise UsageError(msg)
+    raise UsageError(f"--output '{shown}': unknown or incomplete; known are {FORMS}")
 
 
 def close_sinks(sinks: Sequence[Sink], timeout_s: float = CLOSE_S) -> list[Exception]:

@@ -43,16 +43,14 @@ class StdoutSink(DirectSink):
         self._render = render
         self._stream = sys.stdout
         if self._stream is None:
-            msg = f"--output {name}: there is no stdout"
-            raise OutputError(msg)
+            raise OutputError(f"--output {name}: there is no stdout")
         try:
             self._stream.flush()
             self._fd: int | None = self._stream.fileno()
         except io.UnsupportedOperation:
             self._fd = None
         except (OSError, ValueError) as err:
-            msg = f"--output {name}: stdout: {err}"
-            raise OutputError(msg) from err
+            raise OutputError(f"--output {name}: stdout: {err}") from err
 
     def _deliver(self, record: Record) -> None:
         text = self._render(record)

@@ -82,8 +82,7 @@ class StoreSink(DirectSink):
             may_pass = is_passing(err) or (isinstance(err, OSError) and err.errno in PASSING)
             # Where nobody waits, a full disk must not keep the radar from its work.
             if not self._begins_anew(err) and (self.waits or not may_pass):
-                msg = f"--output {self.name}: cannot be used: {err}"
-                raise OutputError(msg) from err
+                raise OutputError(f"--output {self.name}: cannot be used: {err}") from err
 
     def _opened(self) -> sqlite3.Connection:
         if self._db is not None and files_of(self._path) != self._files:
@@ -106,8 +105,7 @@ class StoreSink(DirectSink):
         except (OSError, sqlite3.Error, ForeignDatabase) as err:
             self._let_go()
             if not self._begins_anew(err):
-                msg = f"cannot keep it: {err}"
-                raise DeliveryError(msg) from err
+                raise DeliveryError(f"cannot keep it: {err}") from err
             self._deliver(record)
 
     def _put(self, record: Record) -> None:

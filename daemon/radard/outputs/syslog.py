@@ -70,11 +70,9 @@ def _parse_address(rest: str) -> Address | None:
             check_host("syslog", rest)
             return Server(parts.scheme, parts.hostname, parts.port or _PORTS[parts.scheme])
     except ValueError as err:
-        msg = f"--output syslog:{rest}: {err}"
-        raise UsageError(msg) from err
+        raise UsageError(f"--output syslog:{rest}: {err}") from err
     forms = "syslog:, syslog:/socket, syslog:udp://host[:port], tcp: or tls:"
-    msg = f"--output syslog:{rest}: use {forms}"
-    raise UsageError(msg)
+    raise UsageError(f"--output syslog:{rest}: use {forms}")
 
 
 class SyslogSink(DirectSink):
@@ -114,8 +112,7 @@ class SyslogSink(DirectSink):
             sock.sendall(self._form(*_message_of(record), record))
         except OSError as err:
             self._shut()
-            msg = f"cannot log: {explain(err)}"
-            raise DeliveryError(msg) from err
+            raise DeliveryError(f"cannot log: {explain(err)}") from err
 
     def _shut(self) -> None:
         if self._socket is not None:

@@ -21,8 +21,7 @@ def client_context(
             key, file = "cert_file", cert_file
             context.load_cert_chain(cert_file, key_file)
     except (OSError, ValueError) as err:
-        msg = f"{section}.{key}: {file}: {err}"
-        raise ConfigError(msg) from err
+        raise ConfigError(f"{section}.{key}: {file}: {err}") from err
     return context
 
 
@@ -32,8 +31,7 @@ def check_host(scheme: str, url: str) -> None:
     name = re.sub(r":\d*$", "", authority.rpartition("@")[2]).strip("[]")
     is_zero = bool(re.search(r":0+$", authority)) and not authority.endswith("]")
     if not authority.isprintable() or (name and not is_host(name)) or is_zero:
-        msg = f"--output {scheme}: no host has such a name and port"
-        raise ConfigError(msg)
+        raise ConfigError(f"--output {scheme}: no host has such a name and port")
 
 
 def shown_host(host: str) -> str:

@@ -48,11 +48,10 @@ def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> Deliv
         parts, is_right = urlsplit(""), False
     check_host("webhook", target)
     if not is_right:
-        msg = (
+        raise UsageError(
             "--output webhook: give webhook:http://HOST/PATH, https://, or @FILE with such a "
             "URL in it; user and password do not belong there, see webhook.token_file"
         )
-        raise UsageError(msg)
     # What a URL may not hold goes quoted, as in a browser: blanks, letters beyond ASCII. Not those
     # of the host, which the socket knows to write.
     begin = target.index("://") + 3 + len(parts.netloc)
@@ -108,8 +107,7 @@ class _Poster:
             n_hops -= 1
             before, url = url, urljoin(url, location)
             if urlsplit(url).scheme not in {"https", urlsplit(before).scheme}:
-                msg = "the server redirects to what is no https"
-                raise DeliveryError(msg)
+                raise DeliveryError("the server redirects to what is no https")
             if urlsplit(url)[:2] != urlsplit(before)[:2]:
                 # The token is for the host that was named.
                 headers.pop("Authorization", None)
@@ -165,8 +163,7 @@ def sign(secret: str, key: str, timestamp: str, body: bytes) -> str:
         try:
             raw = base64.b64decode(secret.removeprefix("whsec_"), validate=True)
         except ValueError as err:
-            msg = "webhook.secret: what follows whsec_ is not base64"
-            raise ConfigError(msg) from err
+            raise ConfigError("webhook.secret: what follows whsec_ is not base64") from err
     content = f"{key}.{timestamp}.".encode() + body
     digest = hmac.new(raw, content, hashlib.sha256).digest()
     return f"v1,{base64.b64encode(digest).decode()}"

@@ -189,8 +189,7 @@ def remake_parts(config: Config, old: Parts, *, now: Now, is_live: bool) -> Part
         if _cut_of(pipeline) != _cut_of(old.pipeline):
             is_hop = config.decision.hop_s != was.decision.hop_s
             what = "decision.hop_s" if is_hop else f"model.name: '{config.model.name}'"
-            msg = f"{what} takes other dwells; that takes a restart"
-            raise ConfigError(msg)
+            raise ConfigError(f"{what} takes other dwells; that takes a restart")
     return make_parts(config, pipeline, now=now, is_live=is_live, old=old)
 
 

@@ -130,8 +130,7 @@ class ControlServer:
 
     def _answer(self, name: str, radar: "Sensor") -> dict[str, Any]:
         if name not in COMMANDS:
-            msg = f"no command '{name}'; known are {', '.join(COMMANDS)}"
-            raise ValueError(msg)
+            raise ValueError(f"no command '{name}'; known are {', '.join(COMMANDS)}")
         if name == "look":
             # Late: who is never looked at needs none of it.
             from radard.run.look import look  # noqa: PLC0415

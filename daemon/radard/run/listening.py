@@ -39,8 +39,7 @@ def listen(config: Config) -> Iterator[Listening]:
     """Open the port of a configuration and make its pipeline; close it in the end."""
     sensor = config.sensor
     if sensor.port is None:
-        msg = "no port: give --port /dev/ttyACM0, sim:SCENE or replay:FILE"
-        raise UsageError(msg)
+        raise UsageError("no port: give --port /dev/ttyACM0, sim:SCENE or replay:FILE")
     classifier = make_classifier(config)
     # A device that is lost ends the work: half of it is worth nothing.
     source = open_source(sensor.port, speed=sensor.speed, wait=sensor.wait, quit_on_loss=True)

@@ -106,12 +106,10 @@ def moment_of(path: Path, at_s: float, config: Config) -> Moment:
         next((t_s for t_s in times_s if t_s >= at_s + 2 * past_s), None)
     decisions = [r for r in kept.records if r["type"] == "decision"]
     if not decisions:
-        msg = f"--at {at_s:g}: {path} has no decision before {at_s + past_s:g} s"
-        raise UsageError(msg)
+        raise UsageError(f"--at {at_s:g}: {path} has no decision before {at_s + past_s:g} s")
     if kept.off_s(kept.nearest) > 2 * past_s:
         first, last = decisions[0]["t_s"], decisions[-1]["t_s"]
-        msg = f"--at {at_s:g}: {path} has decisions from {first:g} to {last:g} s"
-        raise UsageError(msg)
+        raise UsageError(f"--at {at_s:g}: {path} has decisions from {first:g} to {last:g} s")
     before = [r for r in decisions if r["seq"] <= kept.nearest["seq"]]
     hello = next(r for r in kept.records if r["type"] == "hello")
     # The events as they stood then, the last phase of each.

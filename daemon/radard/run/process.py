@@ -44,8 +44,7 @@ class Process:
 
     def __init__(self, config: Config, options: RunOptions) -> None:
         if options.record is not None and config.is_one_of_several:
-            msg = "--record: takes the frames of one radar; name it with --port"
-            raise UsageError(msg)
+            raise UsageError("--record: takes the frames of one radar; name it with --port")
         self.signals = Signals()
         self._config = config
         self._options = options

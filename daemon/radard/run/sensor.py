@@ -69,8 +69,7 @@ class Sensor:
         ask_reload: Callable[[], None] = lambda: None,
     ) -> None:
         if config.sensor.port is None:
-            msg = "no port: give --port /dev/ttyACM0, sim:SCENE or replay:FILE"
-            raise UsageError(msg)
+            raise UsageError("no port: give --port /dev/ttyACM0, sim:SCENE or replay:FILE")
         self._port = config.sensor.port
         self._config = config
         self._options = options
@@ -125,8 +124,7 @@ class Sensor:
     def command(self, name: str) -> None:
         """As in `Host`; what comes without a stream holds for the next one."""
         if name not in COMMANDS:
-            msg = f"no command '{name}'; known are {', '.join(COMMANDS)}"
-            raise ValueError(msg)
+            raise ValueError(f"no command '{name}'; known are {', '.join(COMMANDS)}")
         if (worker := self._worker()) is not None:
             worker.command(name)
         elif name in _KEPT_COMMANDS:
@@ -303,8 +301,7 @@ class Sensor:
     def _try_alarm(self) -> None:
         state = self.panel()
         if state is not None and state.alarm_id:
-            msg = "an alarm is on: acknowledge it first"
-            raise ValueError(msg)
+            raise ValueError("an alarm is on: acknowledge it first")
         if (worker := self._worker()) is not None:
             worker.try_alarm()
         else:

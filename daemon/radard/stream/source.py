@@ -134,8 +134,7 @@ class LiveSource:
         self._frames = self._read()
         first = next(self._frames, None)
         if first is None:
-            msg = "closed before the first frame"
-            raise TransportClosed(msg)
+            raise TransportClosed("closed before the first frame")
         self._first = first
         assert radar.stream is not None  # noqa: S101 - known with the first frame
         self.stream: StreamInfo = radar.stream
@@ -175,8 +174,7 @@ class ReplaySource:
         port.check_keys()
         self._start_s = port.number("start", 0.0)
         if self._start_s < 0:
-            msg = f"port key 'start': {self._start_s:g} is negative"
-            raise UsageError(msg)
+            raise UsageError(f"port key 'start': {self._start_s:g} is negative")
         self._loop = port.number("loop", 0.0) > 0
         # Late: live sources must not wait for h5py at start.
         from x2radar.recording.registry import open_recording  # noqa: PLC0415

@@ -60,14 +60,12 @@ def read_tokens(section: WebSection, host: str) -> Tokens:
     )
     for name, token in (("token", tokens.viewer), ("operator_token", tokens.operator)):
         if token is not None and len(token) < _MIN_LENGTH:
-            msg = f"web.{name}: a token needs {_MIN_LENGTH} characters or more"
-            raise ConfigError(msg)
+            raise ConfigError(f"web.{name}: a token needs {_MIN_LENGTH} characters or more")
     if tokens.viewer is None and tokens.operator is None and not is_loopback(host):
-        msg = (
+        raise ConfigError(
             f"--output http://{host}: others can reach this address; name a token with "
             "web.token_file or web.token_env (and web.operator_token_file for arming)"
         )
-        raise ConfigError(msg)
     return tokens
 
 

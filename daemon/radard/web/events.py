@@ -182,8 +182,7 @@ def _filter(request: Request) -> _Filter:
 def _thumbnail(path: Path) -> dict[str, Any]:
     """Return a quarter of a clip's `png`, as data: URL, and `axes`; OSError or ValueError."""
     if path.stat().st_size > _MAX_PICTURE:
-        msg = "it is too large"
-        raise ValueError(msg)
+        raise ValueError("it is too large")
     picture, axes = decode_png(path.read_bytes())
     small = base64.b64encode(encode_png(picture[::2, ::2])).decode()
     return {"png": f"data:image/png;base64,{small}", "axes": axes}

@@ -44,8 +44,7 @@ def query_number(request: Request, name: str, default: int, most: int) -> int:
     """Return a whole number of a query; raises UsageError if it is none or above `most`."""
     number = whole_number(request.query_params.get(name, str(default)), most)
     if number is None:
-        msg = f"{name}: a whole number up to {most} is wanted"
-        raise UsageError(msg)
+        raise UsageError(f"{name}: a whole number up to {most} is wanted")
     return number
 
 
@@ -68,8 +67,7 @@ async def json_body(request: Request) -> dict[str, Any] | JSONResponse:
 
 
 def _refuse_constant(name: str) -> float:
-    msg = f"{name} is no JSON"
-    raise ValueError(msg)
+    raise ValueError(f"{name} is no JSON")
 
 
 class NoRunError(Exception):

@@ -40,10 +40,8 @@ def add_label(path: Path, line: Mapping[str, Any]) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         if path.exists() and path.stat().st_size > _MAX_BYTES:
-            msg = f"{path}: larger than {_MAX_BYTES / 1e6:g} MB; move it away"
-            raise OutputError(msg)
+            raise OutputError(f"{path}: larger than {_MAX_BYTES / 1e6:g} MB; move it away")
         with path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(full) + "\n")
     except OSError as err:
-        msg = f"{path}: cannot keep the label: {err.strerror or err}"
-        raise OutputError(msg) from err
+        raise OutputError(f"{path}: cannot keep the label: {err.strerror or err}") from err

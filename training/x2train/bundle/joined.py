@@ -34,8 +34,7 @@ def joined(bundles: Sequence[Bundle]) -> Bundle:
             first.features,
             first.classes,
         ):
-            msg = f"models '{first.name}' and '{each.name}' do not take the same maps"
-            raise UsageError(msg)
+            raise UsageError(f"models '{first.name}' and '{each.name}' do not take the same maps")
     return replace(first, onnx=_mean(bundles), temperature=1.0)
 
 

@@ -36,8 +36,7 @@ NOTES = (
 def check_calibration(label: NDArray[Any]) -> None:
     """Raise UsageError if nothing can be calibrated on windows of such classes."""
     if len(np.unique(label == 0)) < 2:
-        msg = "the windows to validate on must be of people and others"
-        raise UsageError(msg)
+        raise UsageError("the windows to validate on must be of people and others")
 
 
 def kept_out_of(abouts: Sequence[Mapping[str, Any]]) -> str:

@@ -13,13 +13,7 @@ from scipy.special import log_softmax
 from radard.errors import RadardError
 from radard.judge.bundle import Bundle, EvidenceSettings, sidecar_path
 from x2train.bundle.export import DIFFERENCE, checked
-from x2train.bundle.metrics import (
-    NOTES,
-    gate_of,
-    kept_out_of,
-    rounded,
-    window_metrics,
-)
+from x2train.bundle.metrics import NOTES, gate_of, kept_out_of, rounded, window_metrics
 from x2train.bundle.temporal_graph import GIVEN, n_parameters, with_given, with_head
 from x2train.bundle.writing import write_bundle
 from x2train.nets.bundle_answers import Answers, outputs_of, tapped
@@ -165,8 +159,7 @@ def _difference(base: Bundle, onnx: bytes, sets: Sets, fused: NDArray[np.float64
     difference = checked(float(np.abs(made.fused - fused[:n]).max()))
     off = float(np.abs(made.logits - sets.logits[:n]).max())
     if not off <= _SAME:
-        msg = f"with a head single windows differ by {off:.2g} from what they were"
-        raise RadardError(msg)
+        raise RadardError(f"with a head single windows differ by {off:.2g} from what they were")
     return difference
 
 

@@ -153,8 +153,7 @@ def evaluation_of(table: PassageTable, bundle: Bundle, command: str) -> dict[str
     """Return a sidecar's ``evaluation``; UsageError without people, or without pets."""
     made = levels(table, bundle, np.random.default_rng(0))
     if not made[0].n_intrusions or not made[0].n_visits:
-        msg = "the card needs passages of people and of pets; take more --passages"
-        raise UsageError(msg)
+        raise UsageError("the card needs passages of people and of pets; take more --passages")
     return {
         "policy": bundle.policy,
         "command": command,

@@ -25,8 +25,7 @@ def check_least(args: argparse.Namespace, **least: int) -> None:
     """Raise UsageError if an argument is below its least value."""
     for name, value in least.items():
         if getattr(args, name) < value:
-            msg = f"--{name} {getattr(args, name)}: must be at least {value}"
-            raise UsageError(msg)
+            raise UsageError(f"--{name} {getattr(args, name)}: must be at least {value}")
 
 
 def told(args: argparse.Namespace, always: str, **unless: Any) -> str:

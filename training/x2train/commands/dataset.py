@@ -106,15 +106,10 @@ def _run(args: argparse.Namespace) -> int:
         raise UsageError(msg)
     for name in ("physical", "plain", "clear"):
         if not 0.0 <= getattr(args, name) <= 1.0:
-            msg = f"--{name} {getattr(args, name):g}: must be 0 to 1"
-            raise UsageError(msg)
+            raise UsageError(f"--{name} {getattr(args, name):g}: must be 0 to 1")
     # Late: the simulator takes a second, and --help must not.
     from x2train.motion.library import cards_of, read_library  # noqa: PLC0415
-    from x2train.sets.families import (  # noqa: PLC0415
-        CLIPS,
-        USES,
-        plugged_family,
-    )
+    from x2train.sets.families import CLIPS, USES, plugged_family  # noqa: PLC0415
     from x2train.sets.shard_run import make_shards  # noqa: PLC0415
     from x2train.sets.windows import GATE, WindowSpec  # noqa: PLC0415
 
@@ -157,6 +152,5 @@ def _features_of(model: str) -> FeatureSettings:
     bundle = load_bundle(model)
     if not {i.feature for i in bundle.inputs} <= {*MAP_FEATURES, INSTALLATION}:
         taken = ", ".join(i.feature for i in bundle.inputs)
-        msg = f"--like {model}: it takes {taken}; sets hold {', '.join(MAP_FEATURES)}"
-        raise UsageError(msg)
+        raise UsageError(f"--like {model}: it takes {taken}; sets hold {', '.join(MAP_FEATURES)}")
     return bundle.features

@@ -75,8 +75,7 @@ def _check_against(folder: Path, radar: str) -> None:
     """Refuse a folder whose passages are before other radars."""
     other = about_of(folder)["radar"]
     if other != radar:
-        msg = f"--against {folder.parent}: judged with --radar {other}, not {radar}"
-        raise UsageError(msg)
+        raise UsageError(f"--against {folder.parent}: judged with --radar {other}, not {radar}")
 
 
 def _run(args: argparse.Namespace) -> int:
@@ -92,14 +91,12 @@ def _run(args: argparse.Namespace) -> int:
     from x2train.sets.windows import GATE  # noqa: PLC0415
 
     if not 0 <= args.pet_hours <= _MAX_PET_HOURS:
-        msg = f"--pet-hours {args.pet_hours:g}: must be 0 to {_MAX_PET_HOURS:g}"
-        raise UsageError(msg)
+        raise UsageError(f"--pet-hours {args.pet_hours:g}: must be 0 to {_MAX_PET_HOURS:g}")
     if args.recordings:
         return _run_recordings(args)
     bundle = load_bundle(args.model)
     if args.card and args.only:
-        msg = "--card with --only: a card tells of all suites"
-        raise UsageError(msg)
+        raise UsageError("--card with --only: a card tells of all suites")
     if args.card and args.policy not in {None, bundle.policy}:
         msg = f"--card with --policy {args.policy}: a card tells of the bundle's own policy"
         raise UsageError(msg)

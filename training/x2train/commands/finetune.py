@@ -85,15 +85,12 @@ def _run(args: argparse.Namespace) -> int:
 
 def _check(args: argparse.Namespace) -> None:
     if not 1 <= args.epochs <= _MAX_EPOCHS:
-        msg = f"--epochs {args.epochs}: must be 1 to {_MAX_EPOCHS}"
-        raise UsageError(msg)
+        raise UsageError(f"--epochs {args.epochs}: must be 1 to {_MAX_EPOCHS}")
     check_least(args, seed=0)
     if not args.clips and args.labels is None:
-        msg = "no clips: give FILE=LABEL, or --labels with the dashboard's file"
-        raise UsageError(msg)
+        raise UsageError("no clips: give FILE=LABEL, or --labels with the dashboard's file")
     if args.folder is not None and args.labels is None:
-        msg = "--clips says where the clips of --labels are; there is no --labels"
-        raise UsageError(msg)
+        raise UsageError("--clips says where the clips of --labels are; there is no --labels")
     if set(args.mix) & set(args.guard):
         msg = "--mix and --guard share a set: people learned from say nothing of people missed"
         raise UsageError(msg)
@@ -102,8 +99,7 @@ def _check(args: argparse.Namespace) -> None:
 
 def _check_name(args: argparse.Namespace) -> None:
     if Path(args.name).name != args.name or args.name == Path(args.model).stem:
-        msg = f"--name {args.name}: a name of its own is wanted, without a folder"
-        raise UsageError(msg)
+        raise UsageError(f"--name {args.name}: a name of its own is wanted, without a folder")
 
 
 def _command(args: argparse.Namespace) -> str:

@@ -49,8 +49,7 @@ def register(commands: Commands) -> None:
 def _run(args: argparse.Namespace) -> int:
     check_least(args, workers=1)
     if not 0 < args.share <= 1:
-        msg = f"--share {args.share:g}: must be over 0, 1 at most"
-        raise UsageError(msg)
+        raise UsageError(f"--share {args.share:g}: must be over 0, 1 at most")
     if RECIPES[args.name].needs_motion and not (args.motion or args.show):
         msg = f"make {args.name}: needs --motion, a folder of clips; see train-export motion"
         raise UsageError(msg)

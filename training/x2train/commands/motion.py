@@ -49,8 +49,7 @@ def _run(args: argparse.Namespace) -> int:
     joint_map = read_map(args.map)
     is_person = args.species == "human"
     if is_person != (joint_map.kind == "person"):
-        msg = f"--species {args.species}: the map is of kind {joint_map.kind}"
-        raise UsageError(msg)
+        raise UsageError(f"--species {args.species}: the map is of kind {joint_map.kind}")
     about = {
         "species": args.species,
         "person" if is_person else "animal": args.who,

@@ -55,11 +55,7 @@ def _run(args: argparse.Namespace) -> int:
     # Late: torch takes seconds, and --help must not.
     from x2train.bundle.joined import joined  # noqa: PLC0415
     from x2train.bundle.metrics import check_calibration  # noqa: PLC0415
-    from x2train.bundle.temporal_bundle import (  # noqa: PLC0415
-        HUMAN_LIMIT,
-        given_of_sets,
-        write_temporal,
-    )
+    from x2train.bundle.temporal_bundle import HUMAN_LIMIT, given_of_sets, write_temporal  # noqa: PLC0415
     from x2train.nets.temporal_head import HeadSettings, fit_head  # noqa: PLC0415
 
     bundle = joined([load_bundle(model) for model in args.model])

@@ -63,11 +63,10 @@ def tune(
         tuned = Tuned(better, way, before, after, rows)
         old, new, _ = tuned.count(is_human=False)
         if new >= old:
-            msg = (
+            raise UsageError(
                 f"of {old} own clips of pets with an alarm {new} still have one: nothing was "
                 "written; give clips of more visits, or more --epochs"
             )
-            raise UsageError(msg)
         yield tuned
 
 

@@ -122,11 +122,10 @@ def load_guard(folders: list[Path], bundle: Bundle, *, least: int = _MIN_WINDOWS
     guard = Guard(columns, tuple(abouts))
     n_people = int((guard.label == CLASSES.index("human")).sum())
     if n_people < least:
-        msg = (
+        raise UsageError(
             f"{folders[0]}: {n_people} windows of people; at least {least} are needed to tell "
             "a rise of 0.2 points: make it with more --passages"
         )
-        raise UsageError(msg)
     return guard
 
 

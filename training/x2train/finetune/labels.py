@@ -37,8 +37,7 @@ def named_clips(arguments: Iterable[str]) -> tuple[OwnClip, ...]:
             msg = f"'{text}': FILE=LABEL is wanted, with a label of {', '.join(LABELS)}"
             raise UsageError(msg)
         if not Path(name).is_file():
-            msg = f"{name}: no such recording"
-            raise UsageError(msg)
+            raise UsageError(f"{name}: no such recording")
         clips.append(OwnClip(Path(name), label))
     return tuple(clips)
 
@@ -67,8 +66,7 @@ def merged(clips: Iterable[OwnClip]) -> tuple[OwnClip, ...]:
     for clip in clips:
         known = by_path.setdefault(clip.path.resolve(), clip)
         if known.label != clip.label:
-            msg = f"{clip.path}: labelled both {known.label} and {clip.label}"
-            raise UsageError(msg)
+            raise UsageError(f"{clip.path}: labelled both {known.label} and {clip.label}")
     if all(clip.is_human for clip in by_path.values()):
         msg = "no clip is labelled pet, other or wrong: there is nothing to quieten; label one"
         raise UsageError(msg)
@@ -93,8 +91,7 @@ def _last_lines(path: Path) -> Mapping[str, _Line]:
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as err:
-        msg = f"{path}: cannot read the labels ({err})"
-        raise UsageError(msg) from err
+        raise UsageError(f"{path}: cannot read the labels ({err})") from err
     events: dict[str, _Line] = {}
     for number, row in enumerate(text.splitlines(), 1):
         try:

@@ -105,11 +105,10 @@ def guarded_line(
         after = guard.misses(bundle, outputs_of(made, given, is_first=is_first))
         if before.allows(after) and all(_has_alarm(bundle, made, clip) for clip in people):
             return made, share, before, after
-    msg = (
+    raise UsageError(
         f"every retrained network misses over {100 * MAX_RISE:g} points more people of the "
         "guard, or one of the own clips: nothing was written; give a larger --mix"
     )
-    raise UsageError(msg)
 
 
 def _has_alarm(bundle: Bundle, onnx_bytes: bytes, clip: OwnWindows) -> bool:
@@ -137,5 +136,4 @@ def _check(
     rows = zip(ours, old, temperatures, strict=False)
     off = max(float((a / t - b[:64]).abs().max()) for a, b, t in rows)
     if not off <= _PARITY:
-        msg = f"torch and onnxruntime differ by {off:.2g} on this bundle's graph"
-        raise RadardError(msg)
+        raise RadardError(f"torch and onnxruntime differ by {off:.2g} on this bundle's graph")

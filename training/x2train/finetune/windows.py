@@ -70,8 +70,7 @@ def own_windows(clip: OwnClip, bundle: Bundle) -> OwnWindows:
         try:
             pipeline = Pipeline(reader.stream, Config(), listener)
         except ModelMismatch as err:
-            msg = f"{clip.path}: {err}"
-            raise ModelMismatch(msg) from err
+            raise ModelMismatch(f"{clip.path}: {err}") from err
         for decision in replayed(reader, pipeline):
             n_alarms += decision.alarm
             if decision.window is not None:
@@ -80,8 +79,7 @@ def own_windows(clip: OwnClip, bundle: Bundle) -> OwnWindows:
                 t_s.append(decision.t_s)
             listener.given.clear()
     if not rows:
-        msg = f"{clip.path}: nothing moves in it; record a visit of at least 3 s"
-        raise UsageError(msg)
+        raise UsageError(f"{clip.path}: nothing moves in it; record a visit of at least 3 s")
     inputs = {each.name: np.stack([row[each.feature] for row in rows]) for each in bundle.inputs}
     digest = hashlib.sha256(clip.path.read_bytes()).hexdigest()
     return OwnWindows(clip, digest, inputs, np.array(t_s), n_alarms)

@@ -79,8 +79,7 @@ class JudgeSpec:
         if misfit is not None:
             fitting = " or ".join(name for name, err in misfits.items() if err is None)
             instead = f"; it takes --radar {fitting}" if fitting else ""
-            msg = f"--radar {self.radar}: {misfit}{instead}"
-            raise ModelMismatch(msg) from misfit
+            raise ModelMismatch(f"--radar {self.radar}: {misfit}{instead}") from misfit
 
     def played(self, number: int) -> Passage:
         """Simulate passage `number`: its suite, site and cast follow from the seed."""

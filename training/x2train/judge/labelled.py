@@ -56,11 +56,9 @@ def read_list(path: Path) -> list[Labelled]:
             raw = list(csv.DictReader(text.splitlines(), skipinitialspace=True))
     except (OSError, ValueError, csv.Error) as err:
         first_line = str(err).partition("\n")[0]
-        msg = f"{path}: cannot read the list of recordings ({first_line})"
-        raise UsageError(msg) from err
+        raise UsageError(f"{path}: cannot read the list of recordings ({first_line})") from err
     if not isinstance(raw, list) or not raw:
-        msg = f"{path}: must be a list with the keys file, start, end and label"
-        raise UsageError(msg)
+        raise UsageError(f"{path}: must be a list with the keys file, start, end and label")
     return [_row(path, number, row) for number, row in enumerate(raw, 1)]
 
 
@@ -89,8 +87,7 @@ def judge_labelled(rows: list[Labelled], model: str, policy: str = "") -> Passag
         end_s = length_s if row.end is None else min(row.end, length_s)
         inside = [d for d in decisions if row.start < d.t_s <= (row.end or np.inf)]
         if not inside:
-            msg = f"{row.file}: no window ends between {row.start:g} and {end_s:g} s"
-            raise UsageError(msg)
+            raise UsageError(f"{row.file}: no window ends between {row.start:g} and {end_s:g} s")
         here = {} if row.label == "empty" else {"enters_s": row.start, "leaves_s": end_s}
         passages.append(
             from_decisions(

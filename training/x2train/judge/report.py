@@ -88,8 +88,7 @@ def write_files(out_dir: Path, texts: Mapping[str, str]) -> None:
         for name, text in texts.items():
             (out_dir / name).write_text(text, encoding="utf-8")
     except OSError as err:
-        msg = f"{out_dir}: cannot write the report: {err.strerror}"
-        raise OutputError(msg) from err
+        raise OutputError(f"{out_dir}: cannot write the report: {err.strerror}") from err
 
 
 def rounded(value: float) -> float:
@@ -128,8 +127,7 @@ def _overlap(here: _Bool, there: _Bool) -> dict[str, int]:
 def _check_same(table: PassageTable, other: PassageTable) -> None:
     """Raise UsageError unless both are of the same passages in the same order."""
     if len(table) != len(other):
-        msg = f"the other model saw {len(other)} passages, not {len(table)}"
-        raise UsageError(msg)
+        raise UsageError(f"the other model saw {len(other)} passages, not {len(table)}")
     for name in _SAME:
         here, there = getattr(table, name), getattr(other, name)
         same = here == there if here.dtype.kind == "U" else (here == there) | np.isnan(here)

@@ -14,16 +14,7 @@ import numpy as np
 from radard.errors import UsageError
 from x2radar.sim.points import Label
 from x2train.sets.families import FAMILIES, Family, draw_family, family
-from x2train.sets.sites import (
-    P4XX,
-    X2,
-    Radar,
-    RoomKind,
-    Site,
-    draw_close,
-    draw_radar,
-    draw_site,
-)
+from x2train.sets.sites import P4XX, X2, Radar, RoomKind, Site, draw_close, draw_radar, draw_site
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -168,8 +159,7 @@ def n_more_pets(pet_hours: float, n_passages: int, only: Collection[str] = ()) -
     suites = [suite_of(k, n_passages, only) for k in range(n_passages)]
     missing_s = 3600 * pet_hours - sum(s.duration_s for s in suites if s.is_of_pets)
     if missing_s > 0 and not any(s.is_of_pets for s in _named(only)):
-        msg = "--pet-hours: none of the suites is of pets"
-        raise UsageError(msg)
+        raise UsageError("--pet-hours: none of the suites is of pets")
     return max(0, int(np.ceil(missing_s / _PET_S)))
 
 
@@ -177,8 +167,7 @@ def check_suites(only: Collection[str]) -> None:
     """Raise UsageError if there is no suite of such a name."""
     unknown = [name for name in only if name not in {s.name for s in SUITES}]
     if unknown:
-        msg = f"--only '{unknown[0]}': suites are {', '.join(s.name for s in SUITES)}"
-        raise UsageError(msg)
+        raise UsageError(f"--only '{unknown[0]}': suites are {', '.join(s.name for s in SUITES)}")
 
 
 def _named(only: Collection[str]) -> list[Suite]:

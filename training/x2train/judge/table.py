@@ -88,8 +88,7 @@ class PassageTable:
         lengths |= dict.fromkeys((*FLAGS, *SERIES), int(ends[-1]))
         for name, length in lengths.items():
             if getattr(self, name).shape != (length,):
-                msg = f"{name}: shape {getattr(self, name).shape}, not ({length},)"
-                raise UsageError(msg)
+                raise UsageError(f"{name}: shape {getattr(self, name).shape}, not ({length},)")
 
     def __len__(self) -> int:
         return len(self.n_decisions)
@@ -101,8 +100,7 @@ class PassageTable:
         try:
             columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
         except KeyError as err:
-            msg = f"passages without the column {err.args[0]!r}"
-            raise UsageError(msg) from None
+            raise UsageError(f"passages without the column {err.args[0]!r}") from None
         return cls(**columns)
 
     def chosen(self, keep: NDArray[np.bool_]) -> "PassageTable":

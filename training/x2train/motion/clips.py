@@ -97,12 +97,10 @@ def read_clip(path: Path) -> Clip:
             }
             slip = float(file["slip_ratio"]) if "slip_ratio" in file else 0.0
     except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as err:
-        msg = f"{path}: not a clip: {' '.join(str(err).split())}"
-        raise SceneError(msg) from err
+        raise SceneError(f"{path}: not a clip: {' '.join(str(err).split())}") from err
     fits = position.ndim == 3 and position.shape[1:] == (len(joints), 3) == (len(parents), 3)
     if not fits or len(position) < 3 or not np.isfinite(position).all() or not rate_hz > 0:
-        msg = f"{path}: not a clip: {len(joints)} joints, positions {position.shape}"
-        raise SceneError(msg)
+        raise SceneError(f"{path}: not a clip: {len(joints)} joints, positions {position.shape}")
     # From y up to z up, and to the right-handed axes of rooms.
     joint_m, step_m = _along_its_way(position[..., [0, 2, 1]] * [1.0, -1.0, 1.0], rate_hz)
     label: Label = "human" if text.get("species", "human") == "human" else "pet"
@@ -127,8 +125,7 @@ def read_clips(folder: Path) -> tuple[Clip, ...]:
     """Read all clips in and below a folder, by name; SceneError if there is none."""
     found = tuple(read_clip(path) for path in sorted(folder.rglob("*.npz")))
     if not found:
-        msg = f"{folder}: no clips (.npz) in it; see train-export motion import"
-        raise SceneError(msg)
+        raise SceneError(f"{folder}: no clips (.npz) in it; see train-export motion import")
     return found
 
 

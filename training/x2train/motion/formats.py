@@ -47,15 +47,13 @@ def read_motions(
     try:
         found = list(_read(path, asf, rate_hz))
     except OSError as err:
-        msg = f"{path}: cannot be read ({err.strerror or err})"
-        raise SceneError(msg) from err
+        raise SceneError(f"{path}: cannot be read ({err.strerror or err})") from err
     except _BROKEN as err:
         msg = f"{path}: no motion that can be read: {' '.join(str(err).split()) or 'cut short'}"
         raise SceneError(msg) from err
     for motion in found:
         if not np.isfinite(motion.position).all() or not 1.0 <= motion.frame_rate_hz <= 1000.0:
-            msg = f"{path}: positions must be finite and the frame rate 1 to 1000 Hz"
-            raise SceneError(msg)
+            raise SceneError(f"{path}: positions must be finite and the frame rate 1 to 1000 Hz")
     return found
 
 
@@ -72,8 +70,7 @@ def _read(path: Path, asf: Path | None, rate_hz: float) -> Iterator[RawMotion]:
     elif suffix == ".npz":
         yield _read_npz(path)
     else:
-        msg = f"known are {', '.join(SUFFIXES)}"
-        raise ValueError(msg)
+        raise ValueError(f"known are {', '.join(SUFFIXES)}")
 
 
 def _read_npz(path: Path) -> RawMotion:
@@ -83,8 +80,7 @@ def _read_npz(path: Path) -> RawMotion:
         parents = tuple(int(k) for k in data["parents"])
         rate_hz = float(data["frame_rate_hz"])
     if position.ndim != 3 or position.shape[1:] != (len(joints), 3):
-        msg = f"positions of shape {position.shape} for {len(joints)} joints"
-        raise ValueError(msg)
+        raise ValueError(f"positions of shape {position.shape} for {len(joints)} joints")
     return RawMotion(path.stem, joints, parents, position, rate_hz)
 
 
@@ -106,8 +102,7 @@ def _asf_of(path: Path) -> Path:
     same = path.with_suffix(".asf")
     found = [same] if same.exists() else sorted(path.parent.glob("*.asf"))
     if len(found) != 1:
-        msg = f"{len(found)} files .asf beside it; name one with --asf"
-        raise ValueError(msg)
+        raise ValueError(f"{len(found)} files .asf beside it; name one with --asf")
     return found[0]
 
 
@@ -165,8 +160,7 @@ def _read_amc(text: str, bones: dict[str, _Bone], name: str, rate_hz: float) -> 
             frames[-1][words[0]] = [float(x) for x in words[1:]]
     n, names = len(frames), list(bones)
     if not 1 <= n <= _MAX_FRAMES:
-        msg = f"{n} frames; 1 to {_MAX_FRAMES} can be read"
-        raise ValueError(msg)
+        raise ValueError(f"{n} frames; 1 to {_MAX_FRAMES} can be read")
     place = np.zeros((n, len(bones), 3))
     turns: list[Rotation] = []
     for k, (key, bone) in enumerate(bones.items()):
@@ -207,8 +201,7 @@ def _read_gltf(path: Path) -> Iterator[RawMotion]:
         end_s = max(float(times[-1]) for times, _ in curves.values())
         n = int(end_s * _GLTF_RATE_HZ) + 1
         if n > _MAX_FRAMES:
-            msg = f"an animation of {end_s:.0f} s"
-            raise ValueError(msg)
+            raise ValueError(f"an animation of {end_s:.0f} s")
         t_s = np.arange(n) / _GLTF_RATE_HZ
         place: dict[int, Array] = {}
         turn: dict[int, Array] = {}

@@ -68,11 +68,9 @@ def read_map(path: Path) -> JointMap:
         raw: Any = load_yaml(path.read_text("utf-8-sig"))
     except (OSError, UnicodeDecodeError, YamlError) as err:
         why = err.strerror if isinstance(err, OSError) else err
-        msg = f"{path}: no map that can be read: {why}"
-        raise SceneError(msg) from err
+        raise SceneError(f"{path}: no map that can be read: {why}") from err
     if not isinstance(raw, dict) or raw.get("kind") not in KINDS:
-        msg = f"{path}: kind: must be one of {', '.join(KINDS)}"
-        raise SceneError(msg)
+        raise SceneError(f"{path}: kind: must be one of {', '.join(KINDS)}")
     unknown = set(raw) - {"kind", "joints", "scale", "up"}
     standard, given = KINDS[raw["kind"]], raw.get("joints")
     if not isinstance(given, dict) or unknown:
@@ -83,12 +81,10 @@ def read_map(path: Path) -> JointMap:
         ("not given", set(standard) - set(given)),
     ):
         if names:
-            msg = f"{path}: joints: {word}: {', '.join(sorted(map(str, names)))}"
-            raise SceneError(msg)
+            raise SceneError(f"{path}: joints: {word}: {', '.join(sorted(map(str, names)))}")
     scale, up = raw.get("scale", 1.0), raw.get("up", "y")
     if not isinstance(scale, int | float) or not scale > 0 or up not in {"y", "z"}:
-        msg = f"{path}: scale must be a number over 0, up y or z"
-        raise SceneError(msg)
+        raise SceneError(f"{path}: scale must be a number over 0, up y or z")
     return JointMap(raw["kind"], {k: str(v) for k, v in given.items()}, float(scale), up)
 
 

@@ -109,8 +109,7 @@ def draw_recorded_body(
             rng, options.get("skin", "surface"), options.get("total_rcs_dbsm"), looks_s
         )
     except SceneError as err:
-        msg = f"{where}: {err}"
-        raise SceneError(msg) from err
+        raise SceneError(f"{where}: {err}") from err
 
 
 @cache

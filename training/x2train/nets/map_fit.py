@@ -150,8 +150,7 @@ def device_of(wanted: str) -> str:
     if wanted == "auto":
         return "cuda" if torch.cuda.is_available() else "cpu"
     if wanted == "cuda" and not torch.cuda.is_available():
-        msg = "--device cuda: torch finds no GPU here"
-        raise UsageError(msg)
+        raise UsageError("--device cuda: torch finds no GPU here")
     return wanted
 
 

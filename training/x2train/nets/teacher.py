@@ -22,15 +22,13 @@ Array = NDArray[np.float32]
 def taught_by(bundle: Bundle, windows: Mapping[str, NDArray[Any]]) -> Array:
     """Return a bundle's calibrated probabilities of windows by feature, shape (n, 3)."""
     if bundle.classes != CLASSES:
-        msg = f"teacher '{bundle.name}': tells {', '.join(bundle.classes)} apart"
-        raise UsageError(msg)
+        raise UsageError(f"teacher '{bundle.name}': tells {', '.join(bundle.classes)} apart")
     for each in bundle.inputs:
         found = windows[each.feature].shape[1:] if each.feature in windows else None
         if found != each.shape:
-            msg = (
+            raise UsageError(
                 f"teacher '{bundle.name}': takes {each.feature} of shape {each.shape}, not {found}"
             )
-            raise UsageError(msg)
     answers = outputs_of(bundle.onnx, {i.name: windows[i.feature] for i in bundle.inputs})
     return answers.p(bundle.temperature).astype(np.float32)
 

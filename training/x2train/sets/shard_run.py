@@ -60,8 +60,7 @@ def make_shards(
         ("workers", workers),
     ):
         if value < 1:
-            msg = f"{name} {value}: must be at least 1"
-            raise UsageError(msg)
+            raise UsageError(f"{name} {value}: must be at least 1")
     shards = ShardSet(folder, {**about, "elements": n_elements, "per_shard": per_shard})
     bounds = {
         f"shard-{k:05d}": (first, min(first + per_shard, n_elements))

@@ -35,8 +35,7 @@ class ShardSet:
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as err:
-            msg = f"{folder}: cannot make this folder: {err.strerror}"
-            raise RecordingError(msg) from err
+            raise RecordingError(f"{folder}: cannot make this folder: {err.strerror}") from err
         self._shards: dict[str, dict[str, Any]] = {}
         if (folder / MANIFEST).exists():
             known = _read_manifest(folder)
@@ -73,8 +72,7 @@ class ShardSet:
         try:
             data = path.read_bytes()
         except OSError as err:
-            msg = f"{path}: cannot read: {err.strerror}"
-            raise RecordingError(msg) from err
+            raise RecordingError(f"{path}: cannot read: {err.strerror}") from err
         if hashlib.sha256(data).hexdigest() != self._shards.get(name, {}).get("sha256"):
             msg = f"{path}: its checksum is not that of {MANIFEST}; remove it to make it again"
             raise RecordingError(msg)
@@ -102,11 +100,9 @@ def _read_manifest(folder: Path) -> _Manifest:
     try:
         return parse_json(_Manifest, path.read_bytes())
     except FileNotFoundError as err:
-        msg = f"{folder}: no set of shards here ({MANIFEST} is missing)"
-        raise RecordingError(msg) from err
+        raise RecordingError(f"{folder}: no set of shards here ({MANIFEST} is missing)") from err
     except (OSError, ValueError) as err:
-        msg = f"{path}: no manifest of shards ({err}); remove the folder"
-        raise RecordingError(msg) from err
+        raise RecordingError(f"{path}: no manifest of shards ({err}); remove the folder") from err
 
 
 def about_of(folder: Path) -> Mapping[str, Any]:
@@ -125,8 +121,7 @@ def write_whole(path: Path, data: bytes) -> None:
         write_atomically(path, data)
     except OSError as err:
         why = "the disk is full" if err.errno == errno.ENOSPC else err.strerror
-        msg = f"{path}: cannot write: {why}"
-        raise RecordingError(msg) from err
+        raise RecordingError(f"{path}: cannot write: {why}") from err
 
 
 def read_all(folder: Path) -> tuple[Mapping[str, Any], dict[str, NDArray[Any]]]:

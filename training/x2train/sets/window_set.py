@@ -35,18 +35,15 @@ def load_windows(
     for folder in folders:
         about, columns = read_all(folder)
         if about.get("kind") != "windows":
-            msg = f"{folder}: holds no windows but '{about.get('kind')}'"
-            raise UsageError(msg)
+            raise UsageError(f"{folder}: holds no windows but '{about.get('kind')}'")
         if abouts and about.get("settings") != abouts[0].get("settings"):
             msg = f"{folder}: its maps were made with other settings than those of {folders[0]}"
             raise UsageError(msg)
         if not columns:
-            msg = f"{folder}: holds no window"
-            raise UsageError(msg)
+            raise UsageError(f"{folder}: holds no window")
         missing = set(_NEEDED) - set(columns)
         if missing:
-            msg = f"{folder}: windows without {', '.join(sorted(missing))}"
-            raise UsageError(msg)
+            raise UsageError(f"{folder}: windows without {', '.join(sorted(missing))}")
         abouts.append(about)
         made.append(dict(choose({INSTALLATION: known_of(columns), **columns})))
     keys = list(made[0])
@@ -74,14 +71,12 @@ def check_made_for(
     """Raise UsageError if a bundle of three classes cannot take a set's maps as they are."""
     missing = [i.feature for i in bundle.inputs if i.feature not in columns]
     if missing:
-        msg = f"{folder}: holds no {missing[0]}, which model '{bundle.name}' takes"
-        raise UsageError(msg)
+        raise UsageError(f"{folder}: holds no {missing[0]}, which model '{bundle.name}' takes")
     if bundle.classes != CLASSES:
         msg = f"model '{bundle.name}' tells {', '.join(bundle.classes)} apart; three are needed"
         raise UsageError(msg)
     if FeatureSettings.from_mapping(about["settings"]) != bundle.features:
-        msg = (
+        raise UsageError(
             f"{folder}: its maps are not those that model '{bundle.name}' takes; make the set "
             f"with train-export dataset --like {bundle.name}"
         )
-        raise UsageError(msg)

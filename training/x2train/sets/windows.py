@@ -21,14 +21,7 @@ from x2radar.sim.bodies.motion import MOTIONS
 from x2radar.sim.bodies.skins.draw import SKINS
 from x2train.sets.families import FAMILIES, LABELS, Use, draw_cast, draw_goer
 from x2train.sets.passages import BodyModel, Passage, level_db_of, play
-from x2train.sets.sites import (
-    RadarKind,
-    RoomKind,
-    clear_site,
-    draw_close,
-    draw_radar,
-    draw_site,
-)
+from x2train.sets.sites import RadarKind, RoomKind, clear_site, draw_close, draw_radar, draw_site
 
 HOP_S = 1.0
 GATE = GateSettings()

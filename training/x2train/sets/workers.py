@@ -131,8 +131,7 @@ def _on_cluster(address: str) -> Iterator[Run]:
     try:
         client = distributed.Client(address, timeout=_CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as err:
-        msg = f"no Dask scheduler at {address}: {err}"
-        raise GenerateError(msg) from err
+        raise GenerateError(f"no Dask scheduler at {address}: {err}") from err
 
     def run(make: Make, chunks: Sequence[Chunk]) -> Iterator[Made]:
         threads = sum(client.nthreads().values())
@@ -144,8 +143,7 @@ def _on_cluster(address: str) -> Iterator[Run]:
             client.wait_for_workers(1, timeout=_CONNECT_S)
             yield run
         except TimeoutError as err:
-            msg = f"the Dask scheduler at {address} has no workers"
-            raise GenerateError(msg) from err
+            raise GenerateError(f"the Dask scheduler at {address} has no workers") from err
         except distributed.KilledWorker as err:
             msg = f"workers of the cluster died again and again on the same elements: {err}"
             raise GenerateError(msg) from err

@@ -151,8 +151,7 @@ def _run(args: argparse.Namespace) -> int:
             f"{r.fresh.median:.1f} % on {r.fresh.n} fresh elements"
         )
     if not results:
-        msg = f"{args.folder}: no results of these settings; run without --kept"
-        raise UsageError(msg)
+        raise UsageError(f"{args.folder}: no results of these settings; run without --kept")
     if args.publish:
         from x2train.thesis.pictures import publish  # noqa: PLC0415
 
@@ -170,8 +169,7 @@ def _run(args: argparse.Namespace) -> int:
 def _small(args: argparse.Namespace) -> argparse.Namespace:
     """Return the arguments with `--share` of the elements, repeats and epochs."""
     if not 0 < args.share <= 1:
-        msg = f"--share {args.share:g}: must be above 0, and 1 at most"
-        raise UsageError(msg)
+        raise UsageError(f"--share {args.share:g}: must be above 0, and 1 at most")
     if args.share == 1:
         return args
     made = argparse.Namespace(**vars(args))
@@ -193,8 +191,7 @@ def _bundle(args: argparse.Namespace, recipe: "StudyRecipe", command: str) -> in
     from x2train.thesis.cells import Cell  # noqa: PLC0415
 
     if args.rectified:
-        msg = "--rectified: the daemon makes no such profiles for a bundle"
-        raise UsageError(msg)
+        raise UsageError("--rectified: the daemon makes no such profiles for a bundle")
     cell = Cell(args.vector or 2, args.animal or "pet", args.frame_rate or 60)
     variant = _variant(args, args.activation or "relu")
     with progress() as bar:
@@ -211,8 +208,7 @@ def _parts(args: argparse.Namespace) -> tuple[str, ...]:
     parts = tuple(part.strip() for part in args.parts.split(",") if part.strip())
     wrong = [part for part in parts if part not in PARTS]
     if wrong or not parts:
-        msg = f"--parts '{args.parts}': must be of {', '.join(PARTS)}"
-        raise UsageError(msg)
+        raise UsageError(f"--parts '{args.parts}': must be of {', '.join(PARTS)}")
     return parts
 
 
@@ -249,8 +245,7 @@ def _jobs(
         rows[RAW] = RawJob(recipe, tried, base)
         wrong = set(args.rows or ()) - set(rows)
         if wrong:
-            msg = f"--rows {', '.join(sorted(wrong))}: must be of {', '.join(rows)}"
-            raise UsageError(msg)
+            raise UsageError(f"--rows {', '.join(sorted(wrong))}: must be of {', '.join(rows)}")
         yield from (rows[name] for name in args.rows or rows)
     if args.finetune:
         wanted = cells if "networks" in parts and not args.publish else (tried,)
@@ -295,8 +290,7 @@ def _whole_numbers(option: str, text: str) -> tuple[int, ...]:
     try:
         return tuple(int(part) for part in text.split(",") if part.strip())
     except ValueError as err:
-        msg = f"{option} '{text}': must be whole numbers with commas between"
-        raise UsageError(msg) from err
+        raise UsageError(f"{option} '{text}': must be whole numbers with commas between") from err
 
 
 def _teller(bar: Progress) -> Callable[[str, int, int], None]:

@@ -52,8 +52,7 @@ class ElementSpec:
     def __post_init__(self) -> None:
         """Validate the settings."""
         if not 1 <= self.frame_rate_hz <= 1000:
-            msg = f"frame rate {self.frame_rate_hz}: must be 1 to 1000 a second"
-            raise UsageError(msg)
+            raise UsageError(f"frame rate {self.frame_rate_hz}: must be 1 to 1000 a second")
         columns = round(self.dwell_s * self.frame_rate_hz)
         if not 2 <= self.n_cpi <= columns:
             msg = f"M = {self.n_cpi}: must be 2 to {columns}, the columns of the record"
@@ -62,8 +61,7 @@ class ElementSpec:
             msg = f"I alpha = {self.n_cadence}: must be 1 to {columns // 2}, half the columns"
             raise UsageError(msg)
         if self.noise not in NOISES:
-            msg = f"noise '{self.noise}': must be one of {', '.join(NOISES)}"
-            raise UsageError(msg)
+            raise UsageError(f"noise '{self.noise}': must be one of {', '.join(NOISES)}")
 
     @property
     def shape(self) -> DwellShape:

@@ -36,8 +36,7 @@ class RepeatedMlp(nn.Module):
     ) -> None:
         super().__init__()
         if n_repeats < 1 or len(sizes) < 2 or min(sizes) < 1:
-            msg = f"layers {sizes} in {n_repeats} repeats: all must be 1 or more"
-            raise UsageError(msg)
+            raise UsageError(f"layers {sizes} in {n_repeats} repeats: all must be 1 or more")
         self.activation = activation
         self.sizes = sizes
         generator = torch.Generator().manual_seed(seed)

@@ -106,8 +106,7 @@ class StudyRecipe:
                 msg = f"{name.removeprefix('n_')} {getattr(self, name)}: must be at least {least}"
                 raise UsageError(msg)
         if self.n_elements // 2 > FRESH_FROM:
-            msg = f"elements {self.n_elements}: must be at most {2 * FRESH_FROM}"
-            raise UsageError(msg)
+            raise UsageError(f"elements {self.n_elements}: must be at most {2 * FRESH_FROM}")
 
     @property
     def results(self) -> ResultFile:

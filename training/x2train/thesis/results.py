@@ -115,8 +115,7 @@ class ResultFile:
         try:
             known = _RESULT.validate_json(path.read_bytes())
         except ValueError as err:
-            msg = f"{path}: no result ({err}); remove it to make it again"
-            raise UsageError(msg) from err
+            raise UsageError(f"{path}: no result ({err}); remove it to make it again") from err
         return known if known.settings == json.loads(json.dumps(settings)) else None
 
     def save(self, result: CellResult) -> None:

@@ -159,8 +159,7 @@ def write(path: Path, source: BlockReader) -> list[str]:
     """Write RF `source`, in the module's unit, into a new file; return what was not kept."""
     axis = source.stream.axis
     if axis.kind != "rf":
-        msg = f"{path.name}: FrameLogger files hold RF frames, this is baseband"
-        raise SettingsError(msg)
+        raise SettingsError(f"{path.name}: FrameLogger files hold RF frames, this is baseband")
     notes = ["counters are made of the times when it is read, from 1"]
     sweep = _sweep_of(source.settings)
     if sweep is None:

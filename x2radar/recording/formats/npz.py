@@ -132,15 +132,13 @@ def _read_header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]
     length = file.read(2 if version == (1, 0) else 4)
     n = int.from_bytes(length, "little")
     if n > _MAX_HEADER_BYTES:
-        msg = f"an array has a header of {n} bytes"
-        raise ValueError(msg)
+        raise ValueError(f"an array has a header of {n} bytes")
     reader = np.lib.format.read_array_header_1_0
     if version != (1, 0):
         reader = np.lib.format.read_array_header_2_0
     shape, is_fortran, dtype = reader(io.BytesIO(length + file.read(n)))
     if any(n < 0 for n in shape):
-        msg = f"an array has the shape {shape}"
-        raise ValueError(msg)
+        raise ValueError(f"an array has the shape {shape}")
     return shape, is_fortran and len(shape) > 1, dtype
 
 

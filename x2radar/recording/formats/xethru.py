@@ -237,8 +237,7 @@ def write(path: Path, source: BlockReader) -> list[str]:
     """Write baseband `source` into a new folder; return what was not kept."""
     axis = source.stream.axis
     if axis.kind != "baseband":
-        msg = f"{path.name}: XeThru recordings hold baseband here, this is RF"
-        raise SettingsError(msg)
+        raise SettingsError(f"{path.name}: XeThru recordings hold baseband here, this is RF")
     started = parse_utc(source.started_utc) or datetime.fromtimestamp(0, UTC)
     name = f"xethru_baseband_iq_{started:%Y%m%d_%H%M%S}.dat"
     kept = ("bin_length_m", "range_offset_m", "carrier_hz", "bandwidth_hz", "sample_rate_hz")

@@ -167,9 +167,8 @@ def _footwork(build: QuadrupedBuild, species: Species, style: str, path: Path) -
         name = None
     limit = _MAX_WALK_FROUDE if name == "walk" else _MAX_FROUDE
     if PET_STYLES[style].froude is not None and float(froude(fastest, build.hip_m)) > limit:
-        msg = (
+        raise SceneError(
             f"path: {fastest:g} m/s is too fast for a {species.name} with its hip at "
             f"{build.hip_m:.2f} m to {style}"
         )
-        raise SceneError(msg)
     return name or usual_gait(fastest, build.hip_m, species)

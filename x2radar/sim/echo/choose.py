@@ -101,11 +101,10 @@ def frames(
     SceneError if the error is out of its range, the shapes differ, or the axis has no bandwidth.
     """
     if range_m.ndim != 2 or range_m.shape != amplitude.shape:
-        msg = (
+        raise SceneError(
             f"ranges of shape {range_m.shape} and amplitudes of shape {amplitude.shape}; "
             "both must be (n_slow, n_points)"
         )
-        raise SceneError(msg)
     n_slow, n_points = range_m.shape
     task = Task(n_slow, n_points, axis, error_db)
     return TIERS[tier or choose(task)].frames(range_m, amplitude, task, floor)

@@ -112,11 +112,10 @@ def suits(axis: FastTimeAxis) -> bool:
 def design_for(axis: FastTimeAxis, error_db: float) -> Design:
     """Return the design for an axis, made once; SceneError if none reaches the error."""
     if not suits(axis) or error_db < FINEST_DB:
-        msg = (
+        raise SceneError(
             f"no coarse grid gives {error_db:g} dB on bins of {axis.bin_length_m:g} m: the "
             f"bins must be shorter than a third of a sigma, the error at least {FINEST_DB:g}"
         )
-        raise SceneError(msg)
     sigma_m = echo_sigma_m(axis)
     shape, matrix, worst = _cheapest(axis.n_range, axis.bin_length_m / sigma_m, error_db)
     n_block, n_step, halo, touched, share = shape
@@ -174,8 +173,7 @@ def _cheapest(n_range: int, bin_sigma: float, error_db: float) -> tuple[_Shape, 
         matrix, worst = _fit(shape, bin_sigma)
         if 20 * math.log10(worst) <= error_db:
             return shape, matrix, worst
-    msg = f"error_db {error_db:g}: no grid reaches it on this axis"
-    raise SceneError(msg)
+    raise SceneError(f"error_db {error_db:g}: no grid reaches it on this axis")
 
 
 def _reach(share: float, db: float) -> float:

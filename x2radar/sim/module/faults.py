@@ -92,8 +92,7 @@ def parse_faults(text: str) -> FaultPlan:
     for item in text.split(","):
         name, _, number = item.strip().partition(":")
         if fault := _fault(name, number, values):
-            msg = f"fault {name!r}: {fault}; kinds are {', '.join(KINDS)}"
-            raise SettingsError(msg)
+            raise SettingsError(f"fault {name!r}: {fault}; kinds are {', '.join(KINDS)}")
         values[name] = float(number)
     return FaultPlan(values)
 

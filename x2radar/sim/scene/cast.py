@@ -91,15 +91,13 @@ _COURSE = ("course", "waypoints_m", "speed_mps", "near_m", "far_m", "start_s")
 def read_actor(raw: Any, where: str) -> Actor:
     """Return the actor that a scene file's body or thing describes, checked; or SceneError."""
     if not isinstance(raw, dict):
-        msg = f"{where}: must be a mapping with the key body or thing"
-        raise SceneError(msg)
+        raise SceneError(f"{where}: must be a mapping with the key body or thing")
     options = dict(raw)
     named = [key for key in ("body", "thing") if key in options]
     if len(named) != 1:
         for key in options.keys() - {"body", "thing", "probability"}:
             raise SceneError(unknown(key, ("body", "thing", "duration_s"), where))
-        msg = f"{where}: must name one body or one thing"
-        raise SceneError(msg)
+        raise SceneError(f"{where}: must name one body or one thing")
     kind = options.pop(named[0])
     known: Mapping[str, Any] = BODIES if named[0] == "body" else THINGS
     plugged: BodyKind | None = None
@@ -125,8 +123,7 @@ def plugged_body(name: str) -> BodyKind | None:
         return None
     kind = found.made
     if not isinstance(kind, BodyKind):
-        msg = f"{found.about}: must be a BodyKind, not {type(kind).__name__}"
-        raise PluginError(msg)
+        raise PluginError(f"{found.about}: must be a BodyKind, not {type(kind).__name__}")
 
     def make(rng: np.random.Generator, options: Mapping[str, Any], where: str) -> Mover:
         mover: Mover = found.guard(lambda: kind.make(rng, options, where))
@@ -135,11 +132,10 @@ def plugged_body(name: str) -> BodyKind | None:
         found.check(points, ("position_m", "rcs_m2"))
         shape = (2, len(mover.names))
         if points.position_m.shape != (*shape, 3) or points.rcs_m2.shape != shape:
-            msg = (
+            raise PluginError(
                 f"{found.about}: {len(mover.names)} points at two times have positions of shape "
                 f"{points.position_m.shape} and cross sections of {points.rcs_m2.shape}"
             )
-            raise PluginError(msg)
         if mover.label not in get_args(Label):
             msg = f"{found.about}: label '{mover.label}' is none of {', '.join(get_args(Label))}"
             raise PluginError(msg)
@@ -163,8 +159,7 @@ def _body(sentence: str, draw_body: Callable[..., Mover], keys: tuple[str, ...])
             return draw_body(rng, **options)
         except SceneError as err:
             # A body's own error, with the path of its key in front.
-            msg = f"{where}.{err}"
-            raise SceneError(msg) from err
+            raise SceneError(f"{where}.{err}") from err
 
     return BodyKind(sentence, make)
 
@@ -175,13 +170,11 @@ def _waypoints(options: dict[str, Any], rng: np.random.Generator, where: str) ->
     near_m, far_m = options.pop("near_m", NEAR_M), options.pop("far_m", FAR_M)
     if given is not None:
         if not isinstance(given, list) or len(given) < 2:
-            msg = f"{where}.waypoints_m: must be a list of two or more points [x, y]"
-            raise SceneError(msg)
+            raise SceneError(f"{where}.waypoints_m: must be a list of two or more points [x, y]")
         places = (place_of(p, f"{where}.waypoints_m[{k}]") for k, p in enumerate(given))
         return [(x, y) for x, y in places]
     if far_m <= near_m + 0.5:
-        msg = f"{where}.far_m: {far_m} is not half a metre above near_m = {near_m}"
-        raise SceneError(msg)
+        raise SceneError(f"{where}.far_m: {far_m} is not half a metre above near_m = {near_m}")
     return None if name is None else draw_course(rng, name, near_m, far_m)
 
 

@@ -111,8 +111,7 @@ def load_scene(name: str) -> Scene:
             text = Path(name).read_text(encoding="utf-8-sig")
         except (OSError, ValueError) as err:
             # ValueError: bytes that are no UTF-8, or a name that no file can have.
-            msg = f"{name}: cannot read the scene file ({err})"
-            raise SceneError(msg) from err
+            raise SceneError(f"{name}: cannot read the scene file ({err})") from err
         return parse_scene(text, Path(name).stem, name)
     if name in scene_names():
         return parse_scene(_builtin_text(name), name, f"{name}.yaml")
@@ -129,25 +128,21 @@ def parse_scene(text: str, name: str, where: str) -> Scene:
     except SceneError as err:
         if len(str(err)) <= _MAX_MESSAGE:
             raise
-        msg = f"{str(err)[:_MAX_MESSAGE]} …"
-        raise SceneError(msg) from err
+        raise SceneError(f"{str(err)[:_MAX_MESSAGE]} …") from err
     except (TypeError, ValueError, LookupError, AttributeError, ArithmeticError) as err:
         # Values of kinds that no key takes: lists and mappings for numbers and words.
-        msg = f"{where}: a value makes no sense ({str(err)[:_MAX_MESSAGE]})"
-        raise SceneError(msg) from err
+        raise SceneError(f"{where}: a value makes no sense ({str(err)[:_MAX_MESSAGE]})") from err
 
 
 def _parsed(text: str, name: str, where: str) -> Scene:
     try:
         raw = load_yaml(text)
     except YamlError as err:
-        msg = f"{where}: not YAML: {err}"
-        raise SceneError(msg) from err
+        raise SceneError(f"{where}: not YAML: {err}") from err
     top = _inherited(checked({} if raw == {} else raw or [], _SCENE_KEYS, where), where)
     said = {key: read(top[key], f"{where}: {key}") for key, read in _READERS.items() if key in top}
     if not said.get("steps"):
-        msg = f"{where}: steps: must be a list with at least one step"
-        raise SceneError(msg)
+        raise SceneError(f"{where}: steps: must be a list with at least one step")
     return Scene(**{"name": name, "description": "", **said})
 
 
@@ -157,12 +152,10 @@ def _inherited(top: dict[str, Any], where: str) -> dict[str, Any]:
     if name is None:
         return top
     if name not in scene_names():
-        msg = f"{where}: like: no built-in scene '{name}'"
-        raise SceneError(msg)
+        raise SceneError(f"{where}: like: no built-in scene '{name}'")
     base = load_yaml(_builtin_text(name))
     if "like" in base:
-        msg = f"{where}: like: '{name}' is itself like another scene; name that one"
-        raise SceneError(msg)
+        raise SceneError(f"{where}: like: '{name}' is itself like another scene; name that one")
     return {**base, **top}
 
 
@@ -201,8 +194,7 @@ def _duration(raw: Any, where: str) -> tuple[float, float]:
     for value in (least_s, most_s):
         _DURATION.judge(value, where)
     if least_s > most_s:
-        msg = f"{where}: {least_s} is above {most_s}"
-        raise SceneError(msg)
+        raise SceneError(f"{where}: {least_s} is above {most_s}")
     return float(least_s), float(most_s)
 
 
@@ -225,8 +217,7 @@ def _error_db(raw: Any, where: str) -> float:
 
 def _text(raw: Any, where: str) -> str:
     if not isinstance(raw, str | None):
-        msg = f"{where}: must be text"
-        raise SceneError(msg)
+        raise SceneError(f"{where}: must be text")
     return " ".join((raw or "").split())
 
 
@@ -235,8 +226,7 @@ def _list(read: Callable[[Any, str], _T]) -> Callable[[Any, str], tuple[_T, ...]
 
     def read_all(raw: Any, where: str) -> tuple[_T, ...]:
         if not isinstance(raw, list | None):
-            msg = f"{where}: must be a list"
-            raise SceneError(msg)
+            raise SceneError(f"{where}: must be a list")
         return tuple(read(item, f"{where}[{k}]") for k, item in enumerate(raw or []))
 
     return read_all

@@ -157,8 +157,7 @@ def check_swath(scene: Scene, near_m: float, far_m: float) -> None:
         points = actor.make(np.random.default_rng(0)).at(t_s, scene.antenna.position_m)
         range_m = length_m(points.position_m - scene.antenna.position_m)
         if not ((range_m >= near_m) & (range_m <= far_m)).any():
-            msg = (
+            raise SceneError(
                 f"{actor.where}: the {actor.kind} never enters the swath, "
                 f"{near_m:.2f} to {far_m:.2f} m"
             )
-            raise SceneError(msg)

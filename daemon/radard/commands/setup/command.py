@@ -8,12 +8,7 @@ from typing import Any
 
 from radard.commands.setup import files
 from radard.commands.setup.coverage import OPTIONS, CoverageOptions, coverage_table
-from radard.commands.setup.system import (
-    Installation,
-    install_system,
-    uninstall_system,
-    write_file,
-)
+from radard.commands.setup.system import Installation, install_system, uninstall_system, write_file
 from x2radar.command import Parser, new_parser
 
 _EXAMPLES = """\

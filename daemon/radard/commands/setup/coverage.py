@@ -41,8 +41,7 @@ class CoverageOptions:
         for name, (option, _, _, least, most) in OPTIONS.items():
             value = getattr(self, name)
             if not least <= value <= most:
-                msg = f"{option} {value:g}: must be {least:g} to {most:g}"
-                raise UsageError(msg)
+                raise UsageError(f"{option} {value:g}: must be {least:g} to {most:g}")
 
     @property
     def antenna(self) -> Antenna:

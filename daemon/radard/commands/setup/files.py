@@ -32,11 +32,9 @@ def udev_rules(usb_id: str | None = None, serial: str | None = None) -> str:
         msg = "--usb and --serial belong together: adapters of one kind carry other things too"
         raise UsageError(msg)
     if not _USB_ID.fullmatch(usb_id.lower()):
-        msg = f"--usb '{usb_id}': must be two hexadecimal numbers, as in 0403:6001"
-        raise UsageError(msg)
+        raise UsageError(f"--usb '{usb_id}': must be two hexadecimal numbers, as in 0403:6001")
     if not _SERIAL.fullmatch(serial):
-        msg = f"--serial '{serial}': must be letters, digits and . _ - only"
-        raise UsageError(msg)
+        raise UsageError(f"--serial '{serial}': must be letters, digits and . _ - only")
     vendor, product = usb_id.lower().split(":")
     rule = (
         f'ATTRS{{idVendor}}=="{vendor}", ATTRS{{idProduct}}=="{product}", '
@@ -69,8 +67,7 @@ def first_config(name: str | None = None, port: str = PORT) -> str:
         head = _HEAD.format(what="the service radard.service", keys="")
     else:
         if not _NAME.fullmatch(name):
-            msg = f"--name '{name}': must be letters, digits, - and _ only"
-            raise UsageError(msg)
+            raise UsageError(f"--name '{name}': must be letters, digits, - and _ only")
         quoted = json.dumps(port, ensure_ascii=False)
         head = _HEAD.format(
             what=f"radard@{name}.service", keys=_KEYS.format(name=name, port=quoted)
@@ -99,8 +96,7 @@ def shipped(name: str) -> str:
 def _program_words(program: Path | None) -> str:
     program = program or own_program()
     if not program.is_absolute():
-        msg = f"--exec '{program}': must be a whole path, as systemd wants it"
-        raise UsageError(msg)
+        raise UsageError(f"--exec '{program}': must be a whole path, as systemd wants it")
     return str(program)
 
 
@@ -115,8 +111,7 @@ def _with_start(*words: str) -> str:
 def _unit_word(word: str) -> str:
     """Return a word as it must stand in ExecStart=."""
     if not word.isprintable():
-        msg = f"{word!r}: cannot stand in a unit file"
-        raise UsageError(msg)
+        raise UsageError(f"{word!r}: cannot stand in a unit file")
     word = word.replace("%", "%%").replace("$", "$$")
     if re.search(r"[\s\"'\\;]", word):
         return '"' + word.replace("\\", "\\\\").replace('"', '\\"') + '"'

@@ -58,8 +58,7 @@ class Installation:
 
 def _check_below(name: str) -> str:
     if Path(name).is_absolute() or ".." in Path(name).parts:
-        msg = "leaves the root folder"
-        raise ValueError(msg)
+        raise ValueError("leaves the root folder")
     return name
 
 
@@ -88,8 +87,7 @@ class Record(BaseModel, extra="forbid"):
         try:
             return cls.model_validate_json(path.read_bytes())
         except (OSError, ValueError) as err:
-            msg = f"{path}: is no record of an installation: {err}"
-            raise ConfigError(msg) from err
+            raise ConfigError(f"{path}: is no record of an installation: {err}") from err
 
     def write(self, root: Path) -> None:
         """Keep it for the uninstallation."""
@@ -157,8 +155,7 @@ def _check(what: Installation) -> None:
     files.first_config(what.name, what.port)
     program = _below(what.root, what.program)
     if not os.access(program, os.X_OK):
-        msg = f"{program}: no such program; name the radard to start with --exec"
-        raise UsageError(msg)
+        raise UsageError(f"{program}: no such program; name the radard to start with --exec")
     seen = [str(what.program)]
     if what.root == Path("/"):
         seen += [str(program.resolve()), str(Path(sys.executable).resolve())]
@@ -222,8 +219,7 @@ def _refusals(path: Path) -> Iterator[None]:
     try:
         yield
     except PermissionError as err:
-        msg = f"{err.filename or path}: only root may write it; use sudo"
-        raise NotAllowed(msg) from err
+        raise NotAllowed(f"{err.filename or path}: only root may write it; use sudo") from err
     except OSError as err:
         msg = f"{err.filename or path}: cannot be written: {err.strerror or err}"
         raise RadardError(msg) from err

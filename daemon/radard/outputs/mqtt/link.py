@@ -229,11 +229,9 @@ class MqttLink:
                     raise DeliveryError(self._reason)
                 info.wait_for_publish(_POLL_S)
             if why := self._refused.pop(info.mid, ""):
-                msg = f"the broker refuses it: {why}"
-                raise DeliveryError(msg, is_refusal=True)
+                raise DeliveryError(f"the broker refuses it: {why}", is_refusal=True)
         except (RuntimeError, ValueError) as err:
-            msg = f"not published: {err}"
-            raise DeliveryError(msg) from err
+            raise DeliveryError(f"not published: {err}") from err
 
     def close(self, timeout_s: float) -> None:
         """Disconnect; if there is time for it, without the last will."""
@@ -320,8 +318,7 @@ class MqttLink:
         if broker.username is not None:
             client.username_pw_set(broker.username, password)
         elif password is not None:
-            msg = "mqtt.username: a password needs one; give it here or in the URL"
-            raise ConfigError(msg)
+            raise ConfigError("mqtt.username: a password needs one; give it here or in the URL")
         if broker.is_tls:
             context = client_context("mqtt", o.ca_file, o.cert_file, o.key_file)
             context.check_hostname = o.check_hostname

@@ -60,8 +60,7 @@ def parse_url(url: str, options: MqttSection, sensor: str) -> tuple[Broker, str]
         parts = urlsplit(url)
         port = parts.port
     except ValueError as err:
-        msg = f"--output {scheme}: {err}"
-        raise UsageError(msg) from err
+        raise UsageError(f"--output {scheme}: {err}") from err
     if parts.password is not None:
         msg = f"--output {scheme}: no password in the URL; use mqtt.password_file or _env"
         raise UsageError(msg)
@@ -140,8 +139,7 @@ class CommandReader:
         elif name == "disarm":
             code = payload.decode()
         elif payload:
-            msg = f"command {shown} ignored: its payload must be empty"
-            raise ValueError(msg)
+            raise ValueError(f"command {shown} ignored: its payload must be empty")
         if name == "disarm":
             self._check_code(code)
         return MqttCommand(name=name)
@@ -150,8 +148,7 @@ class CommandReader:
         names = tuple(SENSITIVITIES["fused"])
         text = payload.decode()
         if text not in names:
-            msg = f"command 'sensitivity' ignored: it is one of {', '.join(names)}"
-            raise ValueError(msg)
+            raise ValueError(f"command 'sensitivity' ignored: it is one of {', '.join(names)}")
         return MqttCommand(sensitivity=text)
 
     def _check_code(self, given: str) -> None:
@@ -162,16 +159,14 @@ class CommandReader:
                 raise ValueError(msg)
             return
         if self._now_s() < self._locked_until_s:
-            msg = "command 'disarm' ignored: too many wrong codes, wait a minute"
-            raise ValueError(msg)
+            raise ValueError("command 'disarm' ignored: too many wrong codes, wait a minute")
         if hmac.compare_digest(given.encode(), wanted.encode()):
             self._n_wrong = 0
             return
         self._n_wrong += 1
         if self._n_wrong >= _MAX_WRONG:
             self._n_wrong, self._locked_until_s = 0, self._now_s() + _LOCKED_S
-        msg = "command 'disarm' ignored: a wrong code, or none"
-        raise ValueError(msg)
+        raise ValueError("command 'disarm' ignored: a wrong code, or none")
 
 
 def panel_command(payload: bytes) -> tuple[str, str]:
@@ -181,12 +176,10 @@ def panel_command(payload: bytes) -> tuple[str, str]:
         try:
             raw = json.loads(text)
         except RecursionError as err:
-            msg = "a panel's command is nested too deeply"
-            raise ValueError(msg) from err
+            raise ValueError("a panel's command is nested too deeply") from err
         text, code = str(raw.get("action")), str(raw.get("code") or "")
     if text not in PANEL_COMMANDS:
-        msg = f"a panel's command is one of {', '.join(PANEL_COMMANDS)}"
-        raise ValueError(msg)
+        raise ValueError(f"a panel's command is one of {', '.join(PANEL_COMMANDS)}")
     return PANEL_COMMANDS[text], code
 
 

@@ -41,8 +41,7 @@ async def read_clip(path: Path) -> bytes:
             await process.wait()
     if process.returncode:
         lines = complaint.decode(errors="replace").splitlines()
-        msg = lines[-1] if lines else f"its reader ended with {process.returncode}"
-        raise RadardError(msg)
+        raise RadardError(lines[-1] if lines else f"its reader ended with {process.returncode}")
     return data
 
 

@@ -32,12 +32,10 @@ def read_bvh(text: str) -> tuple[list[str], list[int], Array, float]:
     rate_hz = 1.0 / float(next(lines)[1].split()[-1])
     width = sum(len(j.channels) for j in joints)
     if not 1 <= n_frames <= MAX_FRAMES:
-        msg = f"{n_frames} frames; 1 to {MAX_FRAMES} can be read"
-        raise ValueError(msg)
+        raise ValueError(f"{n_frames} frames; 1 to {MAX_FRAMES} can be read")
     rows = [np.array(line.split(), np.float64) for _, line in lines if line.strip()]
     if len(rows) != n_frames or any(len(row) != width for row in rows):
-        msg = f"{len(rows)} rows of motion for {n_frames} frames of {width} channels"
-        raise ValueError(msg)
+        raise ValueError(f"{len(rows)} rows of motion for {n_frames} frames of {width} channels")
     return [j.name for j in joints], [j.parent for j in joints], _forward(joints, rows), rate_hz
 
 
@@ -53,8 +51,7 @@ def _hierarchy(lines: Iterator[tuple[int, str]]) -> list[_Joint]:
             return joints
         if word[0] in {"ROOT", "JOINT", "End"}:
             if len(joints) == MAX_JOINTS:
-                msg = f"more than {MAX_JOINTS} joints"
-                raise ValueError(msg)
+                raise ValueError(f"more than {MAX_JOINTS} joints")
             parent = open_[-1] if open_ else -1
             name = f"{joints[parent].name} end" if word[0] == "End" else " ".join(word[1:])
             joints.append(_Joint(name, parent, np.zeros(3)))
@@ -67,10 +64,8 @@ def _hierarchy(lines: Iterator[tuple[int, str]]) -> list[_Joint]:
         elif word[0] == "}":
             open_.pop()
         else:
-            msg = f"line {number}: '{word[0]}' is no word of a BVH hierarchy"
-            raise ValueError(msg)
-    msg = "no line MOTION"
-    raise ValueError(msg)
+            raise ValueError(f"line {number}: '{word[0]}' is no word of a BVH hierarchy")
+    raise ValueError("no line MOTION")
 
 
 def _forward(joints: Sequence[_Joint], rows: Sequence[Array]) -> Array:

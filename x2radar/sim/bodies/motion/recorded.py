@@ -72,11 +72,10 @@ class RecordedMotion:
             thick = np.clip(_THICK_SHARE * length, *_THICK_M)
             half = np.stack([length / 2, thick, thick], axis=1)
         if not len(half) or not 0.0 < half.min() <= half.max() <= _MAX_HALF_M:
-            msg = (
+            raise SceneError(
                 f"segments must be longer than {100 * _MIN_SEGMENT_M:g} cm and shorter than "
                 f"{2 * _MAX_HALF_M:g} m: is the scale right?"
             )
-            raise SceneError(msg)
         velocity = np.gradient(position_m, axis=0) if len(position_m) > 1 else 0 * position_m
         return cls(skeleton, half, at, position_m, velocity, float(frame_rate_hz))
 
@@ -125,16 +124,14 @@ def read_motion(file: str | None, *, scale: float = 1.0, up: str = "y") -> Recor
     path = FilePath(file)
     try:
         if _n_bytes(path) > MAX_BYTES:
-            msg = f"{file}: more than {MAX_BYTES >> 20} MiB: cut it into parts"
-            raise SceneError(msg)
+            raise SceneError(f"{file}: more than {MAX_BYTES >> 20} MiB: cut it into parts")
         if path.suffix == ".npz":
             names, parent, position, rate_hz = _read_archive(path)
         else:
             text = path.read_text(encoding="utf-8-sig", errors="strict")
             names, parent, position, rate_hz = read_bvh(text)
     except OSError as err:
-        msg = f"{file}: cannot read the motion ({err.strerror or err})"
-        raise SceneError(msg) from err
+        raise SceneError(f"{file}: cannot read the motion ({err.strerror or err})") from err
     except (
         *(ValueError, LookupError, ArithmeticError, TypeError, StopIteration, RuntimeError),
         zipfile.BadZipFile,
@@ -142,8 +139,7 @@ def read_motion(file: str | None, *, scale: float = 1.0, up: str = "y") -> Recor
         msg = f"{file}: not a motion that can be read: {' '.join(str(err).split()) or 'cut short'}"
         raise SceneError(msg) from err
     if not np.isfinite(position).all() or not 1.0 <= rate_hz <= 1000.0:
-        msg = f"{file}: positions must be finite and the frame rate 1 to 1000 Hz"
-        raise SceneError(msg)
+        raise SceneError(f"{file}: positions must be finite and the frame rate 1 to 1000 Hz")
     metres = scale * position
     if up == "y":
         metres = metres[..., [0, 2, 1]] * np.array([1.0, -1.0, 1.0])
@@ -165,11 +161,9 @@ def _read_archive(path: FilePath) -> tuple[list[str], list[int], Array, float]:
         rate_hz = float(data["frame_rate_hz"])
         names = [str(n) for n in data["names"]] if "names" in data else []
     if position.ndim != 3 or position.shape[1:] != (len(parent), 3):
-        msg = f"position_m has shape {position.shape} with {len(parent)} parents"
-        raise ValueError(msg)
+        raise ValueError(f"position_m has shape {position.shape} with {len(parent)} parents")
     if any(not -1 <= p < k for k, p in enumerate(parent)):
-        msg = "each joint's parent must stand before it"
-        raise ValueError(msg)
+        raise ValueError("each joint's parent must stand before it")
     return names or [f"joint {k}" for k in range(len(parent))], parent, position, rate_hz
 
 

@@ -39,8 +39,7 @@ def bends(
 ) -> tuple[tuple[float, float, float], list[Bend]]:
     """Return the beginning (x, y, direction) of a course with rounded corners, and its parts."""
     if len(waypoints_m) < 2:
-        msg = f"waypoints_m: {len(waypoints_m)} waypoint, but a course has 2 or more"
-        raise SceneError(msg)
+        raise SceneError(f"waypoints_m: {len(waypoints_m)} waypoint, but a course has 2 or more")
     legs = [math.dist(a, b) for a, b in pairwise(waypoints_m)]
     for k, leg in enumerate(legs):
         if leg < _MIN_LEG_M:

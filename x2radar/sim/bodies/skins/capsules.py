@@ -12,13 +12,7 @@ from typing import Self
 import numpy as np
 
 from x2radar.sim.bodies.pose import Pose
-from x2radar.sim.bodies.skins.base import (
-    DEEPEST,
-    SKIN_REFLECTION,
-    WAVELENGTH_M,
-    EchoGain,
-    Skin,
-)
+from x2radar.sim.bodies.skins.base import DEEPEST, SKIN_REFLECTION, WAVELENGTH_M, EchoGain, Skin
 from x2radar.sim.points import Array, Points
 
 _COHERENT_M = (0.03, 0.08)
