@@ -13,8 +13,7 @@ from x2radar.ports import named_port, parse_port
 from x2radar.radars import make_radar
 from x2radar.recording.about import SAMPLE_DTYPES
 
-_LONGEST_S = 3600.0
-"""An hour of an X2's RF frames is 0.7 GB."""
+_LONGEST_S = 3600.0  # an hour of an X2's RF frames is 0.7 GB
 
 
 def simulate(

@@ -18,8 +18,7 @@ class YamlError(ValueError):
     def __init__(self, problem: str, line: int | None = None) -> None:
         super().__init__(problem if line is None else f"line {line}: {problem}")
         self.problem = problem
-        self.line = line
-        """Counted from 1; None if it is of no line alone."""
+        self.line = line  # counted from 1; None if it is of no line alone
 
 
 def compose_yaml(text: str) -> yaml.Node | None:

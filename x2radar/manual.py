@@ -12,8 +12,7 @@ from typing import Any
 from x2radar.command import Parser, installed_version
 from x2radar.extras import DISTRIBUTION, needed
 
-SHELLS = ("bash", "zsh")
-"""Of those that shtab writes for; its tcsh leaves most options out."""
+SHELLS = ("bash", "zsh")  # of those that shtab writes for; its tcsh leaves most options out
 EXIT_CODES = {
     0: "clean, also after SIGINT and SIGTERM",
     1: "runtime failure",
@@ -27,8 +26,7 @@ EXIT_CODES = {
 """Of the three commands; docs/troubleshooting.md says what to do."""
 _ROFF = {"\\": "\\e", "-": "\\-", "~": "\\(ti", "^": "\\(ha", "'": "\\(aq", "`": "\\(ga"}
 """Signs that roff would print otherwise (groff_char(7))."""
-_EVERYWHERE = ("--help", "--version", "--debug")
-"""Described once, not for every subcommand."""
+_EVERYWHERE = ("--help", "--version", "--debug")  # described once, not for every subcommand
 
 
 def add_manual(parser: Parser, whole: Callable[[], Parser] | None = None) -> None:

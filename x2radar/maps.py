@@ -13,12 +13,9 @@ from x2radar.errors import SettingsError
 from x2radar.frame import FastTimeAxis, Samples
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 
-CPI_S = 28 / 60
-"""Length of a CPI: that of the thesis, which resolves 0.05 m/s at 6.8 GHz."""
-CELL_M = 0.05
-"""Range cell of `range_time`: half of what 1.75 GHz of bandwidth resolve."""
-_MAX_FREQUENCIES = 64
-"""The band of an X2 over its swath has 33 independent ones."""
+CPI_S = 28 / 60  # length of a CPI: that of the thesis, which resolves 0.05 m/s at 6.8 GHz
+CELL_M = 0.05  # range cell of `range_time`: half of what 1.75 GHz of bandwidth resolve
+_MAX_FREQUENCIES = 64  # the band of an X2 over its swath has 33 independent ones
 
 Reals = NDArray[np.float64]
 

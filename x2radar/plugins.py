@@ -19,10 +19,8 @@ class Plugin:
     """A plug-in that was found and loaded."""
 
     name: str
-    about: str
-    """Group, name and distribution, for messages."""
-    made: Any
-    """What the entry point names."""
+    about: str  # group, name and distribution, for messages
+    made: Any  # what the entry point names
 
     def call(self, *args: Any, **options: Any) -> Any:
         """Call what the entry point names; see `guard`."""

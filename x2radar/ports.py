@@ -46,12 +46,9 @@ _PORT = re.compile(r"sim:.*|[a-z0-9]+://.*|/dev/.*|COM\d+.*", re.IGNORECASE | re
 class Port:
     """A port string, taken apart."""
 
-    kind: Kind
-    """'live' is a serial port or a URL; the daemon's plug-ins have such ports, too."""
-    target: str
-    """Scene, file, device path or URL."""
-    options: Mapping[str, str] = field(default_factory=dict)
-    """The keys behind the question mark."""
+    kind: Kind  # 'live' is a serial port or a URL; the daemon's plug-ins have such ports, too
+    target: str  # scene, file, device path or URL
+    options: Mapping[str, str] = field(default_factory=dict)  # the keys behind the question mark
 
     def check_keys(self) -> None:
         """Raise SettingsError if there is a key that a port of this kind does not take."""

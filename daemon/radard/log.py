@@ -63,8 +63,7 @@ class EventLog:
         self._is_loaded = path is None
         self._db: sqlite3.Connection | None = None
         self._files: tuple[object, ...] = ()
-        self._offset_s = 0.0
-        """From this process's monotonic clock to the file's count of seconds."""
+        self._offset_s = 0.0  # from this process's monotonic clock to the file's count of seconds
         self._checked_s = time.monotonic()
         self._n_asked = self._n_done = 0
         self._is_ended = False

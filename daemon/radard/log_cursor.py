@@ -59,8 +59,7 @@ class Cursor:
         self._on_move = on_move
         self._waiting: deque[Entry] = deque()
         self._deferred: deque[Entry] = deque()
-        self.n_lost = 0
-        """Entries that went before they were delivered, since there were too many."""
+        self.n_lost = 0  # entries that went before they were delivered, since there were too many
         self.on_put: Callable[[], None] = lambda: None
         """Called when there is more to deliver; must not wait."""
 

@@ -53,8 +53,7 @@ from radard.judge.installation import INSTALLATION, Mount, echo_at_1m_db, instal
 from radard.stream.ring import Dwell, DwellShape, FrameRing
 from x2radar.frame import StreamInfo
 
-_warm: set[tuple[object, ...]] = set()
-"""Pipelines that `warm_up` has prepared for."""
+_warm: set[tuple[object, ...]] = set()  # pipelines that `warm_up` has prepared for
 
 
 class Pipeline:
@@ -106,8 +105,7 @@ class Pipeline:
         # How strong an echo is counts once, in the evidence: networks hardly learned from it.
         self._mount = Mount(config.mount.height_m, config.mount.tilt_deg)
         self._level_db = config.mount.level_db
-        self.gate = Gate(config.gate, hop_s)
-        """The gate, with what it saw of the last dwell."""
+        self.gate = Gate(config.gate, hop_s)  # the gate, with what it saw of the last dwell
         self.calibration: Calibration | None = None
         self._remover = ClutterRemover()
         self._tracker = Tracker()

@@ -33,8 +33,7 @@ class Look:
 
     title: str
     stream: StreamInfo
-    samples: Samples
-    """Shape (n, n_range); a missing frame repeats the one before."""
+    samples: Samples  # shape (n, n_range); a missing frame repeats the one before
     start_s: float
     n_lost: int
 

@@ -28,11 +28,9 @@ from x2radar.recording.registry import check_name
 from x2radar.wire.messages import GetSystemInfo, Message, Ping, Pong, Reply
 from x2radar.wire.wire_ids import InfoItem, PongCode
 
-_ASK_S = 0.25
-"""For an answer: short, because old firmware leaves many questions unanswered."""
+_ASK_S = 0.25  # for an answer: short, because old firmware leaves many questions unanswered
 
-_KEPT_BYTES = 32 << 20
-"""Most samples kept for the recording: what can be sent in by mail."""
+_KEPT_BYTES = 32 << 20  # most samples kept for the recording: what can be sent in by mail
 
 _SLOW_START_S = 8.0
 _RATE_ERROR = (0.02, 0.1)
@@ -46,8 +44,7 @@ _FLAT_RUN = 3
 """Limits: pass up to the first (or only) one, warn up to the second. A simulated module
 passes, and 2 % of losses are what a dwell of the daemon may lack."""
 
-_CHI2_MEDIAN = 0.4549
-"""Median of the square of a standard normal variable."""
+_CHI2_MEDIAN = 0.4549  # median of the square of a standard normal variable
 
 
 @dataclass(slots=True)

@@ -32,8 +32,7 @@ class FrameReceiver:
     """Called right before the module is told to start: what came before is void."""
     take: Callable[[Message, float], None]
     """Gets every message of the stream, and its time of arrival in seconds (monotonic)."""
-    has_frames: Callable[[], bool]
-    """Says whether frames have come since `begin`."""
+    has_frames: Callable[[], bool]  # says whether frames have come since `begin`
 
 
 class BringUp:

@@ -26,13 +26,11 @@ from x2radar.wire.framing import Packet, PacketData, PacketDecoder
 from x2radar.wire.messages import Ping, Pong, Unknown
 from x2radar.wire.wire_ids import PongCode
 
-_ANSWER_S = 0.3
-"""How long a port is listened to: a module answers a ping within milliseconds."""
+_ANSWER_S = 0.3  # how long a port is listened to: a module answers a ping within milliseconds
 
 _BY_ID = Path("/dev/serial/by-id")
 _LOCK_FOLDERS = (Path("/run/lock"), Path("/var/lock"))
-_MAX_AT_ONCE = 16
-"""Ports asked at the same time: more than most machines have."""
+_MAX_AT_ONCE = 16  # ports asked at the same time: more than most machines have
 
 _PING = encode(Ping())
 
@@ -51,16 +49,13 @@ class PortRow:
     """A serial port of this machine; texts are empty where nothing is known."""
 
     path: str
-    usb_id: str = ""
-    """Vendor and product, as in ``03eb:6124``."""
+    usb_id: str = ""  # vendor and product, as in ``03eb:6124``
     manufacturer: str = ""
     product: str = ""
     serial_number: str = ""
-    by_id: str = ""
-    """The stable link under /dev/serial/by-id."""
+    by_id: str = ""  # the stable link under /dev/serial/by-id
     known: str = ""
-    known_from: str = ""
-    """What is known of this USB id, and how: 'documented' or 'inferred'."""
+    known_from: str = ""  # what is known of this USB id, and how: 'documented' or 'inferred'
 
 
 def list_ports() -> list[PortRow]:

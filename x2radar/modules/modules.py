@@ -13,18 +13,15 @@ from x2radar.modules.profile import ProfileSettings
 from x2radar.modules.x2 import PULSE_GENERATORS, RadarSettings
 from x2radar.modules.x4 import PULSES, SAMPLE_RATE_HZ, X4Settings
 
-_NEAR = 0.01
-"""Sampler and carrier are known to 1 %; pulses of a module lie farther apart."""
+_NEAR = 0.01  # sampler and carrier are known to 1 %; pulses of a module lie farther apart
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModuleRow:
     """What the driver knows of one kind of module; a row of `MODULES`."""
 
-    device: str
-    """As the key `device` of a port string names it."""
-    name: str
-    """For people, as its maker writes it."""
+    device: str  # as the key `device` of a port string names it
+    name: str  # for people, as its maker writes it
     settings: type[ModuleSettings]
     """Its settings, with its fast-time axis and its start-up commands."""
     order_codes: tuple[str, ...] = ()

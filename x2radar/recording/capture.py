@@ -33,8 +33,7 @@ VERSION = 1
 _HEAD = struct.Struct("<8sHHI")
 _RECORD = struct.Struct("<BQI")
 _CRC = struct.Struct("<I")
-_MAX_BYTES = 1 << 26
-"""A longer head or record is damaged: a read gives 64 KiB at most."""
+_MAX_BYTES = 1 << 26  # a longer head or record is damaged: a read gives 64 KiB at most
 
 FROM_MODULE = 0x3C
 TO_MODULE = 0x3E

@@ -43,8 +43,7 @@ _T = TypeVar("_T")
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _SUPERBLOCK = struct.Struct("<8s4B4QI")
 """HDF5 File Format Specification 3.0, II.A: superblock 2 and 3 with offsets of 8 bytes."""
-_OPEN_FOR_WRITE = 0b101
-"""Consistency flags of a superblock: bit 0 write access, bit 2 SWMR."""
+_OPEN_FOR_WRITE = 0b101  # consistency flags of a superblock: bit 0 write access, bit 2 SWMR
 _HEAP, _MIN_HEAP = b"GCOL\x01", 4096
 _HEAP_OBJECT = struct.Struct("<HHIQ")
 """Signature, version and least size of a global heap; index, references, reserved and size."""
@@ -54,10 +53,8 @@ _ATTEMPTS, _WAIT_S = 5, 0.02
 _U32 = 0xFFFFFFFF
 MAX_CHUNK_BYTES = 1 << 26
 """A chunk is unpacked as a whole: minutes of frames, since other programs write long chunks."""
-_MAX_PACKED = 1100
-"""Bytes that one byte of a file unpacks to; deflate reaches 1032 at most."""
-_MAX_ATTRIBUTE_BYTES = 1 << 20
-"""Of an attribute; device and settings are some kB of JSON."""
+_MAX_PACKED = 1100  # bytes that one byte of a file unpacks to; deflate reaches 1032 at most
+_MAX_ATTRIBUTE_BYTES = 1 << 20  # of an attribute; device and settings are some kB of JSON
 
 
 class _Unflagged(io.FileIO):
@@ -261,10 +258,8 @@ def _turned(x: int, k: int) -> int:
 
 
 _OPTIONAL = ("bandwidth_hz", "phase_sign", "run_id")
-_MAX_LABELS = 10_000
-"""A label every few seconds for a night."""
-_MAX_LABEL_CHARACTERS = 1 << 22
-"""Of all labels together, some hundred each."""
+_MAX_LABELS = 10_000  # a label every few seconds for a night
+_MAX_LABEL_CHARACTERS = 1 << 22  # of all labels together, some hundred each
 
 
 class RecordingReader(BlockReader):

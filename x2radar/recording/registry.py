@@ -19,16 +19,14 @@ from x2radar.recording.faults import refuse, unreadable
 class Format:
     """One format; what it takes from modules is named ``module:name``, below this folder."""
 
-    name: str
-    """As ``--from`` and ``--to`` take it."""
+    name: str  # as ``--from`` and ``--to`` take it
     title: str
     reader: str = ""
     """Makes a BlockReader of a path and overrides; empty when the format is only written."""
     writer: str = ""
     """``write(path, source)`` into what is new; empty when the format is only read."""
     suffixes: tuple[str, ...]
-    magic: bytes = b""
-    """First bytes of such files; empty when they have none."""
+    magic: bytes = b""  # first bytes of such files; empty when they have none
     content: str = ""
     """Tells whether a file with that magic is one; empty when the magic is enough."""
     in_folder: str = ""

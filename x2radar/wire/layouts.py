@@ -16,19 +16,14 @@ from x2radar.wire.wire_ids import AppItem, ContentId, DataType, X4Setting
 class Layout:
     """How one message lies in a packet."""
 
-    cls: type[Message]
-    """The message class; its fields come in wire order, arrays last."""
+    cls: type[Message]  # the message class; its fields come in wire order, arrays last
     prefix: bytes
-    head: str = ""
-    """Struct format (little-endian) of the fixed fields and the count."""
+    head: str = ""  # struct format (little-endian) of the fixed fields and the count
     count: int | None = None
     """Position within `head` of the length of the arrays, which is no field; None without any."""
-    n_arrays: int = 0
-    """Arrays of float32 behind the head, all of that length."""
-    has_rest: bool = False
-    """Further bytes may follow, and mean nothing."""
-    answer: type[Message] = Ack
-    """What a module answers a command with, unless it refuses."""
+    n_arrays: int = 0  # arrays of float32 behind the head, all of that length
+    has_rest: bool = False  # further bytes may follow, and mean nothing
+    answer: type[Message] = Ack  # what a module answers a command with, unless it refuses
 
 
 def _u32(value: int) -> bytes:

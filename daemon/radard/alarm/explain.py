@@ -20,8 +20,7 @@ from radard.judge.classifier import Probabilities
 from radard.judge.decision import MIN_P, Decision, TrackVerdict
 
 _WORDS = {"human": "person", "pet": "pet", "other": "something else"}
-Record = Mapping[str, Any]
-"""A line of JSON Lines, `radard.outputs.records`."""
+Record = Mapping[str, Any]  # a line of JSON Lines, `radard.outputs.records`
 
 
 @dataclass(frozen=True, slots=True)

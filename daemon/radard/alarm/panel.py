@@ -19,8 +19,7 @@ from typing import Literal
 
 PanelState = Literal["disarmed", "exit", "armed", "entry", "alarm"]
 ArmMode = Literal["away", "home"]
-ARM_MODES: dict[str, ArmMode] = {"arm": "away", "arm-home": "home"}
-"""Commands that arm."""
+ARM_MODES: dict[str, ArmMode] = {"arm": "away", "arm-home": "home"}  # commands that arm
 # One window in which somebody is missed does not say that they left.
 _UNSEEN_S = 3.0
 # Stream times are quotients: what is due at this decision must not wait for the next.

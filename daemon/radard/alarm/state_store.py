@@ -48,8 +48,7 @@ class StateStore:
         self._name = None if name is None else f"panel {name}"
         self._now_s = now_s
         self._keeps_alarms = keeps_alarms
-        self.has_kept = False
-        """Whether `load` has found anything."""
+        self.has_kept = False  # whether `load` has found anything
         self._saved: KeptState | None = None
         self._text: str | None = None
 

@@ -21,8 +21,7 @@ examples:
   radard detect /data/* --rows events --out alarms.csv
   radard detect a.h5 b.h5 --to jsonl --model mine.onnx | jq .label
 """
-_MAX_JOBS = 1024
-"""Beyond the cores of any machine that this runs on."""
+_MAX_JOBS = 1024  # beyond the cores of any machine that this runs on
 
 
 def run(argv: Sequence[str]) -> int:

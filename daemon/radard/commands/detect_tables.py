@@ -50,12 +50,10 @@ EVENTS: Mapping[str, str] = {
 }
 COLUMNS = {"decisions": DECISIONS, "events": EVENTS}
 """Columns of a table and their types, as pyarrow names them."""
-_BATCH = 4096
-"""Rows of a Parquet row group: about a megabyte."""
+_BATCH = 4096  # rows of a Parquet row group: about a megabyte
 
 Row = dict[str, Any]
-Add = Callable[[Judged], int]
-"""Writes the rows of what was judged; returns how many."""
+Add = Callable[[Judged], int]  # writes the rows of what was judged; returns how many
 
 
 @contextmanager

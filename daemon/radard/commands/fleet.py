@@ -19,8 +19,7 @@ examples:
   radard fleet --once                  once, at the configuration's own broker
   radard fleet mqtts://me@broker.lan --once --json | jq 'select(.alarm)'
 """
-_SETTLE_S = 2.0
-"""Until what a broker keeps has come: no broker takes longer to begin with it."""
+_SETTLE_S = 2.0  # until what a broker keeps has come: no broker takes longer to begin with it
 _EVERY_S = 2.0  # a person looks
 _TOPICS = ("availability", "state", "health")
 _MAX_SHOWN = 48  # characters of a reason
@@ -33,8 +32,7 @@ class Fleet:
         self._prefix = prefix
         self._told: dict[str, dict[str, Any]] = {}
         self._stated_s: dict[str, float] = {}
-        self.n_ignored = 0
-        """Messages on those topics that are none of ours."""
+        self.n_ignored = 0  # messages on those topics that are none of ours
 
     @property
     def subscriptions(self) -> list[str]:

@@ -23,10 +23,8 @@ from x2radar.ports import parse_port
 if TYPE_CHECKING:
     from radard.config.config import Config
 
-SYSTEM_RUNTIME_DIR = Path("/run/radard")
-"""RuntimeDirectory= of the unit in deploy/systemd."""
-SYSTEM_STATE_DIR = Path("/var/lib/radard")
-"""StateDirectory= of the same."""
+SYSTEM_RUNTIME_DIR = Path("/run/radard")  # RuntimeDirectory= of the unit in deploy/systemd
+SYSTEM_STATE_DIR = Path("/var/lib/radard")  # StateDirectory= of the same
 
 
 def named_state_dir(config: "Config", environ: Mapping[str, str] = os.environ) -> Path | None:

@@ -32,8 +32,7 @@ LISTENING = ("--port", "--sensor", "--model", "--profile", "--speed", "--config"
 """What says which port a command listens to."""
 JUDGING = ("--model", "--profile", "--sensitivity", "--config", "--sensor")
 """What says how a command judges recordings."""
-LONGEST_S = 86_400.0
-"""A day: nobody listens for longer by hand."""
+LONGEST_S = 86_400.0  # a day: nobody listens for longer by hand
 
 
 def add_options(parser: argparse.ArgumentParser, *names: str) -> None:

@@ -14,8 +14,7 @@ from radard.config.json_file import STRICT, parse_json
 from x2radar.errors import PortUrlError, SettingsError
 from x2radar.ports import parse_port
 
-USUAL_HZ = 60.0
-"""Frames a second where nobody asks for another rate."""
+USUAL_HZ = 60.0  # frames a second where nobody asks for another rate
 Three = tuple[float, float, float]
 Bodies = Literal["apart", "together", "unfollowed"]
 """How much is made of several bodies, from most to least."""

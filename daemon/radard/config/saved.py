@@ -25,8 +25,7 @@ Sections = Mapping[str, Mapping[str, Any]]
 MAX_ZONES = 32  # the body of a request holds so many, and no room has more
 _MIN_ZONE_M = 0.01  # a third of the finest range bin, 0.029 m
 _STRONGER = (ENV_PREFIX, "command line")
-SAVED = ", saved on the dashboard"
-"""Stands behind the place of a key that comes from there."""
+SAVED = ", saved on the dashboard"  # stands behind the place of a key that comes from there
 _lock = threading.Lock()
 
 

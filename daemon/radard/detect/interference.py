@@ -20,12 +20,9 @@ from radard.detect.gate import Gate
 from radard.dsp.velocity import CPI_S
 from radard.stream.ring import Dwell
 
-URGENT = 4
-"""Changes of twice the limit are held for so much less: 5 s of `hold_s`."""
-MAX_DRIFT_DB = 3.0
-"""That a reference follows in all: more than a receiver's warming up (1 dB)."""
-MEMORY_S = 600.0
-"""Within which it does so: follows temperature, not a hand."""
+URGENT = 4  # changes of twice the limit are held for so much less: 5 s of `hold_s`
+MAX_DRIFT_DB = 3.0  # that a reference follows in all: more than a receiver's warming up (1 dB)
+MEMORY_S = 600.0  # within which it does so: follows temperature, not a hand
 _FIRST_S = 600.0  # people leave a room at times within ten minutes
 _STEADY_S = 8.0  # with the first dwell, announced within 10 s
 _STEADY_DB, _TONE_DB = 0.85, 0.12  # scatter of the shape of noise and of a tone; see above

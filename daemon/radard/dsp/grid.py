@@ -7,8 +7,7 @@ from radard.dsp.steps import Flags
 
 Reals = NDArray[np.float64]
 
-MIN_COVERAGE = 0.5
-"""A cell of which less than this was seen is not known: a half."""
+MIN_COVERAGE = 0.5  # a cell of which less than this was seen is not known: a half
 
 
 def overlap(sample_edges: Reals, cell_edges: Reals) -> Reals:

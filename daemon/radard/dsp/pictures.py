@@ -39,8 +39,7 @@ _TINY = 1e-300  # for log10 of zero
 class Picture:
     """The rows of a picture: unit, value of row 0, and step from one row to the next."""
 
-    name: str
-    """range, velocity, doppler or gait."""
+    name: str  # range, velocity, doppler or gait
     unit: str
     first: float
     step: float

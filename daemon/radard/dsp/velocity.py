@@ -20,8 +20,7 @@ from radard.dsp.wideband import range_dft, range_frequencies, velocity_operator
 from radard.errors import FeatureError
 from x2radar.frame import FastTimeAxis
 
-CPI_S = 28 / 60
-"""The thesis' CPI: 28 frames at 60 Hz (2.29)."""
+CPI_S = 28 / 60  # the thesis' CPI: 28 frames at 60 Hz (2.29)
 _MIN_CPI = 4  # frames: fewer show no Doppler beside the removed mean
 _BLOCK = 64  # frames at once: a hop at 60 Hz
 _LOW, _HIGH = 1e-15, 1e15  # of parts: their squares stay well inside float32

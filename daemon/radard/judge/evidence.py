@@ -18,8 +18,7 @@ from radard.judge.bundle import EvidenceSettings
 from radard.judge.classifier import Answer, Hidden, Probabilities, softmax
 from radard.judge.installation import size_nats
 
-HOP_S = 1.0
-"""Stream time from one window to the next, as bundles learned it: half a dwell."""
+HOP_S = 1.0  # stream time from one window to the next, as bundles learned it: half a dwell
 _MIN_P = 1e-6  # 14 nats, beyond the usual bound
 
 

@@ -19,8 +19,7 @@ from radard.judge.features import Features, FeatureSettings
 
 _PATCHES = (8, 5)
 """Rows and columns of patches on a map: each is a limb's velocities for half a step."""
-_MIN_P = 1e-4
-"""Log-odds of probabilities nearer to 0 or 1 say nothing more."""
+_MIN_P = 1e-4  # Log-odds of probabilities nearer to 0 or 1 say nothing more
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,8 +24,7 @@ _MESSAGES: dict[str, dict[int, str]] = {
     "tensor": {13: "external data", 14: "data location"},
 }
 _DOMAINS = {b"", b"ai.onnx", b"ai.onnx.ml"}
-_DEEPEST = 64
-"""Graphs within graphs; protobuf itself ends at 100 messages."""
+_DEEPEST = 64  # graphs within graphs; protobuf itself ends at 100 messages
 _VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5
 """Wire types of protobuf; groups (3 and 4) are not of this language."""
 

@@ -17,8 +17,7 @@ from radard.judge.display_db import shown
 from radard.stream.ring import Dwell
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 
-_MAX_SHARE = 0.75
-"""Of a dwell, for a CPI: the rest is what its columns move over."""
+_MAX_SHARE = 0.75  # of a dwell, for a CPI: the rest is what its columns move over
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -29,8 +29,7 @@ class Item:
 
     key: str
     record: Record
-    entry: Entry | None = None
-    """Where it is in the log; None for what is only in memory."""
+    entry: Entry | None = None  # where it is in the log; None for what is only in memory
 
 
 class Delivery:

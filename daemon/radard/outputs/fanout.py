@@ -23,12 +23,9 @@ from radard.outputs.thread_sink import RecordQueue
 from radard.outputs.trial import tried
 
 log = logging.getLogger("radard")
-SHARED = "radard"
-"""Stands for all sensors of a process, where a sink needs one name."""
-_RETRY_S = 10.0
-"""How soon an output is tried again that could not be opened."""
-_LOCK_S = 1.0
-"""A sink takes far less for a record; a thread that holds the lock for longer hangs."""
+SHARED = "radard"  # stands for all sensors of a process, where a sink needs one name
+_RETRY_S = 10.0  # how soon an output is tried again that could not be opened
+_LOCK_S = 1.0  # a sink takes far less for a record; a thread that holds the lock for longer hangs
 
 
 @dataclass(slots=True, eq=False)
@@ -67,10 +64,8 @@ class Outputs:
         self._hosts: dict[str, Host] = {}
         self._stdout_is_terminal = stdout_is_terminal
         self._open: list[_Open] = []
-        self.is_open = False
-        """Whether `open` was called with success."""
-        self.can_wait = False
-        """Whether the streams wait for files and stdout, see `open`."""
+        self.is_open = False  # whether `open` was called with success
+        self.can_wait = False  # whether the streams wait for files and stdout, see `open`
         self._config = Config()
         self._hellos: Sequence[Record] = ()
         self.log = EventLog(None)

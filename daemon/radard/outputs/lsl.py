@@ -32,8 +32,7 @@ CHANNELS = (
     "range_m",
 )
 """Of a sample, in order; alarm and gate_open are 0 or 1, NaN in a window that is invalid."""
-_QUIET = "[log]\nlevel = -1\n"
-"""Warnings and errors; liblsl greets on stderr otherwise."""
+_QUIET = "[log]\nlevel = -1\n"  # warnings and errors; liblsl greets on stderr otherwise
 _CONFIGS = ("lsl_api.cfg", "~/lsl_api/lsl_api.cfg", "/etc/lsl_api/lsl_api.cfg")
 """Where liblsl looks for a configuration, behind the variable LSLAPICFG."""
 

@@ -17,10 +17,8 @@ from radard.outputs.base import DeliveryError, Record, SinkContext, SinkState, S
 from x2radar.backoff import Backoff
 
 log = logging.getLogger("radard")
-CLOSE_S = 2.0
-"""With the stream's own end it stays within the 6 s of TimeoutStopSec in the unit."""
-_ROOM = 1000
-"""Records that may wait: a quarter of an hour of decisions; events wait beside them."""
+CLOSE_S = 2.0  # with the stream's own end it stays within the 6 s of TimeoutStopSec in the unit
+_ROOM = 1000  # records that may wait: a quarter of an hour of decisions; events wait beside them
 
 
 class RecordQueue:
@@ -30,8 +28,7 @@ class RecordQueue:
         self._waits = waits
         self._records: deque[Record] = deque()
         self._n_others = 0
-        self.is_ended = self._is_woken = False
-        """Whether `end` was called."""
+        self.is_ended = self._is_woken = False  # whether `end` was called
         self._changed = threading.Condition()
 
     def __len__(self) -> int:
@@ -206,8 +203,7 @@ class DirectSink(ThreadSink):
         self._backoff = backoff
         self._context = context
         self._target = target
-        self.cursor: Cursor | None = None
-        """What the log knows of what was handed on."""
+        self.cursor: Cursor | None = None  # what the log knows of what was handed on
         self._left: list[Entry] = []
 
     def _begin(self) -> None:

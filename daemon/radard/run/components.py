@@ -39,8 +39,7 @@ from x2radar.frame import StreamInfo
 
 log = logging.getLogger("radard")
 _making = threading.Lock()
-_classifiers: "WeakSet[Classifier]" = WeakSet()
-"""Those in use."""
+_classifiers: "WeakSet[Classifier]" = WeakSet()  # those in use
 RESTART_SECTIONS = ("sensor", "service")
 _PIPELINE_SECTIONS = ("mount", "model", "gate", "decision")
 

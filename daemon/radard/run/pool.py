@@ -12,8 +12,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 
-_MIN_THREADS = 2
-"""With one core, too: a radar whose work stands still must not stop the others."""
+_MIN_THREADS = 2  # with one core, too: a radar whose work stands still must not stop the others
 _HELP_S = 0.05
 """So late a second thread sees to turns whose time has come: two at once get little more done than
 one, since they wait for the interpreter's lock at every step."""

@@ -27,10 +27,8 @@ from x2radar.ports import named_port
 from x2radar.recording.registry import open_recording
 from x2radar.startup import without_interrupts
 
-_LOOK_S = 0.2
-"""So often processes of the pool are looked at."""
-_NOTE_S = 5.0
-"""Of a stream, after which a process notes how far it is."""
+_LOOK_S = 0.2  # so often processes of the pool are looked at
+_NOTE_S = 5.0  # of a stream, after which a process notes how far it is
 _progress: Any = None
 """In a process of the pool: seconds of every recording that are done, as a shared array."""
 

@@ -63,8 +63,7 @@ class RunningSensor:
         self.opened, self.worker, self.ring = opened, worker, ring
         self.failure: BaseException | None = None
         """What ended the work, if that was no end of the stream."""
-        self.over = threading.Event()
-        """The work has ended."""
+        self.over = threading.Event()  # the work has ended
         self._max_frames = max_frames
         self._warm_up = warm_up
         self._has_begun = self._must_look = self._is_stopped = False

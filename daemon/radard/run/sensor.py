@@ -87,8 +87,7 @@ class Sensor:
         self._waiting_command: str | None = None
         self._has_said_hello = False
         self._n_decided = 0
-        self.recent: tuple[Record, ...] = ()
-        """Its last decisions and events, the oldest first."""
+        self.recent: tuple[Record, ...] = ()  # its last decisions and events, the oldest first
 
     def config(self) -> Config:
         """Return the configuration that holds, with what was reloaded."""

@@ -6,12 +6,9 @@ from dataclasses import dataclass
 
 from radard.outputs.base import Sink, SinkState
 
-GRACE_S = 5.0
-"""A retry that helps within that is no trouble; a connection takes a moment, too."""
-STUCK_S = 20.0
-"""Records wait and nothing moves: the sink's thread hangs, or its far end does."""
-DROPPED_S = 60.0
-"""How long it is said that records were dropped: long enough to be read."""
+GRACE_S = 5.0  # a retry that helps within that is no trouble; a connection takes a moment, too
+STUCK_S = 20.0  # records wait and nothing moves: the sink's thread hangs, or its far end does
+DROPPED_S = 60.0  # how long it is said that records were dropped: long enough to be read
 
 Key = tuple[str | None, str]
 

@@ -47,8 +47,7 @@ class Worker:
         self._put = put
         self._health = health
         self._store = store
-        self.n_decided = 0
-        """Number of the last decision; of a sensor that works again it goes on."""
+        self.n_decided = 0  # number of the last decision; of a sensor that works again it goes on
         self._t_s = 0.0
         self._last: Decision | None = None
         self._log = logger_of(parts.config)
@@ -61,8 +60,7 @@ class Worker:
         sensor = f" {config.sensor.name}" if config.is_one_of_several else ""
         run = f" {parts.pipeline.stream.run_id}{sensor}"
         self.tracker = EventTracker(panel, parts.zones, parts.pet_limit, run)
-        self.has_kept = store.has_kept
-        """Whether how the sensor is armed was kept."""
+        self.has_kept = store.has_kept  # whether how the sensor is armed was kept
         self._kept_events = self.tracker.resume(kept)
         self._is_moved = False
         self._room: RoomCalibration | None = None

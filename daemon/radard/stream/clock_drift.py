@@ -23,8 +23,7 @@ class Drift:
     """Seconds of the module per second of the host, less one: positive when the module is fast."""
 
     ratio: float
-    uncertainty: float
-    """Half of the 95 % interval, by the delays' scatter about a line."""
+    uncertainty: float  # half of the 95 % interval, by the delays' scatter about a line
 
 
 class ClockDrift:

@@ -47,8 +47,7 @@ class RateWatch:
     """
 
     def __init__(self, frame_rate_hz: float) -> None:
-        self.clock = ClockDrift()
-        """By how little the two differ where nothing is wrong."""
+        self.clock = ClockDrift()  # by how little the two differ where nothing is wrong
         self._rate_hz = frame_rate_hz
         self._points: deque[tuple[float, float]] = deque(maxlen=2 * _STRETCH + 1)
 

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 
 SLOWEST, FASTEST = 0.25, 64.0  # what a person can follow, and an hour in a minute
 _REMIND_S = 2.0  # below the 5 s after which health calls a stream stale
-TICK_S = 0.1
-"""A paced replay hands out frames so often: each at most that late, all in order."""
+TICK_S = 0.1  # a paced replay hands out frames so often: each at most that late, all in order
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -44,8 +44,7 @@ _STATIC = Path(__file__).parent / "static"
 mimetypes.add_type("text/javascript", ".js")
 _NUMBERS = ("confirm_k", "confirm_n", "p_on", "p_off")
 _MAX_SEQ = 1 << 53  # what JavaScript counts to
-_OF_ONE = "radard.sensor"
-"""Key of a request's scope: it was for one of several sensors, this one."""
+_OF_ONE = "radard.sensor"  # key of a request's scope: it was for one of several sensors, this one
 _OWN_PATH = re.compile(r"/sensor/([A-Za-z0-9_-]+)(/.*)?")
 
 

@@ -8,8 +8,7 @@ from typing import Any
 from radard.outputs.base import Record
 
 DECISIONS, EVENTS = 3600, 500  # an hour of decisions, and as many events as a page shows
-N_BEFORE = 16
-"""Decisions that confirmation looks at, at most (`alarm.confirm_n`)."""
+N_BEFORE = 16  # decisions that confirmation looks at, at most (`alarm.confirm_n`)
 _MAX_ALARMS = 100  # whose decisions are kept for longer: days of them
 
 

@@ -43,8 +43,7 @@ _GAUGES = {
 """Metric of each key of the last decision."""
 _ESCAPES = str.maketrans({"\\": r"\\", '"': r"\"", "\n": r"\n"})
 
-Sample = tuple[str, Mapping[str, str], float]
-"""Name, labels, value."""
+Sample = tuple[str, Mapping[str, str], float]  # name, labels, value
 
 
 class Metrics:

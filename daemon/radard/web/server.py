@@ -141,8 +141,7 @@ class WebServer:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._stopping = asyncio.Event()
         self._thread: threading.Thread | None = None
-        self.address: tuple[str, int] | None = None
-        """Where it listens; None while it does not."""
+        self.address: tuple[str, int] | None = None  # where it listens; None while it does not
 
     def start(self) -> None:
         """Start; returns once it listens or `on_trouble` knows why not."""

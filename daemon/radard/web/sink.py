@@ -59,8 +59,7 @@ class WebSink:
         self._first = first = self._view("")
         self._views: dict[str, View] = {}
         self._loop: asyncio.AbstractEventLoop | None = None
-        self.app = SensorRouter(first, self._views)
-        """What it serves: an ASGI application."""
+        self.app = SensorRouter(first, self._views)  # what it serves: an ASGI application
         self._server = WebServer(
             host, port, self.app, self._poll_views, self._on_trouble, last_words=self._last_words
         )

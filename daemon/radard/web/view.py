@@ -35,8 +35,7 @@ class View:
         make_app: Callable[["View"], ASGIApp],
     ) -> None:
         self.section, self.log, self.sensor = section, log, sensor
-        self.host: Host | None = None
-        """The sensor's run, once there is one."""
+        self.host: Host | None = None  # the sensor's run, once there is one
         self.history, self.metrics = History(), Metrics(sensor)
         self.states: dict[int, SensorState] = {}
         """What held just before each decision, by its number."""

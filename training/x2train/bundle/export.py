@@ -17,8 +17,7 @@ from radard.judge.onnx_runtime import ort
 
 _MAX_DIFFERENCE = 1e-4
 """Of any logit between torch and onnxruntime: logits of some tens, in single precision."""
-DIFFERENCE = "logit difference torch - onnxruntime"
-"""The metric that says how far apart they are."""
+DIFFERENCE = "logit difference torch - onnxruntime"  # the metric that says how far apart they are
 
 
 def exported(

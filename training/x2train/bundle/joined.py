@@ -19,8 +19,7 @@ from x2train.bundle.temporal_graph import check_headless, last_layer
 
 Array = NDArray[np.float64]
 _GIVEN, _OUT = "joined_given", ("joined_weight", "joined_bias")
-_WEIGHT_AND_BIAS = 3
-"""Inputs of a linear layer: what it is given, and these."""
+_WEIGHT_AND_BIAS = 3  # inputs of a linear layer: what it is given, and these
 
 
 def joined(bundles: Sequence[Bundle]) -> Bundle:

@@ -19,8 +19,7 @@ _X2_CLEAR = (
     "--plain 1 --longest 6"
 )
 """What transfers best to recorded motion (docs/research/evaluation-tried.md)."""
-_MOTION = "MOTION"
-"""Stands for the folder that `make --motion` names."""
+_MOTION = "MOTION"  # stands for the folder that `make --motion` names
 _CLIPS = (
     f"--clips {_MOTION} --skin points ellipsoids capsules surface points ellipsoids --clear 0.7 "
     "--plain 0.7 --physical 0.4"
@@ -76,8 +75,7 @@ _CHECKS = "--validate sets/clipscheck sets/check"
 _RECORDED = f"--train sets/clips sets/x2near sets/anyclear sets/anyrooms {_CHECKS}"
 _RECORDED_LONG = f"--train sets/clipslong sets/longall sets/anyrooms {_CHECKS}"
 _MORE_LONG = f"--train sets/clipvisits sets/visits {_CHECKS}"
-_PARTS = "models/parts"
-"""Bundles that others are made from."""
+_PARTS = "models/parts"  # bundles that others are made from
 _IN_PARTS = f"--out {_PARTS}"
 _FAST = ("--half", "--compile")
 """Pay on a whole set alone: torch compiles for minutes, and half precision needs the hardware."""

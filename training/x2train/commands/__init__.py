@@ -17,8 +17,7 @@ from x2train.sets.workers import Tell
 
 Commands: TypeAlias = "argparse._SubParsersAction[Any]"
 _T = TypeVar("_T")
-_LOG_EVERY_S = 30.0
-"""Between lines where stderr is no terminal but a log: two a minute."""
+_LOG_EVERY_S = 30.0  # between lines where stderr is no terminal but a log: two a minute
 
 
 def check_least(args: argparse.Namespace, **least: int) -> None:

@@ -22,8 +22,7 @@ from x2train.nets.graph_net import GraphNet
 
 _BATCH, _OWN_BATCH = 96, 32
 """Simulated and own windows a step: own ones are seen often, but never alone."""
-_FASTEST = 2e-3
-"""Greatest learning rate of the one cycle."""
+_FASTEST = 2e-3  # greatest learning rate of the one cycle
 _KEPT, _PEOPLE, _TAUGHT = 2.0, 10.0, 0.3
 """Weights of the old answers, of those to people beside others', and of own windows: settled on
 visits of the dog of docs/training.md that its table does not count."""

@@ -38,8 +38,7 @@ from x2train.sets.workers import Tell
 
 VERSION = "accept-3"
 """Of entries, settings and seed (see tests/training/test_accept.py), and of the bodies."""
-SEED = 90
-"""Passages of the version are drawn from it; of no other suite."""
+SEED = 90  # passages of the version are drawn from it; of no other suite
 _TOLD = 1  # a generator's number: what an installation is told changes no passage
 _PER_SHARD = 60  # passages: a minute of one core
 _Decide = Callable[[Dwell], Decision]
@@ -156,8 +155,7 @@ def stream_of(radar: Radar) -> StreamInfo:
     return StreamInfo(radar.axis(), radar.frame_rate_hz, radar.name)
 
 
-ENTRIES: tuple[Entry, ...] = _entries()
-"""Every entry."""
+ENTRIES: tuple[Entry, ...] = _entries()  # every entry
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

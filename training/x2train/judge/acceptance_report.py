@@ -21,8 +21,7 @@ from x2train.judge.report import write_files
 from x2train.judge.table import PassageTable
 from x2train.judge.verdicts import PET_LIMIT, hours, verdicts
 
-_POLICIES = ("bundle", "window")
-"""The bundle's own policy, and the thesis' rule."""
+_POLICIES = ("bundle", "window")  # the bundle's own policy, and the thesis' rule
 _Alarms = NDArray[np.bool_]
 _WORDS = {
     "walk test": ("missed", "of those in view"),

@@ -37,8 +37,7 @@ from x2train.judge.windows import (
     is_judged,
 )
 
-_BUDGET_H = 60.0
-"""The budget that the groups and the comparison are given at."""
+_BUDGET_H = 60.0  # the budget that the groups and the comparison are given at
 _WORST = 20  # passages with a picture: as many as are looked at
 _FACTS = (
     *("family", "label", "split", "suite", "build"),

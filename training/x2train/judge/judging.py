@@ -37,8 +37,7 @@ _NAN = float("nan")
 Knows = Literal["nothing", "mount", "mount and level"]
 KNOWS: tuple[Knows, ...] = get_args(Knows)
 """What an installation may know of itself, as `mount` in the configuration tells the daemon."""
-OWN_RADARS = "suites"
-"""Every suite is played before its own radar."""
+OWN_RADARS = "suites"  # every suite is played before its own radar
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -138,8 +138,7 @@ def _suites() -> tuple[Suite, ...]:
     return tuple(rows)
 
 
-SUITES: tuple[Suite, ...] = _suites()
-"""Every suite."""
+SUITES: tuple[Suite, ...] = _suites()  # every suite
 
 
 def suite_of(number: int, n_passages: int, only: Collection[str] = ()) -> Suite:

@@ -19,10 +19,8 @@ from x2radar.sim.bodies.motion.bvh import read_bvh
 
 Array = NDArray[np.float64]
 SUFFIXES = (".bvh", ".amc", ".gltf", ".glb", ".npz")
-_GLTF_RATE_HZ = 60.0
-"""Animations of glTF are curves: they are sampled as often as the X2 looks."""
-_MAX_FRAMES = 200_000
-"""Nearly an hour at 60 Hz."""
+_GLTF_RATE_HZ = 60.0  # animations of glTF are curves: they are sampled as often as the X2 looks
+_MAX_FRAMES = 200_000  # nearly an hour at 60 Hz
 _BROKEN = (
     *(ValueError, LookupError, ArithmeticError, TypeError, AttributeError, StopIteration),
     *(RuntimeError, EOFError, zipfile.BadZipFile),

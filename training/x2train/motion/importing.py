@@ -23,8 +23,7 @@ from x2radar.errors import SceneError
 from x2train.motion.formats import RawMotion
 
 Array = NDArray[np.float64]
-RATE_HZ = 60.0
-"""Of clips: that of an X2, twice what a person's movements need."""
+RATE_HZ = 60.0  # of clips: that of an X2, twice what a person's movements need
 
 
 def _tree(*chains: str) -> Mapping[str, str]:

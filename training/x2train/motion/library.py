@@ -32,10 +32,8 @@ recorded dog's passages those at less than 0.3 m/s alarmed most
 (docs/research/evaluation-tried.md)."""
 _SPREAD = {"human": 0.08, "pet": 0.35}
 """Of sizes about the individual's own, in parts: statures of adults spread by a twelfth."""
-_CHILD_SHARE = 0.15
-"""Of people, who are drawn from 0.9 m on."""
-_ENOUGH_S = 120.0
-"""More of one individual does not make it come more often."""
+_CHILD_SHARE = 0.15  # of people, who are drawn from 0.9 m on
+_ENOUGH_S = 120.0  # more of one individual does not make it come more often
 _RECORDED_TRUST = 4.0
 """One recorded dog then makes a third of the animals, beside twenty that were animated by hand."""
 _NOT_AT_HOME = re.compile(r"death|attack|bite|fall", re.IGNORECASE)

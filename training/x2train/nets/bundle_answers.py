@@ -12,8 +12,7 @@ from radard.judge.classifier import FUSED_LOGITS, HIDDEN, NEXT_HIDDEN, Hidden, s
 from radard.judge.onnx_runtime import ort
 
 Array = NDArray[np.float64]
-_AT_ONCE = 128
-"""Windows a call: more cost memory and gain no time."""
+_AT_ONCE = 128  # windows a call: more cost memory and gain no time
 
 
 @dataclass(frozen=True, slots=True, eq=False)

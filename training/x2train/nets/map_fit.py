@@ -24,10 +24,8 @@ from x2train.sets.known import hidden_more
 
 Arrays = Mapping[str, NDArray[Any]]
 MAPS = ("velocity_time", "range_time", "velocity_time_medium", "velocity_time_long")
-INPUTS = (*MAPS, INSTALLATION)
-"""In the order in which `MapNet` takes them."""
-_N_SHOWN = 512
-"""Windows that open the norms of a network to go on from."""
+INPUTS = (*MAPS, INSTALLATION)  # in the order in which `MapNet` takes them
+_N_SHOWN = 512  # windows that open the norms of a network to go on from
 _STARTED_RATE = 0.3
 """Of the learning rates, where training goes on from a bundle: it is not to forget it."""
 

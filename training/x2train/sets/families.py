@@ -19,10 +19,8 @@ from x2radar.sim.points import Label, Mover
 from x2radar.sim.scene.cast import BodyKind, plugged_body
 from x2train.motion.library import Individual, draw_recorded_body, read_library
 
-CLIPS = "clips:"
-"""Begins a use that names a folder of clips: bodies of recorded motion."""
-RECORDED = "recorded"
-"""Kind of such bodies."""
+CLIPS = "clips:"  # begins a use that names a folder of clips: bodies of recorded motion
+RECORDED = "recorded"  # kind of such bodies
 Use = Literal["train", "staying", "things", "held out", "thesis", "all"]
 USES: tuple[Use, ...] = get_args(Use)
 LABELS: tuple[Label, ...] = ("human", "pet", "other")
@@ -103,8 +101,7 @@ def _families() -> tuple[Family, ...]:
     return tuple(rows)
 
 
-FAMILIES: tuple[Family, ...] = _families()
-"""Every family."""
+FAMILIES: tuple[Family, ...] = _families()  # every family
 
 
 def families(label: Label, use: Use = "all") -> tuple[Family, ...]:

@@ -19,8 +19,7 @@ from x2radar.sim.place.multipath import Surface, TailSettings
 from x2radar.sim.place.room import RoomSettings
 from x2radar.sim.signal.effects import ReceiverEffects
 
-SAMPLE_RATE_HZ = 41e9
-"""Of the X2; it sets the level of the noise of all radars here."""
+SAMPLE_RATE_HZ = 41e9  # of the X2; it sets the level of the noise of all radars here
 RoomKind = Literal["usual", "unseen"]
 RadarKind = Literal["any", "x2", "x4m03"]
 

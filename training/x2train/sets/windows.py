@@ -24,8 +24,7 @@ from x2train.sets.passages import BodyModel, Passage, level_db_of, play
 from x2train.sets.sites import RadarKind, RoomKind, clear_site, draw_close, draw_radar, draw_site
 
 HOP_S = 1.0
-GATE = GateSettings()
-"""The gate of sets and evaluations: the daemon's default, recorded with them."""
+GATE = GateSettings()  # the gate of sets and evaluations: the daemon's default, recorded with them
 _VISIBLE_DB = 3.0  # over the noise
 _MIN_SHARE = 0.12  # of a dwell, a quarter of a second
 _LAW = 0x1A35  # marks the generator of motion and skin

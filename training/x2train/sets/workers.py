@@ -25,14 +25,10 @@ from x2radar.startup import without_interrupts
 
 Rows: TypeAlias = Mapping[str, NDArray[Any]]
 Make: TypeAlias = Callable[[int], Rows | None]
-Tell: TypeAlias = Callable[[int, int], None]
-"""Is told how many are done, of how many."""
-CHUNK = 8
-"""Elements handed out at a time."""
-_AHEAD = 4
-"""Chunks per worker that are under way or wait for their turn to be written."""
-_CONNECT_S = 30
-"""For a scheduler to answer, and for its first worker to start, in seconds."""
+Tell: TypeAlias = Callable[[int, int], None]  # is told how many are done, of how many
+CHUNK = 8  # elements handed out at a time
+_AHEAD = 4  # chunks per worker that are under way or wait for their turn to be written
+_CONNECT_S = 30  # for a scheduler to answer, and for its first worker to start, in seconds
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 

@@ -17,12 +17,9 @@ from x2train.thesis.results import CellResult, ResultFile, judged, seen
 from x2train.thesis.sets import CellData, load_cell, make_bodies
 
 _FRESH = 5000
-FRESH_FROM = 1_000_000
-"""Number of the first fresh element: no training set reaches it."""
-_STOP_SHARE = 20
-"""One in so many training elements scores instead, when there are no recordings."""
-_SHORT_S = 2.0 - 27 / 60
-"""Of columns that 2 s of frames make at 60 Hz, M = 28; 2.45 s make 2 s."""
+FRESH_FROM = 1_000_000  # number of the first fresh element: no training set reaches it
+_STOP_SHARE = 20  # one in so many training elements scores instead, when there are no recordings
+_SHORT_S = 2.0 - 27 / 60  # of columns that 2 s of frames make at 60 Hz, M = 28; 2.45 s make 2 s
 _RETRAIN_RATE = 0.25  # of the learning rate
 
 Tell = Callable[[str, int, int], None]

@@ -24,10 +24,8 @@ from x2train.sets.workers import Rows, Tell
 from x2train.thesis.cells import Cell
 from x2train.thesis.elements import PROFILE, ElementSpec, element
 
-_SHARD = 250
-"""Elements of a shard: a run that is stopped loses a minute or two."""
-_LEVELS = 255
-"""Maps are kept as bytes: a step is 0.12 dB."""
+_SHARD = 250  # elements of a shard: a run that is stopped loses a minute or two
+_LEVELS = 255  # maps are kept as bytes: a step is 0.12 dB
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -34,8 +34,7 @@ from x2radar.recording.faults import refuse
 from x2radar.recording.stamps import count_by_stamps
 
 _MAGIC = 0xFEFE00A2
-_ASSUMED_SAMPLE_RATE_HZ = 39e9
-"""A user's figure of an X2's sampler (docs/research/hardware.md)."""
+_ASSUMED_SAMPLE_RATE_HZ = 39e9  # a user's figure of an X2's sampler (docs/research/hardware.md)
 
 _HEAD = struct.Struct("<I6ifi2f4i")
 _X2 = 2

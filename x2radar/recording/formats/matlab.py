@@ -44,8 +44,7 @@ from x2radar.recording.blocks import BlockReader, Label, as_samples, list_of
 from x2radar.recording.faults import refuse
 from x2radar.recording.stamps import count_by_stamps
 
-MAX_BYTES = 1 << 30
-"""Unpacked: an hour of scans of a P440; the file is held as a whole."""
+MAX_BYTES = 1 << 30  # Unpacked: an hour of scans of a P440; the file is held as a whole
 _HEAD_BYTES, _TEXT_BYTES = 128, 116
 _ORDERS = {b"IM": "<", b"MI": ">"}
 _COMPRESSED, _MATRIX = 15, 14
@@ -54,8 +53,7 @@ _NAME_BYTES = 512
 _STRUCT = 2
 _CLASSES = frozenset({1, _STRUCT, 4, *range(6, 16)})
 """Cells, structs, text and numbers; no sparse matrices, objects or functions."""
-_MAX_DEPTH = 8
-"""Structs within structs; a scan of a P4xx lies two deep."""
+_MAX_DEPTH = 8  # structs within structs; a scan of a P4xx lies two deep
 _MAX_LETTERS, _MAX_FIELDS = 64, 1000
 """MATLAB's longest name of a field, with its end, and more fields than a recording has."""
 
@@ -66,8 +64,7 @@ _P4XX = {
     "bandwidth_hz": 1.7e9,
     "sample_rate_hz": 1 / _BIN_S,
 }
-_MAX_START_PS = 1_000_000
-"""Of a P4xx, as above; a window that begins later would lie beyond 150 m."""
+_MAX_START_PS = 1_000_000  # of a P4xx, as above; a window that begins later would lie beyond 150 m
 
 
 def _variables(path: Path, names: Collection[str]) -> dict[str, Any]:

@@ -27,8 +27,7 @@ META = ".sigmf-meta"
 DATA = ".sigmf-data"
 _VERSION = "1.0.0"
 _KINDS: dict[str, tuple[Kind, str]] = {"cf32_le": ("baseband", "<c8"), "rf32_le": ("rf", "<f4")}
-_MAX_META_BYTES = 1 << 26
-"""A capture segment a gap, for days; as JSON in memory some hundred MB."""
+_MAX_META_BYTES = 1 << 26  # a capture segment a gap, for days; as JSON in memory some hundred MB
 _KEPT = ("bin_length_m", "range_offset_m", "bandwidth_hz", "sample_rate_hz")
 
 

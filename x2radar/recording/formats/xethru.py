@@ -67,8 +67,7 @@ _STORED = {
 }
 """What of the axis a record holds, and as which field."""
 
-_MAX_META_BYTES = 1 << 28
-"""Above this a file is damaged: days of frames."""
+_MAX_META_BYTES = 1 << 28  # above this a file is damaged: days of frames
 
 
 class XethruReader(BlockReader):

@@ -9,10 +9,8 @@ from x2radar.sim.bodies.skins.base import THEORY, EchoGain, Skin
 from x2radar.sim.bodies.skins.draw import TotalRcs, draw_skin, sized
 from x2radar.sim.points import Array, Label, Points
 
-_CHEST = 1
-"""What is carried goes with this part."""
-_NEAREST_M = 0.05
-"""An antenna within a chest sees it swell no faster than from here."""
+_CHEST = 1  # what is carried goes with this part
+_NEAREST_M = 0.05  # an antenna within a chest sees it swell no faster than from here
 
 
 @dataclass(frozen=True, slots=True)

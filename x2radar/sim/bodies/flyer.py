@@ -15,8 +15,7 @@ from x2radar.sim.bodies.skins.draw import TotalRcs
 from x2radar.sim.bodies.wander import Wander, smooth_step
 from x2radar.sim.points import Array, Label
 
-_HOP_S = 0.25
-"""How long a small bird hops (recalled)."""
+_HOP_S = 0.25  # how long a small bird hops (recalled)
 _GRAVITY_MPS2 = 9.81
 
 
@@ -136,14 +135,12 @@ BIRD_STYLES = {
 }
 BIRD_MASS_KG = {"budgerigar": (0.028, 0.045), "cockatiel": (0.08, 0.12), "pigeon": (0.25, 0.4)}
 MOTH_SPAN_M = (0.06, 0.13)
-MOTH_BEAT_HZ = (20.0, 60.0)
-"""Masses, spans and beats: see above."""
+MOTH_BEAT_HZ = (20.0, 60.0)  # masses, spans and beats: see above
 _NAMES = (
     *("body", "head", "tail"),
     *(f"{side} {part} wing" for side in ("left", "right") for part in ("inner", "outer")),
 )
-_LOOKS_S = np.linspace(0.0, 40.0, 97)
-"""Over which the mean cross section is taken."""
+_LOOKS_S = np.linspace(0.0, 40.0, 97)  # over which the mean cross section is taken
 
 
 def draw_bird(

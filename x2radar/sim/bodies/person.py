@@ -23,12 +23,9 @@ from x2radar.sim.bodies.skeleton.people import PERSON, PersonBuild, draw_person_
 from x2radar.sim.bodies.skins.draw import TotalRcs
 from x2radar.sim.points import Array
 
-_N_LOOKS = 16
-"""Over which the mean cross section is taken."""
-_ADULT_M = 1.7
-"""From this stature on, breath and heart are an adult's."""
-_FASTEST_RUN_MPS, _FASTEST_CRAWL_MPS = 8.0, 1.5
-"""Sprints of amateurs, and of babies (recalled)."""
+_N_LOOKS = 16  # over which the mean cross section is taken
+_ADULT_M = 1.7  # from this stature on, breath and heart are an adult's
+_FASTEST_RUN_MPS, _FASTEST_CRAWL_MPS = 8.0, 1.5  # sprints of amateurs, and of babies (recalled)
 _CARRIED = {"carry": ("box", (0.2, 0.18, 0.15)), "carry_pet": ("pet", (0.2, 0.08, 0.08))}
 """What is carried, and its half-lengths in metres: a moving box, a cat or small dog."""
 

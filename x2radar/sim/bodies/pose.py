@@ -12,8 +12,7 @@ import numpy as np
 
 from x2radar.sim.points import Array
 
-Ends = tuple[Array, Array]
-"""Both ends of a segment, shape (n_slow, 3) each."""
+Ends = tuple[Array, Array]  # both ends of a segment, shape (n_slow, 3) each
 
 UP = np.array([0.0, 0.0, 1.0])
 

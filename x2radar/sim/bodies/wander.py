@@ -8,8 +8,7 @@ from numpy.typing import ArrayLike
 
 from x2radar.sim.points import Array
 
-_N_WAVES = 6
-"""Sinusoids of a `Wander`: with fewer the eye sees its period."""
+_N_WAVES = 6  # sinusoids of a `Wander`: with fewer the eye sees its period
 
 
 @dataclass(frozen=True, slots=True, eq=False)

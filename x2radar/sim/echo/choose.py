@@ -66,8 +66,7 @@ TIERS: Mapping[str, Tier] = {
 }
 """Every tier by its name."""
 
-_COARSEST_DB = -20.0
-"""Coarser is no frame."""
+_COARSEST_DB = -20.0  # coarser is no frame
 
 
 def choose(task: Task) -> str:

@@ -18,12 +18,9 @@ from x2radar.sim.echo.common import (
     empty,
 )
 
-FINEST_DB = -130.0
-"""Finer is under float32's rounding."""
-_REACH_SIGMA = 7.0
-"""Beyond it an echo is below 2e-11 and is left out as a whole."""
-_BLOCK_SAMPLES = 1 << 17
-"""Exponentials held at a time: 1 MiB, a core's second-level cache."""
+FINEST_DB = -130.0  # finer is under float32's rounding
+_REACH_SIGMA = 7.0  # beyond it an echo is below 2e-11 and is left out as a whole
+_BLOCK_SAMPLES = 1 << 17  # exponentials held at a time: 1 MiB, a core's second-level cache
 
 
 def frames(range_m: Array, amplitude: Amplitude, task: Task, floor: float) -> Frames:

@@ -21,8 +21,7 @@ from x2radar.sim.scene.scene import ERRORS_DB, Scene, SceneChoice, SceneStep
 from x2radar.sim.scene.stage import Stage
 from x2radar.sim.signal.effects import ReceiverEffects
 
-_BLOCK, _ROUNDS = 16, 5
-"""Frames that a stream makes at a time; how often everything is timed."""
+_BLOCK, _ROUNDS = 16, 5  # frames that a stream makes at a time; how often everything is timed
 _USUAL_HZ, _FAST_HZ = 60, 200
 _WHOLE, _NOISE = "the whole scene", "noise of the receiver"
 

@@ -18,10 +18,8 @@ from x2radar.sim.signal.receiver import MIDDLE
 from x2radar.wire.messages import ErrorReply, Message, Ping, Pong, Reset
 from x2radar.wire.wire_ids import ErrorCode, PongCode
 
-_SPIKE = 900.0
-"""Far beyond the 0 to 100 of a frame."""
-_SPIKES = 3
-"""Samples of a frame that it meets, as a chip's do."""
+_SPIKE = 900.0  # far beyond the 0 to 100 of a frame
+_SPIKES = 3  # samples of a frame that it meets, as a chip's do
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,8 +34,7 @@ class Kind:
 
 
 _SHARE = (0.0, 1.0)
-_MAX_S = 1e6
-"""Eleven days, beyond any run."""
+_MAX_S = 1e6  # eleven days, beyond any run
 KINDS: Mapping[str, Kind] = MappingProxyType(
     {
         # On the line.

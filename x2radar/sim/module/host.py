@@ -9,8 +9,7 @@ from x2radar.device.transport import Transport, memory_pair
 from x2radar.errors import TransportClosed
 from x2radar.sim.module.module import SimulatedModule
 
-_IDLE_S = 0.05
-"""Longest wait before `stop` is asked again: nobody notices that it ends so late."""
+_IDLE_S = 0.05  # longest wait before `stop` is asked again: nobody notices that it ends so late
 
 
 def serve(

@@ -23,8 +23,7 @@ from x2radar.sim.signal.pulse import NEAREST_M
 
 Array = NDArray[np.float64]
 _AXES = {"x": 0, "y": 1, "z": 2}
-_CLEAR_M = 0.3
-"""Nearer things count as here, since bodies are no points."""
+_CLEAR_M = 0.3  # nearer things count as here, since bodies are no points
 # Where the body stood, and how far behind it the tail was measured; see `TailSettings`.
 _CALIBRATED_AT_M = 1.7
 _GAP_M = (0.4, 3.0)

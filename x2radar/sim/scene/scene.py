@@ -26,12 +26,10 @@ from x2radar.sim.signal.effects import ReceiverEffects
 from x2radar.sim.things import draw_mount
 
 _T = TypeVar("_T")
-_MAX_MESSAGE = 1000
-"""Characters of an error: a file's values may be of any length."""
+_MAX_MESSAGE = 1000  # characters of an error: a file's values may be of any length
 ERRORS_DB = (-40.0, -60.0, -80.0, -100.0)
 """Bounds of the echoes' error, coarsest and finest first and last; 20 dB apart."""
-_USUAL_ERROR_DB = -60.0
-"""20 dB under the noise beside a body at 1 m."""
+_USUAL_ERROR_DB = -60.0  # 20 dB under the noise beside a body at 1 m
 _ERROR = Key(ERRORS_DB[-1], ERRORS_DB[0], "largest error of a bin over the echoes' sum, dB")
 _DURATION = Key(0.1, 86_400.0, "s")
 _WEIGHT = Key(0.0, 1e6, "weight")

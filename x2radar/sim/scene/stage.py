@@ -20,8 +20,7 @@ from x2radar.sim.scene.scene import Scene, SceneChoice, SceneStep
 from x2radar.sim.things import MountVibration, draw_mount
 
 Array = NDArray[np.float64]
-_MAX_LOOK_S = 60.0
-"""How long `check_swath` follows a body: in a minute it has crossed any room."""
+_MAX_LOOK_S = 60.0  # how long `check_swath` follows a body: in a minute it has crossed any room
 _BACKGROUND, _MOUNT, _TAIL, _STEP = 0xBAC0, 0x3071, 0x7A11, 0x57E9
 """Of generators, as in `module.stream`."""
 

@@ -15,12 +15,9 @@ from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS, RadarSettings
 from x2radar.sim.signal.effects import ReceiverEffects
 
 Array = NDArray[np.float64]
-NEAREST_M = 0.1
-"""Nearer points count as here: the near field has no radar equation."""
-BOLTZMANN = 1.380_649e-23
-"""J/K, exact (SI 2019)."""
-ROOM_K = 290.0
-"""Standard noise temperature (IEEE)."""
+NEAREST_M = 0.1  # nearer points count as here: the near field has no radar equation
+BOLTZMANN = 1.380_649e-23  # J/K, exact (SI 2019)
+ROOM_K = 290.0  # standard noise temperature (IEEE)
 
 
 def pulse_sigma_s(bandwidth_hz: float) -> float:
@@ -52,8 +49,7 @@ class LinkBudget:
         return np.asarray(self.noise_sigma * np.sqrt(2 * received_w / noise_w))
 
 
-UNIT_PER_COUNT = 100.0 / 8192.0
-"""Of a 13-bit count, as Radarlib normalises."""
+UNIT_PER_COUNT = 100.0 / 8192.0  # of a 13-bit count, as Radarlib normalises
 # The settings for 60 Hz: the level of the link budget is taken to be theirs.
 REFERENCE_PULSES = 256
 REFERENCE_STEP = 4

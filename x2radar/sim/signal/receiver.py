@@ -23,10 +23,8 @@ from x2radar.sim.signal.pulse import (
 )
 
 Array = NDArray[np.float64]
-MIDDLE = 50.0
-"""Of the threshold sweep, in the module's unit (Radarlib)."""
-_SLOPE_TAPS = 12
-"""Of the differentiator, either side: 0.2 % error, see `delayed_rf`."""
+MIDDLE = 50.0  # of the threshold sweep, in the module's unit (Radarlib)
+_SLOPE_TAPS = 12  # of the differentiator, either side: 0.2 % error, see `delayed_rf`
 
 
 class Receiver:

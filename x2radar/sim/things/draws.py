@@ -119,8 +119,7 @@ class Gust:
         return np.asarray(0.5 + 0.5 * lines.mean(axis=1))
 
 
-_DECAY_S = 0.2
-"""Of a shock: a bracket rings for some swings."""
+_DECAY_S = 0.2  # of a shock: a bracket rings for some swings
 DRAWS = {
     "hum_hz": Draw(1, 200, (5, 30), "of the bracket, Hz"),
     "hum_m": Draw(0, 0.005, (1e-5, 3e-4), "greatest swing, m"),

@@ -18,8 +18,7 @@ from x2radar.sim.things.draws import (
     shares,
 )
 
-_WAVES = 3
-"""Along a curtain: fewer repeat themselves."""
+_WAVES = 3  # along a curtain: fewer repeat themselves
 
 
 def _curtain(rng: np.random.Generator, position_m: Array, values: Values) -> Thing:
@@ -112,8 +111,7 @@ DOOR = ThingKind(
 )
 
 _GRAVITY = 9.81
-_N_LEAVES = 12
-"""So many that none stands out."""
+_N_LEAVES = 12  # so many that none stands out
 # Successive drops of one track start where a golden section takes them: never twice alike.
 _GOLDEN = 0.618_033_988_749_895
 

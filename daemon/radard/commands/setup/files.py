@@ -15,8 +15,7 @@ FAILED_FILE = Path("etc/systemd/system/radard-failed@.service")
 USER_FILE = Path("etc/sysusers.d/radard.conf")
 CONFIG_FOLDER = Path("etc/radard")
 STATE_FOLDER = Path("var/lib/radard")
-PORT = "/dev/x2radar"
-"""The name that the udev rules give a module."""
+PORT = "/dev/x2radar"  # the name that the udev rules give a module
 _CONFIG = "/etc/radard/config.yaml"
 _USB_ID = re.compile(r"[0-9a-f]{4}:[0-9a-f]{4}")
 _SERIAL = re.compile(r"[A-Za-z0-9._-]{1,64}")

@@ -42,13 +42,10 @@ _USERADD = ("useradd", "--system", "--home-dir", "/var/lib/radard", "--shell", "
 class Installation:
     """What is to be installed, and where."""
 
-    root: Path
-    """The machine's root folder; another one is an image's."""
-    program: Path
-    """The `radard` to start, as the machine itself sees it."""
+    root: Path  # the machine's root folder; another one is an image's
+    program: Path  # the `radard` to start, as the machine itself sees it
     port: str = files.PORT
-    name: str | None = None
-    """Of radard@NAME.service; None for radard.service."""
+    name: str | None = None  # of radard@NAME.service; None for radard.service
 
     @property
     def is_live(self) -> bool:
@@ -62,21 +59,16 @@ def _check_below(name: str) -> str:
     return name
 
 
-Below = Annotated[str, AfterValidator(_check_below)]
-"""A path below the root."""
+Below = Annotated[str, AfterValidator(_check_below)]  # a path below the root
 
 
 class Record(BaseModel, extra="forbid"):
     """What an installation has written, below its root."""
 
-    files: dict[Below, str] = {}
-    """SHA-256 of each file as it was written."""
-    links: dict[Below, str] = {}
-    """Target of each link."""
-    folders: list[Below] = []
-    """Made by us, outer before inner."""
-    units: list[str] = []
-    """Switched on."""
+    files: dict[Below, str] = {}  # SHA-256 of each file as it was written
+    links: dict[Below, str] = {}  # target of each link
+    folders: list[Below] = []  # made by us, outer before inner
+    units: list[str] = []  # switched on
 
     @classmethod
     def read(cls, root: Path) -> "Record":

@@ -66,8 +66,7 @@ class PacketLimits:
         self._flying: list[tuple[str, int, Callable[[], bool]]] = []
         self._suspects: dict[str, _Suspect] = {}
         self._said: set[str] = set()
-        self.can_retain = True
-        """Whether the broker keeps messages."""
+        self.can_retain = True  # whether the broker keeps messages
         self.max_bytes: int | None = None
         """The largest packet that the broker states; None: it states none."""
 

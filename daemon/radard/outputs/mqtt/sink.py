@@ -40,8 +40,7 @@ _MAX_WRONG = 5  # as keypads of panels have it
 _LOCKED_S = 60.0  # a code of four digits then takes more than a day to guess
 PANEL_COMMANDS = {"ARM_AWAY": "arm", "ARM_HOME": "arm-home", "DISARM": "disarm"}
 """Commands by what Home Assistant's panel sends."""
-_HANGS_S = 10.0
-"""The sink's thread runs every `tick_s`; after so long without it, it hangs."""
+_HANGS_S = 10.0  # the sink's thread runs every `tick_s`; after so long without it, it hangs
 
 
 def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "MqttSink":

@@ -18,8 +18,7 @@ from radard.config.sink_table import KINDS, PHASES, MqttSection
 from radard.outputs.base import Record
 from radard.outputs.mqtt.link import Publication
 
-_HOP_S = 1.0
-"""Time from one decision to the next (`radard.pipeline`)."""
+_HOP_S = 1.0  # time from one decision to the next (`radard.pipeline`)
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,8 +38,7 @@ from x2radar.sim.bodies.skeleton.skeleton import direction, hang
 from x2radar.sim.bodies.wander import Wander
 from x2radar.sim.points import Array
 
-N_HARMONICS = 4
-"""Enough to hold a knee to two degrees (tests)."""
+N_HARMONICS = 4  # enough to hold a knee to two degrees (tests)
 
 # Degrees at 0, 10, ..., 90 % of a stride that begins with the foot's landing.
 WALK = (
@@ -99,8 +98,7 @@ class JointCurve:
         return np.asarray(self.mean_rad * (0.3 + 0.7 * vigour) + vigour * swing)
 
 
-_BACKWARDS_SHARE = 0.15
-"""Of people who do not run (a guess)."""
+_BACKWARDS_SHARE = 0.15  # of people who do not run (a guess)
 _SOFT_M, _SOFT = 0.02, 0.06
 """Depth within which both feet carry, in metres of people, in hip heights of animals; it keeps the
 hips from a kink when they change."""

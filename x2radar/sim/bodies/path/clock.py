@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.points import Array
 
-STEP_S = 0.02
-"""Of the table: a tenth of the quickest stride or less."""
+STEP_S = 0.02  # of the table: a tenth of the quickest stride or less
 # By eye: over how long, and how much, steps get shorter before they get slower; the duty
 # factor of somebody who comes to a stand; below which speed a body stands; and how long the table
 # goes on after that.

@@ -9,8 +9,7 @@ import numpy as np
 
 from x2radar.errors import SceneError
 
-_MIN_LEG_M = 0.1
-"""Waypoints nearer to each other than a foot is long have no direction."""
+_MIN_LEG_M = 0.1  # waypoints nearer to each other than a foot is long have no direction
 _SHARP_RAD = math.radians(130.0)
 """Corners sharper than this cannot be cut short without missing the waypoint by far."""
 
@@ -85,8 +84,7 @@ def _corner(
 
 Waypoints = list[tuple[float, float]]
 
-NEAR_M, FAR_M = 0.6, 3.4
-"""Swath of the X2's default settings, in metres."""
+NEAR_M, FAR_M = 0.6, 3.4  # swath of the X2's default settings, in metres
 # How far outside the swath a course begins: a stride; how far from the radar's wall it stays: half
 # a person; radii that bodies usually take; how far to the sides the radar looks.
 _LEAD_M = 1.5

@@ -15,8 +15,7 @@ from x2radar.sim.bodies.path.clock import STEP_S, Clock
 from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.points import Array
 
-_EVER_S = 1e9
-"""Beyond any scene."""
+_EVER_S = 1e9  # beyond any scene
 # Steps that bring a foot less far, in metres and radians, are not made: nobody would see them.
 _SAME_PLACE_M = 0.01
 _SAME_HEADING = 0.05

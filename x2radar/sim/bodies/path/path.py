@@ -15,8 +15,7 @@ import numpy as np
 from x2radar.sim.bodies.path.courses import Bend, bends
 from x2radar.sim.points import Array
 
-_TINY = 1e-9
-"""Shorter stretches, in metres or seconds, are rounding."""
+_TINY = 1e-9  # shorter stretches, in metres or seconds, are rounding
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,8 +19,7 @@ from x2radar.sim.bodies.skeleton.skeleton import Part, Skeleton
 from x2radar.sim.bodies.skins.base import EchoGain
 from x2radar.sim.points import Array
 
-_STATURE_M = (0.6, 2.3)
-"""That a scene may ask for: beyond, shares of the stature hold no more."""
+_STATURE_M = (0.6, 2.3)  # that a scene may ask for: beyond, shares of the stature hold no more
 _TODDLER_M = (0.75, 0.95)
 _CHILD_M = (0.95, 1.45)
 Age = Literal["adult", "child", "toddler"]

@@ -15,8 +15,7 @@ from x2radar.sim.bodies.skins.base import EchoGain
 LEGS = ("left hind", "left fore", "right hind", "right fore")
 ENDS = np.array([-1.0, 1.0, -1.0, 1.0])
 """At which end of the trunk each of `LEGS` is: 1 at the shoulder."""
-SIDES = np.array([1.0, 1.0, -1.0, -1.0])
-"""On which side: 1 on the left."""
+SIDES = np.array([1.0, 1.0, -1.0, -1.0])  # on which side: 1 on the left
 _JOINTS = {
     "left hind": ("HL_hip", "HL_knee", "HL_hock", "HL_paw"),
     "left fore": ("FL_shoulder", "FL_elbow", "FL_carpus", "FL_paw"),

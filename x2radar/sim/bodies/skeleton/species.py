@@ -17,10 +17,8 @@ import numpy as np
 
 from x2radar.sim.points import Label
 
-Span = tuple[float, float]
-"""Least and greatest of an even draw."""
-Band = tuple[float, float]
-"""Least of an even draw, and how far the greatest is above it."""
+Span = tuple[float, float]  # least and greatest of an even draw
+Band = tuple[float, float]  # least of an even draw, and how far the greatest is above it
 Draw = Callable[[np.random.Generator], float]
 
 
@@ -190,5 +188,4 @@ _ROWS = (
         breaths_per_min=(30.0, 60.0),
     ),
 )
-SPECIES: Mapping[str, Species] = {row.name: row for row in _ROWS}
-"""Every species, by name."""
+SPECIES: Mapping[str, Species] = {row.name: row for row in _ROWS}  # every species, by name

@@ -10,14 +10,11 @@ from x2radar.sim.points import Array, Points
 
 SKIN_REFLECTION = 0.54
 """Power reflection of skin and muscle at 7 GHz (Gabriel's tissue data, recalled)."""
-WAVELENGTH_M = 0.044
-"""At 6.8 GHz, the X2's carrier."""
-DEEPEST = 0.7
-"""An antenna inside a part still has it in front, by this share of the distance."""
+WAVELENGTH_M = 0.044  # at 6.8 GHz, the X2's carrier
+DEEPEST = 0.7  # an antenna inside a part still has it in front, by this share of the distance
 _FAR_M, _N_AZIMUTHS = 50.0, 24
 """Whence totals are taken: far enough that a body is a point, every 15 degrees."""
-_MAX_SPREAD_DB = 4.0
-"""Of parts' own draws of gain: recorded people differ by about as much."""
+_MAX_SPREAD_DB = 4.0  # of parts' own draws of gain: recorded people differ by about as much
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,8 +44,7 @@ class EchoGain:
         return np.asarray(gain * (size.sum() / (size * gain).sum()))
 
 
-THEORY = EchoGain()
-"""Of bodies of which nothing is known."""
+THEORY = EchoGain()  # of bodies of which nothing is known
 
 
 @dataclass(frozen=True, slots=True, eq=False)

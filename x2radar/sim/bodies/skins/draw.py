@@ -19,8 +19,7 @@ TotalRcs = float | Literal["physical"] | None
 """Mean total cross section of a body: in dBsm, 'physical' for what the segments' sizes give, or
 None for a draw that does not depend on the body."""
 
-TOTAL_RCS_DBSM = (-15.0, 3.0)
-"""From a cat end-on to a large man: holds both, whatever the body is."""
+TOTAL_RCS_DBSM = (-15.0, 3.0)  # from a cat end-on to a large man: holds both, whatever the body is
 _TINY_M2 = 1e-12
 SKINS: Mapping[str, Callable[[np.random.Generator, Array, int, EchoGain], Skin]] = {
     "surface": lambda rng, half, n, _: SurfaceSkin.draw(rng, half, n),

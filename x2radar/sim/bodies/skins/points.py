@@ -17,8 +17,7 @@ from x2radar.sim.points import Array, Points
 _COUNTS = ((0.3, (1, 1)), (0.65, (3, 8)), (1.0, (1, 4)))
 """Scatterers a segment, fewest and most, of bodies up to a cumulated share: studies have
 one to eight."""
-_MAX_SPREAD_DB = 6.0
-"""Largest spread of the weights within a body, twice that of the other skins."""
+_MAX_SPREAD_DB = 6.0  # largest spread of the weights within a body, twice that of the other skins
 _AREA_POWER = (0.0, 1.6)
 """Weights go with a segment's area to a power between: from limbs as strong as the trunk,
 as the first studies have them, to a trunk that outshines all else."""

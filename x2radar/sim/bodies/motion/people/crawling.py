@@ -15,8 +15,7 @@ from x2radar.sim.bodies.skeleton.skeleton import direction, two_links
 from x2radar.sim.bodies.wander import Wander
 from x2radar.sim.points import Array
 
-_KNEE_M = 0.06
-"""Height of a kneeling knee's middle (recalled)."""
+_KNEE_M = 0.06  # height of a kneeling knee's middle (recalled)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,8 +15,7 @@ from x2radar.sim.points import Array
 
 REST = np.array([0.10, 0.06, -0.88])
 """A hanging wrist from its shoulder: ahead, outward and up, in lengths of the arm."""
-_REACH = 0.9
-"""Farthest wrist, in lengths of the arm: it stays a little bent."""
+_REACH = 0.9  # farthest wrist, in lengths of the arm: it stays a little bent
 # How far, how fast (rms a second) and where hands work, in lengths of the arm: see above.
 _SHIFT_M, _CROUCH, _LEAN_RAD, _TWIST_RAD = 0.06, 0.28, 0.75, 0.7
 _LIMITS = (_SHIFT_M, _SHIFT_M, 1.0, 1.0, _TWIST_RAD, *[1.0] * 6)
@@ -89,8 +88,7 @@ class Busy:
         )
 
 
-_RISE_S = 1.4
-"""How long getting up takes, and sitting down; 1 to 2 s of the healthy (recalled)."""
+_RISE_S = 1.4  # how long getting up takes, and sitting down; 1 to 2 s of the healthy (recalled)
 # How far the trunk bows to get up and leans, and the head turns and nods (anatomy).
 _BOW_RAD, _TRUNK_RAD = 0.6, 0.22
 _TURN_RAD, _NOD_RAD = 0.9, 0.3

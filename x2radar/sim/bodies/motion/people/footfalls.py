@@ -30,10 +30,8 @@ from x2radar.sim.points import Array
 
 _TURNED_SHARE = 0.3
 """Of people who do not run, those who do not go where they look (a guess, wide)."""
-_TURNED_STRIDE = 0.85
-"""Of those who do not go where they look, for one of those who do (a guess)."""
-_HEEL_RISE_RAD = 1.1
-"""Of the foot when it leaves the floor (recalled: 60 degrees)."""
+_TURNED_STRIDE = 0.85  # of those who do not go where they look, for one of those who do (a guess)
+_HEEL_RISE_RAD = 1.1  # of the foot when it leaves the floor (recalled: 60 degrees)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -22,10 +22,8 @@ from x2radar.sim.points import Array
 Swing = tuple[Array, Array, Array, float]
 """Yaw in which an arm swings, its angles at shoulder and elbow, and its splay."""
 
-SIDES = (1.0, -1.0)
-"""Left and right."""
-RUNS = frozenset({"jog", "run", "child_run"})
-"""Styles that leave the floor."""
+SIDES = (1.0, -1.0)  # left and right
+RUNS = frozenset({"jog", "run", "child_run"})  # styles that leave the floor
 WALK_STRIDE, RUN_STRIDE = 2.65, 2.6
 """`GaitParams.stride` at half a power of the speed. Walkers take steps of 6.5 mm for every step a
 minute (Sekiya et al. 1996, recalled), strides of 1.42 m at 1.3 m/s; runners 2.2 m at 3 m/s."""

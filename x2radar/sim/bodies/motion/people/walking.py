@@ -24,8 +24,7 @@ from x2radar.sim.points import Array
 Traits = tuple[Array, Array]
 """What a person draws whatever the style: 12 normal numbers and 8 shares."""
 
-STIFF_TO = 0.93
-"""Share of a limb's length up to which it reaches; beyond, its upper joint gives."""
+STIFF_TO = 0.93  # share of a limb's length up to which it reaches; beyond, its upper joint gives
 _HEEL_OFF = 0.65
 """Share of the stance after which the heel begins to rise: 40 % of a walking stride (Perry)."""
 _FACE = 0.015

@@ -28,13 +28,11 @@ _LAGS: Mapping[str, tuple[float, float, float, float]] = {
     "bound": (0.0, 0.48, 0.08, 0.56),
 }
 """When left hind, left fore, right hind and right fore land, in strides."""
-LEAPS = frozenset({"canter", "bound"})
-"""Gaits in which the trunk goes up and down once a stride."""
+LEAPS = frozenset({"canter", "bound"})  # gaits in which the trunk goes up and down once a stride
 _SPEEDS = ((0.25, "walk"), (1.6, "trot"), (np.inf, "canter"))
 """Froude numbers up to which animals walk and trot (Alexander and Jayes 1983, recalled: 0.3 to 0.5
 and 2 to 3 on treadmills; pets trot earlier)."""
-_ANY_SHARE = 0.12
-"""Of animals whose legs land in no order of the textbooks (a guess)."""
+_ANY_SHARE = 0.12  # of animals whose legs land in no order of the textbooks (a guess)
 
 
 def draw_lags(

@@ -21,8 +21,7 @@ from x2radar.sim.bodies.wander import smooth_step
 from x2radar.sim.points import Array
 
 GRAVITY_MPS2 = 9.81
-DUTY = (0.28, 0.70)
-"""Least and greatest duty factor: galloping and creeping animals (recalled)."""
+DUTY = (0.28, 0.70)  # least and greatest duty factor: galloping and creeping animals (recalled)
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,8 +19,7 @@ from x2radar.sim.bodies.skeleton.species import Band, Species, Swing
 from x2radar.sim.bodies.wander import Wander, bouts, smooth_step
 from x2radar.sim.points import Array
 
-_WIDEST_WAG_RAD = 1.1
-"""A tail does not reach beside the body (recalled)."""
+_WIDEST_WAG_RAD = 1.1  # a tail does not reach beside the body (recalled)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -11,8 +11,7 @@ from x2radar.sim.bodies.skeleton.quadrupeds import LEGS, SIDES, QuadrupedBuild
 from x2radar.sim.bodies.wander import Wander, bouts, smooth_step
 from x2radar.sim.points import Array
 
-STANDING = 0.97
-"""Height of a standing trunk's middle, in hip heights: legs are a little bent."""
+STANDING = 0.97  # height of a standing trunk's middle, in hip heights: legs are a little bent
 
 # Trunk's middle and hind and fore paws ahead of hip and shoulder, in hip heights; pitch;
 # distance of the paws from the middle line, in half tracks; by eye.
