@@ -23,13 +23,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from radard.config.atomic import write_atomically
 from radard.detect.clutter_map import ClutterRemover
 from radard.errors import UsageError
 from radard.judge.bundle import load_bundle
 from radard.judge.classifier import Classifier
 from radard.judge.features import extract
 from radard.stream.ring import Dwell
+from x2radar.atomic import write_atomically
 from x2train.judge.estimates import share
 from x2train.thesis.cells import CELLS, Cell
 from x2train.thesis.elements import ElementSpec, dwell

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.config.atomic import write_atomically
 from radard.errors import UsageError
 from study import check_within, run_script, say, script_parser
+from x2radar.atomic import write_atomically
 from x2radar.sim.bodies.motion import MOTIONS
 from x2radar.sim.bodies.skins.draw import SKINS
 from x2train.commands import followed

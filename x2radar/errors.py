@@ -93,6 +93,21 @@ class RecordingError(X2RadarError):
     exit_code = 66
 
 
+class WriteError(RecordingError):
+    """The disk does not take a file."""
+
+    exit_code = 1
+    why = ""
+
+    @classmethod
+    def of(cls, path: object, why: object) -> "WriteError":
+        """Return what to say of a file that could not be written; `why` is an error or a text."""
+        text = (why.strerror if isinstance(why, OSError) else None) or str(why)
+        error = cls(f"{path}: cannot write: {' '.join(text.split())}")
+        error.why = text
+        return error
+
+
 class SceneError(X2RadarError):
     """A scene does not exist, or its file names something impossible."""
 

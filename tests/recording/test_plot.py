@@ -98,7 +98,7 @@ def test_a_port_is_drawn(tmp_path):
     [
         (["in.h5"], 2, "no window can be opened here; give --out FILE.png"),
         (["in.h5", "--out", "a.bmp"], 2, "--out a.bmp: must end in .png, .pdf, .svg"),
-        (["in.h5", "--out", "gone/a.png"], 66, "gone/a.png: cannot write"),
+        (["in.h5", "--out", "gone/a.png"], 1, "gone/a.png: cannot write"),
         (["in.h5", "--duration", "0.1", "--out", "a.png"], 2, "6 frames: at least 28"),
         (["in.h5", "--start", "99", "--out", "a.png"], 66, "no frame at or behind 99 s"),
         (["gone.h5", "--out", "a.png"], 66, "gone.h5: no such recording"),

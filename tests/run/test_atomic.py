@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from radard.config.atomic import write_atomically
+from x2radar.atomic import write_atomically
 
 
 def test_a_file_and_its_folder_are_made_for_those_who_may_read_them(tmp_path):

@@ -72,7 +72,7 @@ def full_disk(descriptor):
 
 def test_a_full_disk_leaves_the_set_as_it_was(made, monkeypatch):
     monkeypatch.setattr(os, "fsync", full_disk)
-    with pytest.raises(RecordingError, match=r"b\.npz: cannot write: the disk is full"):
+    with pytest.raises(RecordingError, match=r"b\.npz: cannot write: No space left"):
         made.write("b", ARRAYS)
     monkeypatch.undo()
     later = ShardSet(made.folder, ABOUT)

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.arrays import read_frames, stacked
+from x2radar.atomic import write_picture
 from x2radar.command import StatusLine, legible
 from x2radar.commands import Commands, add_command, check_above_zero
-from x2radar.errors import RecordingError, SettingsError
+from x2radar.errors import SettingsError
 from x2radar.extras import needed
 from x2radar.frame import Frame, Samples, StreamInfo
 from x2radar.maps import range_time, spectrum, velocity_time
@@ -71,10 +72,7 @@ def _run(args: argparse.Namespace) -> int:
     if args.out is None:
         plt.show()
         return 0
-    try:
-        figure.savefig(args.out, dpi=110)
-    except OSError as err:
-        raise RecordingError(f"{args.out}: cannot write: {err.strerror or err}") from err
+    write_picture(args.out, figure)
     print(args.out, file=sys.stderr)
     return 0
 

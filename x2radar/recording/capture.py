@@ -26,6 +26,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from x2radar.device.transport import Transport
+from x2radar.errors import WriteError
 from x2radar.recording.faults import refuse
 
 MAGIC = b"X2RADARC"
@@ -95,7 +96,7 @@ class CaptureWriter:
                 self.n_bytes += n
                 left = left[n:]
         except OSError as err:
-            raise refuse(self._path, f"cannot write: {err.strerror}") from err
+            raise WriteError.of(self._path, err) from err
 
 
 class CapturingTransport:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from x2radar.errors import RecordingError, SettingsError, X2RadarError
+from x2radar.errors import RecordingError, SettingsError, WriteError
 from x2radar.recording.about import NO_OVERRIDES, Overrides
 from x2radar.recording.faults import refuse, refuse_taken
 from x2radar.recording.registry import FORMATS, WRITABLE, Format, format_by_name, open_recording
@@ -40,7 +40,10 @@ def convert(
             try:
                 notes = found.write(folder / out.name, reader)
             except OSError as err:
-                raise X2RadarError(f"{out}: cannot write: {err.strerror or err}") from err
+                raise WriteError.of(out, err) from err
+            except WriteError as err:
+                # Its name is that of the file beside it.
+                raise WriteError.of(out, err.why) from err
             _put_in_place(folder, out)
         *_, last = reader.blocks(samples=False)
         duration_s = float(last.t_s[-1]) + 1 / reader.stream.frame_rate_hz

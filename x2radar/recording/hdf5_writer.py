@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.closing import Closing
-from x2radar.errors import RecordingError
+from x2radar.errors import RecordingError, WriteError
 from x2radar.frame import Frame, StreamInfo
 from x2radar.recording.about import SAMPLE_DTYPES, root_attributes
 from x2radar.recording.blocks import Block, BlockReader, Label
@@ -64,9 +64,27 @@ class RecordingWriter(Closing):
             self._file = h5py.File(self._made_as, "x", libver="latest")
         except OSError as err:
             raise self._cannot_make(err) from err
+        try:
+            self._begin(stream, started_utc, device, settings, attributes or {})
+        except (OSError, RuntimeError) as err:
+            _let_go(self._file)
+            with contextlib.suppress(OSError, RuntimeError):
+                self._file.close()
+            self._made_as.unlink(missing_ok=True)
+            raise WriteError.of(path, reason(err)) from err
+        self._published = self._made_as == path
+
+    def _begin(
+        self,
+        stream: StreamInfo,
+        started_utc: str | None,
+        device: Mapping[str, Any],
+        settings: Mapping[str, Any],
+        attributes: Mapping[str, Any],
+    ) -> None:
         started_utc = utc_text() if started_utc is None else started_utc
         about = root_attributes(stream, started_utc, device, settings)
-        self._file.attrs.update({**about, **(attributes or {})})
+        self._file.attrs.update({**about, **attributes})
         n_chunk = max(1, round(stream.frame_rate_hz))
         self._samples: NDArray[Any] = np.empty(
             (n_chunk, stream.axis.n_range), SAMPLE_DTYPES[stream.axis.kind]
@@ -88,7 +106,7 @@ class RecordingWriter(Closing):
             )
             for name, buffer in self._buffers()
         ]
-        self._published = self._made_as == path
+        self._file.flush()
         self._file.swmr_mode = True
 
     @property
@@ -143,7 +161,7 @@ class RecordingWriter(Closing):
             self._file.flush()
         except (OSError, RuntimeError) as err:
             _let_go(self._file)
-            raise refuse(self._path, f"cannot write: {reason(err)}") from err
+            raise WriteError.of(self._path, reason(err)) from err
         finally:
             with contextlib.suppress(OSError, RuntimeError):
                 self._file.close()
@@ -172,7 +190,7 @@ class RecordingWriter(Closing):
         except (OSError, RuntimeError) as err:
             self._filled = self._flushed
             _let_go(self._file)
-            raise refuse(self._path, f"cannot write: {reason(err)}") from err
+            raise WriteError.of(self._path, reason(err)) from err
         if not self._published:
             self._publish()
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.closing import Closing
-from x2radar.errors import RecordingError
+from x2radar.errors import RecordingError, WriteError
 from x2radar.frame import Frame, Samples, StreamInfo
 from x2radar.recording.about import NO_OVERRIDES, Overrides
 from x2radar.recording.blocks import BlockReader, Label
@@ -100,7 +100,7 @@ class RotatingWriter(Closing):
             try:
                 write_labels(path, own)
             except (OSError, RuntimeError) as err:
-                raise refuse(path, f"cannot write its labels: {reason(err)}") from err
+                raise WriteError.of(path, reason(err)) from err
 
     def close(self) -> None:
         """Write what is left and close the last part; a second call does nothing."""

@@ -17,8 +17,8 @@ import numpy as np
 
 from radard.clips.room import date_last
 from radard.clips.spectrogram_png import PictureMaker, Rgb, encode_png
-from radard.config.atomic import write_atomically
 from radard.errors import OutputError
+from x2radar.atomic import write_atomically
 from x2radar.errors import RecordingError
 from x2radar.frame import Frame, StreamInfo
 from x2radar.recording.hdf5_writer import RecordingWriter

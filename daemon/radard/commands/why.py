@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from radard.config.options import JUDGING, add_options, judging_config
-from radard.errors import OutputError, UsageError
+from radard.errors import UsageError
 from radard.judge.occlusion import MapView, Part, effects, map_views, occluded
 from radard.run.moment import Moment, moment_of
+from x2radar.atomic import write_picture
 from x2radar.command import Parser, legible, new_parser
 from x2radar.extras import needed
 
@@ -43,10 +44,7 @@ def run(argv: Sequence[str]) -> int:
         parts = occluded(moment.classifier, moment.settings, moment.seen, moment.pet_limit)
     print("\n".join(lines(moment, parts)))
     if out is not None:
-        try:
-            figure(moment, parts).savefig(out, dpi=110)
-        except OSError as err:
-            raise OutputError(f"--out {out}: cannot write: {err.strerror or err}") from err
+        write_picture(out, figure(moment, parts))
         print(out, file=sys.stderr)
     return 0
 

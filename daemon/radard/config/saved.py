@@ -14,11 +14,11 @@ from typing import Any, Literal
 
 from pydantic import ValidationError, model_validator
 
-from radard.config.atomic import write_atomically
 from radard.config.sections import AlarmChoices, MountSection, Section, Span, ZonesSection
 from radard.config.sources import ENV_PREFIX, Places, Where, explain, put, read_yaml
 from radard.errors import ConfigError, OutputError
 from x2radar import wall_clock
+from x2radar.atomic import write_atomically
 
 Kind = Literal["zones", "settings"]
 Sections = Mapping[str, Mapping[str, Any]]

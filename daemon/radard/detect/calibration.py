@@ -22,9 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
-from radard.config.atomic import write_atomically
 from radard.config.json_file import LOOSE, STRICT, parse_json
 from radard.errors import ConfigError
+from x2radar.atomic import write_whole
 from x2radar.frame import FastTimeAxis
 
 FORMAT = "radard-calibration"
@@ -134,7 +134,7 @@ class Calibration:
 
     def save(self, path: Path) -> None:
         """Write the file, for all users to read; raises OSError if that fails."""
-        write_atomically(path, self.text())
+        write_whole(path, self.text())
 
 
 def restless_spans(calibration: Calibration) -> list[tuple[float, float]]:

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from radard.config.atomic import write_atomically
 from radard.config.json_file import STRICT, parse_json
 from radard.detect.interference import FloorReference
+from x2radar.atomic import write_atomically
 
 log = logging.getLogger("radard")
 _MAX_BYTES = 1_000_000  # 200 times what an X2's takes

@@ -12,8 +12,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from radard.config.atomic import write_atomically
 from radard.health.health import Status
+from x2radar.atomic import write_atomically
 
 STALE_S = 10.0  # ten beats
 _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")

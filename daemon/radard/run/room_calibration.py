@@ -20,6 +20,7 @@ from radard.judge.classifier import Classifier
 from radard.stream.ring import Dwell
 from x2radar import wall_clock
 from x2radar.command import installed_version
+from x2radar.errors import WriteError
 from x2radar.frame import StreamInfo
 
 log = logging.getLogger("radard")
@@ -119,8 +120,8 @@ class RoomCalibration:
         text = f"predicted false gates: {rate:.2g} a day, in such a room"
         try:
             made.save(self._path)
-        except OSError as err:
-            text += f"; holds until the end of this run: {self._path}: {err.strerror or err}"
+        except WriteError as err:
+            text += f"; holds until the end of this run: {err}"
             log.warning("calibration: %s", text)
         self._on_made(made)
         self._show("made", text=f"{made.provenance.made_utc}, {text}")

@@ -12,6 +12,7 @@ import numpy as np
 
 from radard.errors import UsageError
 from radard.judge.bundle import SCHEMA, Bundle, load_bundle, sidecar_path
+from x2radar.atomic import write_whole
 from x2radar.command import installed_version
 from x2train.bundle.recipes import recipe_of
 from x2train.judge.estimates import Estimate
@@ -19,7 +20,6 @@ from x2train.judge.figures import figures
 from x2train.judge.levels import Level, levels
 from x2train.judge.report import rounded
 from x2train.judge.table import PassageTable
-from x2train.sets.shards import write_whole
 from x2train.sets.windows import GATE
 
 _NOTES = """Measured on windows that training never saw, drawn from the same simulated bodies. They

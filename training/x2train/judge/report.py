@@ -14,7 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.errors import OutputError, UsageError
+from radard.errors import UsageError
+from x2radar.atomic import write_whole
+from x2radar.errors import WriteError
 from x2train.judge.estimates import resampled
 from x2train.judge.figures import Figures, figures
 from x2train.judge.table import PassageTable
@@ -82,13 +84,13 @@ def write(
 
 
 def write_files(out_dir: Path, texts: Mapping[str, str]) -> None:
-    """Write a report's files; raises OutputError if the folder or one of them cannot be."""
+    """Write a report's files; raises WriteError if the folder or one of them cannot be."""
     try:
         out_dir.mkdir(parents=True, exist_ok=True)
         for name, text in texts.items():
-            (out_dir / name).write_text(text, encoding="utf-8")
+            write_whole(out_dir / name, text)
     except OSError as err:
-        raise OutputError(f"{out_dir}: cannot write the report: {err.strerror}") from err
+        raise WriteError.of(out_dir, err) from err
 
 
 def rounded(value: float) -> float:

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from torch import nn
 
 from radard.judge.bundle import Bundle
+from x2radar.atomic import write_whole
 from x2train.nets.optimizer import MuonAdamW
-from x2train.sets.shards import write_whole
 
 _EVERY_S = 300.0  # of wall clock: what an interruption costs at most
 _DAMAGED = (

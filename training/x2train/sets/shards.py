@@ -4,7 +4,6 @@ A set is a folder with a manifest (JSON: what the set is, and per shard its name
 and shards (.npz), each written beside, synced, renamed, and only then entered.
 """
 
-import errno
 import hashlib
 import io
 import json
@@ -16,9 +15,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.config.atomic import write_atomically
 from radard.config.json_file import STRICT, parse_json
 from radard.errors import UsageError
+from x2radar.atomic import write_whole
 from x2radar.errors import RecordingError
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -113,15 +112,6 @@ def about_of(folder: Path) -> Mapping[str, Any]:
 def _difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
     keys = [k for k in sorted({*old, *new}) if old.get(k) != new.get(k)]
     return ", ".join(f"{k}: {old.get(k)!r}, not {new.get(k)!r}" for k in keys[:3])
-
-
-def write_whole(path: Path, data: bytes) -> None:
-    """Write a file whole or not at all; raises RecordingError if the disk does not take it."""
-    try:
-        write_atomically(path, data)
-    except OSError as err:
-        why = "the disk is full" if err.errno == errno.ENOSPC else err.strerror
-        raise RecordingError(f"{path}: cannot write: {why}") from err
 
 
 def read_all(folder: Path) -> tuple[Mapping[str, Any], dict[str, NDArray[Any]]]:

@@ -1,5 +1,6 @@
 """Pictures of single elements (figures 2.5 to 2.7, 3.7 to 3.9)."""
 
+import io
 from itertools import count
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from radard.dsp.cadence import cadence_velocity_diagram, extent_profile, type1_v
 from radard.dsp.doppler import doppler_hz, micro_doppler
 from radard.dsp.downconvert import DownConverter
 from radard.dsp.gram import gaussian_taper
+from x2radar.atomic import write_whole
 from x2radar.frame import FastTimeAxis
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 from x2radar.sim.echo import frames as echo_frames
@@ -35,8 +37,10 @@ _VELOCITIES_MPS = (0.9, 0.9, 0.9, -1.5, -1.5)
 def save(figure: Figure, path: Path) -> Path:
     """Write a figure without a date, so that the same data gives the same file."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=70, bbox_inches="tight", metadata={"Software": None})
+    picture = io.BytesIO()
+    figure.savefig(picture, dpi=70, bbox_inches="tight", metadata={"Software": None})
     plt.close(figure)
+    write_whole(path, picture.getvalue())
     return path
 
 

@@ -13,10 +13,10 @@ import matplotlib.pyplot as plt
 import torch
 from matplotlib.axes import Axes
 
-from x2radar.errors import RecordingError
+from x2radar.atomic import write_whole
+from x2radar.errors import WriteError
 from x2radar.sim.bodies.thesis_bodies import THESIS_BODIES, ranges_xyz
 from x2radar.sim.signal.pulse import pulse_sigma_s
-from x2train.sets.shards import write_whole
 from x2train.thesis.cells import RATES_HZ
 from x2train.thesis.element_pictures import features, five_scatterers, profiles, save
 from x2train.thesis.elements import BODIES
@@ -134,8 +134,7 @@ def publish(
     try:
         return _publish(recipe, results, path, commands)
     except OSError as err:
-        msg = f"{path}: cannot write the page or its pictures: {err.strerror or err}"
-        raise RecordingError(msg) from err
+        raise WriteError.of(path, err) from err
 
 
 def _publish(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from radard.errors import UsageError
-from x2train.sets.shards import write_whole
+from x2radar.atomic import write_whole
 from x2train.thesis.sets import CellData
 
 IN_VIEW = 0.25  # of the time: half a second

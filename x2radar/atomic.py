@@ -1,9 +1,12 @@
 """Atomic writes: readers, and a power failure, find all of the old file or all of the new one."""
 
 import contextlib
+import io
 import os
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
+
+from x2radar.errors import WriteError
 
 
 def write_atomically(
@@ -19,7 +22,8 @@ def write_atomically(
                 file.flush()
                 os.fsync(file.fileno())
         made.replace(path)
-    except OSError:
+    except OSError as err:
+        err.filename = str(path)
         with contextlib.suppress(OSError):
             made.unlink(missing_ok=True)
         raise
@@ -29,6 +33,23 @@ def write_atomically(
             os.fsync(folder)
         finally:
             os.close(folder)
+
+
+def write_whole(path: Path, content: str | bytes) -> None:
+    """Write the file that somebody asked for, whole or not at all; WriteError if it cannot be."""
+    try:
+        write_atomically(path, content)
+    except OSError as err:
+        raise WriteError.of(path, err) from err
+
+
+def write_picture(path: Path, figure: Any) -> None:
+    """Write a figure of matplotlib's whole or not at all; WriteError if it cannot be."""
+    if not path.parent.is_dir():
+        raise WriteError.of(path, "there is no such folder")
+    picture = io.BytesIO()
+    figure.savefig(picture, format=path.suffix.removeprefix("."), dpi=110)
+    write_whole(path, picture.getvalue())
 
 
 def _opened(path: Path) -> BinaryIO:
