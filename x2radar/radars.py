@@ -26,10 +26,7 @@ its thread is late, as among a hundred others; a reset would make that worse."""
 
 
 def make_radar(
-    port: Port,
-    *,
-    speed: float | None = 1.0,
-    settings: ModuleSettings | None = None,
+    port: Port, *, speed: float | None = 1.0, settings: ModuleSettings | None = None
 ) -> X2Radar:
     """Return the radar that a port names, not opened yet; SettingsError or SceneError."""
     if port.kind == "replay":

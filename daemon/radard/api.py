@@ -186,10 +186,7 @@ def features(
     settings = (settings or _SETTINGS).at(frame_rate_hz)
     converter = DownConverter(axis, settings.range_step(axis))
     shape = DwellShape.of(
-        dwell_s=settings.dwell_s,
-        hop_s=HOP_S,
-        frame_rate_hz=frame_rate_hz,
-        n_cpi=settings.n_cpi,
+        dwell_s=settings.dwell_s, hop_s=HOP_S, frame_rate_hz=frame_rate_hz, n_cpi=settings.n_cpi
     )
     ring = FrameRing(converter.axis, converter.convert, shape)
     remover, maker = ClutterRemover(), FeatureStream(settings, tuple(names))

@@ -128,11 +128,7 @@ class EventLog:
             self._has_moved(name)
 
     def events(
-        self,
-        *,
-        since_s: float | None = None,
-        kinds: Sequence[str] = (),
-        limit: int | None = None,
+        self, *, since_s: float | None = None, kinds: Sequence[str] = (), limit: int | None = None
     ) -> list[StoredEvent]:
         """Return the events that the log holds, see `radard.log_file.fold_events`."""
         with self._changed:

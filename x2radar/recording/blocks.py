@@ -171,9 +171,7 @@ class BlockReader(Closing):
                 number, index, lost, restarted = rows[k]
                 yield Frame(samples[k], number, index, lost, restarted, axis)
 
-    def _walk(
-        self,
-    ) -> Iterator[tuple[int, int, NDArray[np.int64], Steps, NDArray[np.float64]]]:
+    def _walk(self) -> Iterator[tuple[int, int, NDArray[np.int64], Steps, NDArray[np.float64]]]:
         before: int | None = None
         index = -1
         for first, last in self.ranges():

@@ -4,9 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def count_by_stamps(
-    stamp_s: NDArray[np.float64],
-) -> tuple[NDArray[np.uint32], float]:
+def count_by_stamps(stamp_s: NDArray[np.float64]) -> tuple[NDArray[np.uint32], float]:
     """Return counters, from 1, with the losses that stamps, in seconds, show, and the period."""
     stamp = stamp_s - stamp_s[0]
     gaps = np.diff(stamp)

@@ -120,12 +120,7 @@ class EventTracker:
         return [event]
 
     def on_decision(
-        self,
-        decision: Decision,
-        dwell: Dwell,
-        *,
-        is_quiet: bool = False,
-        fault: str = "",
+        self, decision: Decision, dwell: Dwell, *, is_quiet: bool = False, fault: str = ""
     ) -> list[Event]:
         """Take a decision on a dwell, whose frames name new events; return the events in order."""
         is_invalid = decision.gate == "invalid"

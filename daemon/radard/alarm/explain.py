@@ -186,10 +186,7 @@ def _confirmed(hits: Sequence[bool], panel: _Panel) -> list[DecisionStage]:
                 f"{where} less than {100 * panel.policy.p_on:.0f} % a person.",
             )
         ]
-    return [
-        _passed("zones", "It is where it counts.", "Yes."),
-        _panel_stage(sum(hits), panel),
-    ]
+    return [_passed("zones", "It is where it counts.", "Yes."), _panel_stage(sum(hits), panel)]
 
 
 def _panel_stage(n_hits: int, panel: _Panel) -> DecisionStage:

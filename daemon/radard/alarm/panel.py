@@ -62,11 +62,7 @@ class AlarmPanel:
     """Follow sights and commands; `policy` may be replaced, and what is on stays on."""
 
     def __init__(
-        self,
-        policy: AlarmPolicy | None = None,
-        *,
-        is_armed: bool = True,
-        mode: ArmMode = "away",
+        self, policy: AlarmPolicy | None = None, *, is_armed: bool = True, mode: ArmMode = "away"
     ) -> None:
         self.policy = policy or AlarmPolicy()
         self.state: PanelState = "armed" if is_armed else "disarmed"

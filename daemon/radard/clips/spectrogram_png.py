@@ -89,12 +89,7 @@ def encode_png(picture: Rgb, axes: dict[str, Any] | None = None) -> bytes:
     )
     head = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
     text = () if axes is None else ((b"tEXt", _AXES + b"\0" + json.dumps(axes).encode()),)
-    parts = (
-        (b"IHDR", head),
-        *text,
-        (b"IDAT", zlib.compress(lines.tobytes())),
-        (b"IEND", b""),
-    )
+    parts = ((b"IHDR", head), *text, (b"IDAT", zlib.compress(lines.tobytes())), (b"IEND", b""))
     return _MAGIC + b"".join(
         struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
         for kind, data in parts

@@ -17,10 +17,7 @@ _ROWS: dict[str, dict[str, Any]] = {
     "--output": {"action": "append", "metavar": "OUTPUT", "help": f"{FORMS}; repeatable"},
     "--model": {"help": "installed bundle, .onnx file, none for the gate alone, or auto"},
     "--profile": {"help": "eco, fast, balanced or accurate: bundle and settings at one go"},
-    "--sensitivity": {
-        "choices": ["low", "normal", "high"],
-        "help": "see radard explain (normal)",
-    },
+    "--sensitivity": {"choices": ["low", "normal", "high"], "help": "see radard explain (normal)"},
     "--speed": {"help": "realtime, max or a factor (sim and replay)"},
     "--config": {"type": Path, "metavar": "FILE", "help": "configuration file"},
     "--state": {"type": Path, "metavar": "DIR", "help": "folder of what is kept over a restart"},

@@ -173,16 +173,10 @@ SINKS = (
     SinkRow("table", "radard.outputs.stdout", value="none"),
     SinkRow("null", "radard.outputs.null", value="none"),
     SinkRow(
-        "mqtt://HOST",
-        "radard.outputs.mqtt.sink",
-        sections=("mqtt", "log"),
-        is_per_sensor=True,
+        "mqtt://HOST", "radard.outputs.mqtt.sink", sections=("mqtt", "log"), is_per_sensor=True
     ),
     SinkRow(
-        "mqtts://HOST",
-        "radard.outputs.mqtt.sink",
-        sections=("mqtt", "log"),
-        is_per_sensor=True,
+        "mqtts://HOST", "radard.outputs.mqtt.sink", sections=("mqtt", "log"), is_per_sensor=True
     ),
     SinkRow(
         "webhook:URL",
@@ -191,18 +185,8 @@ SINKS = (
         sections=("webhook", "log"),
         shows="host",
     ),
-    SinkRow(
-        "apprise:URL",
-        "radard.outputs.apprise",
-        sections=("apprise", "log"),
-        shows="service",
-    ),
-    SinkRow(
-        "exec:COMMAND",
-        "radard.outputs.exec",
-        sections=("exec", "log"),
-        shows="program",
-    ),
+    SinkRow("apprise:URL", "radard.outputs.apprise", sections=("apprise", "log"), shows="service"),
+    SinkRow("exec:COMMAND", "radard.outputs.exec", sections=("exec", "log"), shows="program"),
     SinkRow("syslog:", "radard.outputs.syslog", value="optional", sections=("syslog", "log")),
     SinkRow("lsl:", "radard.outputs.lsl", value="optional", is_per_sensor=True),
     SinkRow("store:FILE", "radard.outputs.store", sections=("store",)),

@@ -125,11 +125,7 @@ class VelocityTransform(ColumnStream):
         self.column_rate_hz = rate_hz / self.stride
         n_side = int(max_mps / step_mps + 1e-9)
         self.frequency_hz, self.velocity_mps, *self._lines = _design(
-            axis,
-            rate_hz,
-            grid=(n_side, step_mps),
-            n_frequencies=n_frequencies,
-            n_cpi=self.n_cpi,
+            axis, rate_hz, grid=(n_side, step_mps), n_frequencies=n_frequencies, n_cpi=self.n_cpi
         )
         self._dft = _planar_dft(axis, n_frequencies, flatten)
         n_block = max(_BLOCK, self.n_cpi)

@@ -167,10 +167,7 @@ class Worker:
             fault = fault or self._rate.note(dwell.t_s, dwell.t_mono_s)
         fault = fault or parts.zone_fault
         events = self.tracker.on_decision(
-            decision,
-            dwell,
-            is_quiet=parts.quiet.holds(decision.t_s),
-            fault=fault,
+            decision, dwell, is_quiet=parts.quiet.holds(decision.t_s), fault=fault
         )
         told = self._emit(events)
         if self.tracker.panel.state != was:

@@ -124,10 +124,7 @@ class LiveSource:
     is_live = True
 
     def __init__(
-        self,
-        radar: ReconnectingRadar,
-        on_notice: Notify,
-        module: Callable[[], str],
+        self, radar: ReconnectingRadar, on_notice: Notify, module: Callable[[], str]
     ) -> None:
         self._radar = radar
         self._on_notice = on_notice

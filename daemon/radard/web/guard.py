@@ -27,10 +27,7 @@ def refusal(code: int, reason: str) -> JSONResponse:
 
 def attached(name: str) -> dict[str, str]:
     """Return the headers of a file that a browser saves under a name."""
-    return {
-        "Content-Disposition": f'attachment; filename="{name}"',
-        "Cache-Control": "no-store",
-    }
+    return {"Content-Disposition": f'attachment; filename="{name}"', "Cache-Control": "no-store"}
 
 
 def whole_number(text: str, most: int) -> int | None:

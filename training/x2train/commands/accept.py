@@ -59,11 +59,7 @@ def _run(args: argparse.Namespace) -> int:
     spec = AcceptSpec(model=args.model, seed=args.seed, share=args.share, knows=knows)
     with counted("passages") as tell:
         table = accept(
-            spec,
-            args.out / "passages",
-            workers=args.workers,
-            cluster=args.cluster,
-            report=tell,
+            spec, args.out / "passages", workers=args.workers, cluster=args.cluster, report=tell
         )
     about: dict[str, Any] = {
         "version": spec.version,

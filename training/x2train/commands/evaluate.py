@@ -117,12 +117,7 @@ def _run(args: argparse.Namespace) -> int:
     with counted("passages") as tell:
         make_shards(
             args.out / "passages",
-            {
-                "kind": "passages",
-                **asdict(spec),
-                **_told_by(bundle),
-                "gate": GATE.model_dump(),
-            },
+            {"kind": "passages", **asdict(spec), **_told_by(bundle), "gate": GATE.model_dump()},
             n_all,
             spec,
             per_shard=200,

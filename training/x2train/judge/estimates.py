@@ -153,10 +153,7 @@ class Reliability:
 
 
 def reliability(
-    p: _Float,
-    is_human: NDArray[np.bool_],
-    passage: NDArray[np.int64],
-    rng: np.random.Generator,
+    p: _Float, is_human: NDArray[np.bool_], passage: NDArray[np.int64], rng: np.random.Generator
 ) -> Reliability:
     """Return the observed share of people per bin of predicted probability, shape (n,), finite."""
     passages, which = np.unique(passage, return_inverse=True)

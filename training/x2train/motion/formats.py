@@ -264,9 +264,7 @@ def _accessor(gltf: Any, k: int) -> Array:
     stride = view.byteStride or size
     begin = (view.byteOffset or 0) + (accessor.byteOffset or 0)
     rows = np.lib.stride_tricks.as_strided(
-        np.frombuffer(data, np.uint8)[begin:],
-        (accessor.count, size),
-        (stride, 1),
+        np.frombuffer(data, np.uint8)[begin:], (accessor.count, size), (stride, 1)
     )
     values = np.ascontiguousarray(rows).view(kind).astype(np.float64)
     if kind != "<f4":

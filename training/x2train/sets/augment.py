@@ -12,10 +12,7 @@ _CUT_SHARE, _LOST_SHARE = 0.3, 0.15  # of windows
 
 
 def augmented(
-    velocity: torch.Tensor,
-    ranges: torch.Tensor,
-    *long: torch.Tensor,
-    rng: torch.Generator,
+    velocity: torch.Tensor, ranges: torch.Tensor, *long: torch.Tensor, rng: torch.Generator
 ) -> tuple[torch.Tensor, ...]:
     """Return changed copies of maps, 0 to 1, each of shape (n, rows, n_cells), by `rng`."""
     n, _, n_cells = velocity.shape

@@ -172,11 +172,7 @@ def _noise_level(site: Site, budget: LinkBudget) -> float:
 
 
 def _truth(
-    site: Site,
-    points: tuple[Points, ...],
-    budget: LinkBudget,
-    gain: float,
-    noise: float,
+    site: Site, points: tuple[Points, ...], budget: LinkBudget, gain: float, noise: float
 ) -> Truth:
     radar, antenna_m = site.radar, site.antenna.position_m
     columns: list[list[Array]] = [[], [], [], []]

@@ -41,10 +41,7 @@ _MIN_ELEMENTS = 60  # of a share: three of each class evaluate
 def register(commands: Commands) -> None:
     """Add the subcommand."""
     parser = add_command(
-        commands,
-        "thesis",
-        "the thesis, reproduced: data, training, tables, pictures",
-        _EXAMPLES,
+        commands, "thesis", "the thesis, reproduced: data, training, tables, pictures", _EXAMPLES
     )
     _add_data(parser.add_argument_group("data"))
     _add_training(parser.add_argument_group("training"))

@@ -149,11 +149,7 @@ class Fitted:
 
 
 def fit(
-    train: CellData,
-    stop: CellData,
-    settings: FitSettings,
-    *,
-    start: Fitted | None = None,
+    train: CellData, stop: CellData, settings: FitSettings, *, start: Fitted | None = None
 ) -> Iterator[Look | Fitted]:
     """Train all repeats on `train`; yield every look, scored on `stop`, and at last the result.
 

@@ -13,11 +13,7 @@ from torch.nn import functional
 from radard.errors import UsageError
 
 _SPARSE_TO = 0.05  # as usual for sparse autoencoders
-ACTIVATIONS: dict[str, type[nn.Module]] = {
-    "relu": nn.ReLU,
-    "sigmoid": nn.Sigmoid,
-    "tanh": nn.Tanh,
-}
+ACTIVATIONS: dict[str, type[nn.Module]] = {"relu": nn.ReLU, "sigmoid": nn.Sigmoid, "tanh": nn.Tanh}
 
 
 def xavier(shape: tuple[int, ...], generator: torch.Generator) -> torch.Tensor:

@@ -52,12 +52,7 @@ def frames(range_m: Array, amplitude: Amplitude, task: Task, floor: float) -> Fr
 
 
 def _kept(
-    range_m: Array,
-    amplitude: Amplitude,
-    axis: FastTimeAxis,
-    *,
-    reach_m: float,
-    floor: float,
+    range_m: Array, amplitude: Amplitude, axis: FastTimeAxis, *, reach_m: float, floor: float
 ) -> tuple[Array, Amplitude]:
     """Return ranges and amplitudes without scatterers that never show."""
     first_m = axis.range_offset_m

@@ -187,9 +187,7 @@ def _thesis(kind: str, label: Label) -> BodyKind:
 BODIES: Mapping[str, BodyKind] = MappingProxyType(
     {
         "human": _body(
-            "A person of any age.",
-            draw_person,
-            ("style", "height_m", *_ECHO, "motion", *_COURSE),
+            "A person of any age.", draw_person, ("style", "height_m", *_ECHO, "motion", *_COURSE)
         ),
         **{
             s.name: _body(

@@ -135,10 +135,7 @@ CodeForm = Literal["digits", "text"] | None
 """What a code that disarming takes is made of; None without one."""
 _CODES = {"digits": "REMOTE_CODE", "text": "REMOTE_CODE_TEXT"}
 """By which Home Assistant asks for a code and hands it on; it is checked here, not published."""
-_WITH_CODE = {
-    "cod_dis_req": True,
-    "cmd_tpl": "{{ {'action': action, 'code': code} | to_json }}",
-}
+_WITH_CODE = {"cod_dis_req": True, "cmd_tpl": "{{ {'action': action, 'code': code} | to_json }}"}
 
 
 _ENTITIES = (*_STATE_ENTITIES, _EVENT, _PICTURE, *_DECISION_ENTITIES, *_COMMAND_ENTITIES)

@@ -119,12 +119,7 @@ class AnglePerson(StridingPerson):
 
     @classmethod
     def draw(
-        cls,
-        rng: np.random.Generator,
-        path: Path,
-        build: PersonBuild,
-        style: str,
-        gesture: Wander,
+        cls, rng: np.random.Generator, path: Path, build: PersonBuild, style: str, gesture: Wander
     ) -> Self:
         """Draw somebody who goes in a style of `STYLES`."""
         z, u = rng.standard_normal(10).clip(-2, 2), rng.random(4)

@@ -42,8 +42,7 @@ class Footfalls:
         """Return the stance that each leg is in, or last was in, at times (n_slow,)."""
         legs = np.arange(self.touch_down_s.shape[1])
         k = np.stack(
-            [np.searchsorted(self.touch_down_s[:, leg], t_s, side="right") for leg in legs],
-            axis=1,
+            [np.searchsorted(self.touch_down_s[:, leg], t_s, side="right") for leg in legs], axis=1
         )
         k = np.maximum(k - 1, 0)
         return type(self)(*(getattr(self, f.name)[k, legs] for f in fields(self)))

@@ -44,8 +44,7 @@ QUADRUPED = Skeleton(
     # Legs are slender, and a recorded dog shows less of its tail, shanks and paws than of its
     # thighs.
     gain=EchoGain(
-        max_power=0.0,
-        losses=(((0, 1, 2), 5.0), ((5, 6, 7, 9, 10, 12, 13, 15, 16, 18, 19), 10.0)),
+        max_power=0.0, losses=(((0, 1, 2), 5.0), ((5, 6, 7, 9, 10, 12, 13, 15, 16, 18, 19), 10.0))
     ),
 )
 """Parts of four-legged animals; sizes in heights of the hip, those of a medium dog."""

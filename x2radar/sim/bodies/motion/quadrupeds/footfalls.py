@@ -118,8 +118,7 @@ class FootfallQuadruped(StridingQuadruped):
         power = 0.34 + 0.05 * z[1]
         duty = float(np.clip(0.52 * fr**-0.14 * np.exp(0.1 * z[2]), 0.25, 0.75))
         phase = StridePhase.along(
-            path,
-            lambda v: factor * build.hip_m * (v**2 / (9.81 * build.hip_m)) ** power,
+            path, lambda v: factor * build.hip_m * (v**2 / (9.81 * build.hip_m)) ** power
         )
         lift = build.hip_m * 0.12 * float(np.exp(0.5 * z[3]))
         prints = tuple(

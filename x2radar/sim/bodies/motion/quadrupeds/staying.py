@@ -83,11 +83,7 @@ def draw_staying(
     ahead += 0.04 * h * rng.uniform(-1.0, 1.0, 4)
     left = spread * build.half_track_m * SIDES
     paw = np.stack(
-        [
-            start.x_m + ahead * cos - left * sin,
-            start.y_m + ahead * sin + left * cos,
-            np.zeros(4),
-        ],
+        [start.x_m + ahead * cos - left * sin, start.y_m + ahead * sin + left * cos, np.zeros(4)],
         axis=-1,
     )
     middle_z = max(height * h, 0.9 * build.half_depth_m)
