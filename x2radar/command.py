@@ -32,8 +32,7 @@ def legible(name: Path | str) -> str:
 class Parser(argparse.ArgumentParser):
     """An argument parser whose errors are one line, with the nearest word that it knows."""
 
-    words: Sequence[str] = ()
-    """Words that may stand first, where they are not a choice of argparse's own."""
+    words: Sequence[str] = ()  # words that may stand first, where they are no choice of argparse's
 
     def error(self, message: str) -> NoReturn:
         """Print one line and end with exit code 2."""

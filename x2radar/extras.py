@@ -5,8 +5,7 @@ from typing import Any
 
 from x2radar.errors import MissingExtra
 
-DISTRIBUTION = "uwb-radar-alarm"
-"""`project.name` of pyproject.toml: x2radar, radard and x2train are installed from it."""
+DISTRIBUTION = "uwb-radar-alarm"  # `project.name` of pyproject.toml, for all three packages
 EXTRAS = {
     "matplotlib": "plot",
     "pyarrow": "parquet",

@@ -24,8 +24,7 @@ from typing import Any
 
 from radard.errors import RadardError, UsageError
 
-MARKS = ("test", "simulated", "replayed")
-"""What a record has of an event that is only a test, and of a stream that is not live."""
+MARKS = ("test", "simulated", "replayed")  # of a test, and of a stream that is not live
 _APPLICATION_ID = int.from_bytes(b"rdlg", "big")
 _VERSION = 1  # of the schema
 _BUSY_S = 1.0  # a lock, as of a backup, is soon gone; the next attempt comes anyway

@@ -23,8 +23,7 @@ from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 from x2radar.ports import is_port, parse_port, recording_path
 from x2radar.radars import make_radar
 
-_DEPTHS_DB = (40.0, 30.0)
-"""Shown under the peak of range and of velocity: what a person's limbs need to show."""
+_DEPTHS_DB = (40.0, 30.0)  # under the peak of range and of velocity: what limbs need to show
 _SUFFIXES = (".png", ".pdf", ".svg")
 
 

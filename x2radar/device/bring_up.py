@@ -19,19 +19,15 @@ from x2radar.wire.messages import Message, Ping, Pong, Reset, SystemMessage
 from x2radar.wire.protocol import Answered, Event, Received, Refused
 from x2radar.wire.wire_ids import PongCode, SystemCode
 
-_REOPEN_EVERY_S = 0.1
-"""Pause between attempts to open a port that is not back yet: well under the half second
-that a module takes to restart."""
+_REOPEN_EVERY_S = 0.1  # well under the half second that a module takes to restart
 
 
 @dataclass(frozen=True, slots=True)
 class FrameReceiver:
     """Callbacks of those who consume the messages of the stream."""
 
-    begin: Callable[[], None]
-    """Called right before the module is told to start: what came before is void."""
-    take: Callable[[Message, float], None]
-    """Gets every message of the stream, and its time of arrival in seconds (monotonic)."""
+    begin: Callable[[], None]  # called right before the start: what came before is void
+    take: Callable[[Message, float], None]  # gets every message, and its arrival in monotonic s
     has_frames: Callable[[], bool]  # says whether frames have come since `begin`
 
 

@@ -21,8 +21,7 @@ from x2radar.errors import NoPort, PortBusy, PortDenied, PortError, PortNotFound
 
 _READ_SIZE = 1 << 16  # most bytes of one read: more than any system's buffer of a serial port
 
-_WRITE_TIMEOUT_S = 5.0
-"""Until a port that takes no bytes counts as gone: ten times what any of its buffers takes."""
+_WRITE_TIMEOUT_S = 5.0  # until a port counts as gone: ten times what its buffers take
 
 _BAUD = 115_200  # of XeThru modules; ports on USB ignore it
 TTY_CLASS = Path("/sys/class/tty")

@@ -50,5 +50,4 @@ class ModuleSettings(ABC):
         """Return settings for a port's `rate` and `kind`, or None; SettingsError if impossible."""
 
 
-SettingsChooser = Callable[[str], ModuleSettings]
-"""Gives the settings for a module by its order code, which is empty when it tells none."""
+SettingsChooser = Callable[[str], ModuleSettings]  # by a module's order code, '' if it tells none

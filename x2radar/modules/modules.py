@@ -22,8 +22,7 @@ class ModuleRow:
 
     device: str  # as the key `device` of a port string names it
     name: str  # for people, as its maker writes it
-    settings: type[ModuleSettings]
-    """Its settings, with its fast-time axis and its start-up commands."""
+    settings: type[ModuleSettings]  # its settings, with fast-time axis and start-up commands
     order_codes: tuple[str, ...] = ()
     """How the order codes of such modules begin, in capitals: that is how `device=auto` knows
     them. "" takes what no other row does; without any, the module must be named."""
@@ -32,8 +31,7 @@ class ModuleRow:
     states it."""
     pulses: tuple[tuple[float, float], ...] = ()
     """Carriers of its pulses and their bandwidths at -10 dB, in hertz."""
-    bundle: str = ""
-    """The daemon's model bundle for this module alone; empty for that of all modules."""
+    bundle: str = ""  # the daemon's model bundle for this module alone
 
 
 MODULES: Mapping[str, ModuleRow] = {

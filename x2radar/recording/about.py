@@ -24,8 +24,7 @@ SAMPLE_DTYPES: dict[str, type[np.float32 | np.complex64]] = {
     "rf": np.float32,
     "baseband": np.complex64,
 }
-MAX_BINS = 1 << 14
-"""Above these a file is damaged: ten times the bins of any module, 150 m of a P4xx."""
+MAX_BINS = 1 << 14  # above these a file is damaged: ten times the bins of any module
 
 _OPTIONS = {
     "frame_rate_hz": "--frame-rate",

@@ -6,8 +6,7 @@ from pathlib import Path
 
 from x2radar.errors import RecordingError, X2RadarError
 
-_MAX_MESSAGE = 1000
-"""Characters of why a file is refused: what a file says may be of any length, a line may not."""
+_MAX_MESSAGE = 1000  # characters of why a file is refused
 
 
 def refuse(path: object, why: str) -> RecordingError:

@@ -41,18 +41,15 @@ from x2radar.recording.hdf5_writer import reason
 _T = TypeVar("_T")
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
-_SUPERBLOCK = struct.Struct("<8s4B4QI")
-"""HDF5 File Format Specification 3.0, II.A: superblock 2 and 3 with offsets of 8 bytes."""
+_SUPERBLOCK = struct.Struct("<8s4B4QI")  # of version 2 and 3 (HDF5 Specification 3.0, II.A)
 _OPEN_FOR_WRITE = 0b101  # consistency flags of a superblock: bit 0 write access, bit 2 SWMR
 _HEAP, _MIN_HEAP = b"GCOL\x01", 4096
 _HEAP_OBJECT = struct.Struct("<HHIQ")
 """Signature, version and least size of a global heap; index, references, reserved and size."""
-_ATTEMPTS, _WAIT_S = 5, 0.02
-"""At a file that is being written; a block of metadata is written in well under 1 ms."""
+_ATTEMPTS, _WAIT_S = 5, 0.02  # at a file that is being written, in well under 1 ms a block
 
 _U32 = 0xFFFFFFFF
-MAX_CHUNK_BYTES = 1 << 26
-"""A chunk is unpacked as a whole: minutes of frames, since other programs write long chunks."""
+MAX_CHUNK_BYTES = 1 << 26  # unpacked as a whole: other programs write minutes of frames
 _MAX_PACKED = 1100  # bytes that one byte of a file unpacks to; deflate reaches 1032 at most
 _MAX_ATTRIBUTE_BYTES = 1 << 20  # of an attribute; device and settings are some kB of JSON
 

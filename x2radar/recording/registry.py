@@ -21,18 +21,13 @@ class Format:
 
     name: str  # as ``--from`` and ``--to`` take it
     title: str
-    reader: str = ""
-    """Makes a BlockReader of a path and overrides; empty when the format is only written."""
-    writer: str = ""
-    """``write(path, source)`` into what is new; empty when the format is only read."""
+    reader: str = ""  # makes a BlockReader of path and overrides; empty: written only
+    writer: str = ""  # ``write(path, source)``; empty when the format is only read
     suffixes: tuple[str, ...]
     magic: bytes = b""  # first bytes of such files; empty when they have none
-    content: str = ""
-    """Tells whether a file with that magic is one; empty when the magic is enough."""
-    in_folder: str = ""
-    """Pattern of the files in a folder that is such a recording; empty when none is."""
-    pair: str = ""
-    """Gives the files of a recording from the name of any; empty when there is but one."""
+    content: str = ""  # tells whether a file with that magic is one; empty: magic is enough
+    in_folder: str = ""  # pattern of the files in a folder that is such a recording
+    pair: str = ""  # gives the files of a recording from the name of any
 
     def open(self, path: Path, overrides: Overrides) -> BlockReader:
         """Return a reader of `path`; raises RecordingError if the format is only written."""

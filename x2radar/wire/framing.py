@@ -43,8 +43,7 @@ LENGTH_START = b"\x7c\x7c\x7c\x7c"
 LENGTH_HEADER = 9
 FAST = 0x51
 _FAST_HEADER = 6
-MAX_PACKET = 1 << 17
-"""Bytes of a packet: ten times the longest frame of any module with all of it escaped."""
+MAX_PACKET = 1 << 17  # bytes: ten times the longest frame of any module, all escaped
 
 _START = b"\x7d"
 _END = b"\x7e"
@@ -75,12 +74,10 @@ class Fault(Enum):
     JUNK = "junk between packets"
 
 
-_MERGED = frozenset({Fault.JUNK, Fault.OUT_OF_BUFFER})
-"""Faults that are one however many steps they took; the others each stand for a packet."""
+_MERGED = frozenset({Fault.JUNK, Fault.OUT_OF_BUFFER})  # one, however many steps they took
 
 
-PacketData = bytes | memoryview
-"""Data of one packet; a view behaves as bytes in comparisons, slices and NumPy."""
+PacketData = bytes | memoryview  # a view behaves as bytes in comparisons, slices and NumPy
 
 
 @dataclass(frozen=True, slots=True)

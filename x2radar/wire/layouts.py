@@ -19,8 +19,7 @@ class Layout:
     cls: type[Message]  # the message class; its fields come in wire order, arrays last
     prefix: bytes
     head: str = ""  # struct format (little-endian) of the fixed fields and the count
-    count: int | None = None
-    """Position within `head` of the length of the arrays, which is no field; None without any."""
+    count: int | None = None  # position within `head` of the arrays' length, which is no field
     n_arrays: int = 0  # arrays of float32 behind the head, all of that length
     has_rest: bool = False  # further bytes may follow, and mean nothing
     answer: type[Message] = Ack  # what a module answers a command with, unless it refuses

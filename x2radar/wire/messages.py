@@ -219,5 +219,4 @@ class Unknown(Message):
     """A sound packet that no table row describes, kept as it came; any bytes can be sent."""
 
     data: bytes
-    name: str = field(default="", compare=False)
-    """What the maker's documents or headers call it, where they do (`wire_ids`)."""
+    name: str = field(default="", compare=False)  # the maker's name, where known (`wire_ids`)

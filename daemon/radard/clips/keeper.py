@@ -71,8 +71,7 @@ class ClipKeeper:
         self._thread: threading.Thread | None = None
         self._file: ClipFile | None = None  # of the clips' own thread alone
         self._room = threading.Event()
-        self.complaint = ""
-        """Why the last clip was not made; empty when all is well. Any thread may read it."""
+        self.complaint = ""  # why the last clip was not made, or empty; for any thread
 
     def push(self, frame: Frame) -> None:
         """Hold a frame for a while; called by the reader."""

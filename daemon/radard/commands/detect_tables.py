@@ -48,8 +48,7 @@ EVENTS: Mapping[str, str] = {
     "peak": "float64",
     "reason": "string",
 }
-COLUMNS = {"decisions": DECISIONS, "events": EVENTS}
-"""Columns of a table and their types, as pyarrow names them."""
+COLUMNS = {"decisions": DECISIONS, "events": EVENTS}  # types as pyarrow names them
 _BATCH = 4096  # rows of a Parquet row group: about a megabyte
 
 Row = dict[str, Any]

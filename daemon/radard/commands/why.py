@@ -23,8 +23,7 @@ examples:
 The picture needs the extra plot. Red parts of a map spoke for a person.
 """
 _SUFFIXES = (".png", ".pdf", ".svg")
-_MAX_PARTS, _MAX_WINDOWS = 6, 8
-"""So many parts, the strongest, and windows, the last ones, are listed: a screen of them."""
+_MAX_PARTS, _MAX_WINDOWS = 6, 8  # the strongest and the last ones: a screen of them
 _MIN_EFFECT = 0.1  # Nats: a part below it moves a probability of one half by 0.025
 
 

@@ -16,8 +16,7 @@ from x2radar.ports import parse_port
 
 USUAL_HZ = 60.0  # frames a second where nobody asks for another rate
 Three = tuple[float, float, float]
-Bodies = Literal["apart", "together", "unfollowed"]
-"""How much is made of several bodies, from most to least."""
+Bodies = Literal["apart", "together", "unfollowed"]  # made of several, from most to least
 _BODIES: tuple[Bodies, ...] = get_args(Bodies)
 _Where = tuple[str, ...]
 _Places = dict[_Where, str]

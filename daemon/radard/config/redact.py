@@ -7,8 +7,7 @@ from typing import Any
 from radard.config.sink_table import find_row
 
 MASK = "***"
-_USERINFO = re.compile(r"(//[^:\s]*):\S*@")
-"""Up to the last @: a password that nobody encoded may hold /, @ and :, too."""
+_USERINFO = re.compile(r"(//[^:\s]*):\S*@")  # up to the last @: a password may hold /, @, :
 _QUERY = re.compile(r"([?&][^=&\s]*(?:pass|secret|token|key|auth)[^=&\s]*)=[^&\s]*", re.IGNORECASE)
 _KEY = re.compile(r"pass(word)?|secret|token|api_?key", re.IGNORECASE)
 

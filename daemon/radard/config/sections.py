@@ -10,10 +10,8 @@ from radard.config.profiles import Bodies, check_profile
 from radard.config.quiet_hours import parse_quiet, time_zone
 from x2radar.ports import Kind, parse_port
 
-NAME = r"^[A-Za-z0-9_-]+$"
-"""What the name of a sensor looks like: it becomes a part of topics and of file names."""
-AUTO_MODEL, DEFAULT_MODEL = "auto", "accurate"
-"""`model.name` that leaves the choice to `radard.judge.model_choice`, and the usual choice."""
+NAME = r"^[A-Za-z0-9_-]+$"  # of a sensor: it becomes a part of topics and of file names
+AUTO_MODEL, DEFAULT_MODEL = "auto", "accurate"  # left to `radard.judge.model_choice`; usual
 
 
 _NULLS = ("", "~", "null", "Null", "NULL")

@@ -67,20 +67,13 @@ class Gate:
         self.background: NDArray[np.float64] = np.zeros(0)
         """Noise and learned background of every bin at the last dwell, in sample units
         squared, ndarray, shape (n_range,), float64."""
-        self.power: NDArray[np.float64] = np.zeros(0)
-        """Residual power of every bin in the last dwell, in the same unit and shape."""
-        self.noise: NDArray[np.float64] = np.zeros(0)
-        """Receiver's noise of every bin as the stream itself shows it, likewise."""
-        self.floor: NDArray[np.float64] = np.zeros(0)
-        """What held before anything was learned: that noise, or the calibration's."""
-        self.cpi_power: NDArray[np.float64] = np.zeros((0, 0))
-        """Residual power of every CPI, newest last, shape (n_cpis, n_range)."""
-        self.cell_peak: NDArray[np.float64] = np.zeros((0, 0))
-        """Strongest Doppler cells of every CPI, likewise (`radard.dsp.range_doppler`)."""
-        self.residue: NDArray[np.float64] = np.zeros(0)
-        """What clutter left in every bin, as the same cells show it, shape (n_range,)."""
-        self.level: NDArray[np.float64] = np.zeros(0)
-        """What these stood on: noise, residue and learned background, shape (n_range,)."""
+        self.power: NDArray[np.float64] = np.zeros(0)  # of every bin in the last dwell, likewise
+        self.noise: NDArray[np.float64] = np.zeros(0)  # receiver's, of every bin, by the stream
+        self.floor: NDArray[np.float64] = np.zeros(0)  # before anything was learned
+        self.cpi_power: NDArray[np.float64] = np.zeros((0, 0))  # residual, newest last
+        self.cell_peak: NDArray[np.float64] = np.zeros((0, 0))  # the same of Doppler cells
+        self.residue: NDArray[np.float64] = np.zeros(0)  # what clutter left in every bin
+        self.level: NDArray[np.float64] = np.zeros(0)  # what the cells stood on
         self.bin_length_m = 0.0
 
     def reset(self) -> None:

@@ -17,8 +17,7 @@ from radard.dsp.clutter import Flags, median
 from x2radar.frame import FastTimeAxis
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 
-MAX_DELAY_S = 1e-12
-"""A common delay of more rms is no jitter (modules: 0.13 to 0.23 ps): left alone."""
+MAX_DELAY_S = 1e-12  # a common delay of more rms is no jitter (modules: 0.13 to 0.23 ps)
 MAX_GAIN = 0.01  # a common gain of more rms is no gain noise (modules: up to 0.12 %): left alone
 # tests/detect/test_jitter.py holds what they give.
 _ITERATIONS = 2  # of the weights

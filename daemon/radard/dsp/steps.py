@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radard.errors import FeatureError
 
-LARGEST = np.float32(1e38)
-"""Frames with a part beyond this are unusable: their steps would leave float32."""
+LARGEST = np.float32(1e38)  # frames with a part beyond: steps would leave float32
 
 # Complex numbers that are worked on at a time: 256 KiB.
 _IN_CACHE = 1 << 15

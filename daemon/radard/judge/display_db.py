@@ -7,8 +7,7 @@ against a level under the dwell's maximum where it is weaker than that.
 import numpy as np
 from numpy.typing import NDArray
 
-WEAKEST_COLUMN_DB = 25.0
-"""Columns weaker than this under the maximum stay dark: the maps' own depth."""
+WEAKEST_COLUMN_DB = 25.0  # weaker columns stay dark: the maps' own depth
 
 Map = NDArray[np.float32]
 

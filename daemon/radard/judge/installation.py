@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 INSTALLATION = "installation"
-N_INSTALLATION = 7
-"""Frame rate; whether the height is known, and the height; the same of tilt and strength."""
+N_INSTALLATION = 7  # frame rate; whether height is known, and it; the same of tilt, strength
 _RATE_HZ, _HEIGHT_M, _TILT_DEG, _STRENGTH_DB = 60.0, 1.5, 30.0, 10.0  # units of the input
 _MAX = 4.0  # units that any of them counts at most
 _STANDS_OUT = 10**0.5  # times its floor, a bin's power counts: as the gate has it
@@ -20,8 +19,7 @@ _HUMAN_DB, _PET_DB, _SIGMA_DB = 2.6, -3.4, 6.2
 """A visit's greatest strength: medians of 2,127 people and 2,034 pets who come in, linger and
 leave before simulated radars, of generators and recorded, and half of the middle 68 %."""
 _LEVEL_DB = 2.0  # sigma: what a walk test repeats to
-_FOR_HUMAN, _FOR_PET = 0.5, 2.0
-"""At most so many nats: a person may be far off, half hidden or crawl."""
+_FOR_HUMAN, _FOR_PET = 0.5, 2.0  # at most so many nats: a person may be half hidden
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,8 +17,7 @@ from radard.judge.decision import judge
 from radard.judge.evidence import Evidence
 from radard.judge.features import Features, FeatureSettings
 
-_PATCHES = (8, 5)
-"""Rows and columns of patches on a map: each is a limb's velocities for half a step."""
+_PATCHES = (8, 5)  # rows and columns: each is a limb's velocities for half a step
 _MIN_P = 1e-4  # Log-odds of probabilities nearer to 0 or 1 say nothing more
 
 

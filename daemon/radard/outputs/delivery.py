@@ -60,8 +60,7 @@ class Delivery:
         self._send = send
         self._keeper = keeper or StateKeeper(name)
         self._backoff = Backoff(options.first_retry_s, options.longest_retry_s, name)
-        self.cursor: Cursor | None = None
-        """What it has still to deliver; None before it is at work."""
+        self.cursor: Cursor | None = None  # what it has still to deliver, once at work
         self._transient: deque[Item] = deque(maxlen=_TRANSIENT)
         self._has_work = threading.Event()
         self._skips_wait = threading.Event()

@@ -68,8 +68,7 @@ class Outputs:
         self.can_wait = False  # whether the streams wait for files and stdout, see `open`
         self._config = Config()
         self._hellos: Sequence[Record] = ()
-        self.log = EventLog(None)
-        """Where every event is before any output hears of it; the process's own from `open` on."""
+        self.log = EventLog(None)  # has every event before any output; from `open` on, the file's
         self._retry_s = 0.0
         self._lock = threading.Lock()
 

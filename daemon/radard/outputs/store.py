@@ -72,8 +72,7 @@ class StoreSink(DirectSink):
         self._n_open = 0
         self._committed_s = time.monotonic()
         self._pruned_s = self._checked_s = float("-inf")
-        self._offset_s = 0.0
-        """From this process's monotonic clock to the seconds for which radard ran with it."""
+        self._offset_s = 0.0  # from the monotonic clock to seconds that radard ran
         self._db: sqlite3.Connection | None = None
         self._files: tuple[object, ...] = ()
         try:

@@ -27,8 +27,7 @@ from x2radar.command import installed_version
 
 _REFUSALS = frozenset({400, 405, 406, 409, 410, 411, 413, 414, 415, 422})
 """Status codes about this very body (RFC 9110); others count as an outage of the server."""
-_REDIRECTS = frozenset({301, 302, 307, 308})
-"""Those after which a POST may be repeated elsewhere (RFC 9110); 303 asks for a GET."""
+_REDIRECTS = frozenset({301, 302, 307, 308})  # a POST may be repeated elsewhere (RFC 9110)
 _MAX_HOPS = 3  # from a name to its https and its new place
 _MAX_ANSWER = 65_536  # bytes that are read of an answer: a page that explains a fault
 _SCHEMES = frozenset({"http", "https"})

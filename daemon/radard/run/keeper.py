@@ -62,8 +62,7 @@ class Keeper:
         wake: Callable[[], object],
     ) -> None:
         self.sensor = sensor
-        self.failure: BaseException | None = None
-        """What ended its work, if that was no end of the stream."""
+        self.failure: BaseException | None = None  # what ended its work, but for the stream
         self.stuck: list[str] = []
         self._limiter = limiter
         self._begin_again = begin_again

@@ -19,8 +19,7 @@ from radard.outputs.records import Record
 from radard.pipeline import Pipeline
 from radard.run.replays import replay, replaying
 
-_PAST_S = 1.0
-"""A window may end so long behind the moment that is asked for, or a hop if that is longer."""
+_PAST_S = 1.0  # so late a window may end behind the moment asked for
 
 
 @dataclass(frozen=True, slots=True)

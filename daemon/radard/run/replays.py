@@ -29,11 +29,9 @@ from x2radar.startup import without_interrupts
 
 _LOOK_S = 0.2  # so often processes of the pool are looked at
 _NOTE_S = 5.0  # of a stream, after which a process notes how far it is
-_progress: Any = None
-"""In a process of the pool: seconds of every recording that are done, as a shared array."""
+_progress: Any = None  # in a process of the pool: seconds that are done of each recording
 
-Tell = Callable[[float, int], None]
-"""Told the share that is done, 0 to 1, and how many recordings are finished."""
+Tell = Callable[[float, int], None]  # the share that is done, and how many recordings are
 
 
 @dataclass(frozen=True, slots=True)

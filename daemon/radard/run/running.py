@@ -61,8 +61,7 @@ class RunningSensor:
         on_over: Callable[[], object],
     ) -> None:
         self.opened, self.worker, self.ring = opened, worker, ring
-        self.failure: BaseException | None = None
-        """What ended the work, if that was no end of the stream."""
+        self.failure: BaseException | None = None  # what ended the work, but for the stream
         self.over = threading.Event()  # the work has ended
         self._max_frames = max_frames
         self._warm_up = warm_up

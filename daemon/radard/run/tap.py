@@ -18,8 +18,7 @@ from x2radar.frame import Frame, StreamInfo
 from x2radar.wall_clock import utc_text
 
 log = logging.getLogger("radard")
-_MAX_WAITING_S = 10.0
-"""Of frames that wait for the disk: longer than a disk pauses to tidy itself up."""
+_MAX_WAITING_S = 10.0  # of frames: longer than a disk pauses to tidy itself up
 Complain = Callable[[str], object]
 
 

@@ -14,8 +14,7 @@ _BLOCK_S = 10.0  # ten dwells, of which one is hardly ever late
 _MAX_BLOCKS = 360  # an hour: a crystal follows the room's temperature more slowly
 _MIN_BLOCKS = 10  # before that, the interval is wider than any crystal's error
 _T = 2.31  # Student's t, 95 %, eight degrees of freedom; more have less
-_STAMP_S = 1e-3
-"""Error that all stamps of a block may share: USB polls once a millisecond (USB 2.0, 5.11)."""
+_STAMP_S = 1e-3  # that a block's stamps may share: USB polls once a ms (USB 2.0, 5.11)
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,8 +29,7 @@ class ClockDrift:
     """Estimates the drift of the stream's clock against the host's, until a gap."""
 
     def __init__(self) -> None:
-        self.estimate: Drift | None = None
-        """None until there are enough arrivals; any thread may read it."""
+        self.estimate: Drift | None = None  # once there are enough arrivals; for any thread
         self._points: deque[tuple[float, float]] = deque(maxlen=_MAX_BLOCKS)
         self._block = -1
         self._least: tuple[float, float] | None = None

@@ -11,11 +11,9 @@ from collections.abc import Callable
 from x2radar.device.transport import Transport
 from x2radar.errors import TransportClosed
 
-PAUSE_S = 0.04
-"""At 614 kB/s (768 bins of RF at 200 Hz) 25 kB collect; a kernel's buffer holds 64 kB."""
+PAUSE_S = 0.04  # at 614 kB/s (X2 RF, 200 Hz) 25 kB collect; a kernel's buffer holds 64
 _FLOWS_BYTES = 512  # in a read: more than any reply to a command
-_EARLY_S = 0.006
-"""More than a due frame was ever early: `FrameTiming` errs by a share of a millisecond."""
+_EARLY_S = 0.006  # more than a due frame was ever early: `FrameTiming` errs by less
 _LATE_S = 0.1  # a frame that late is lost
 # A Linux terminal gives at most 4095 bytes to a read, whatever waits behind them: a read of
 # about that many is followed by another one at once.

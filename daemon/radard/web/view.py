@@ -18,8 +18,7 @@ from radard.web.hub import Hub
 from radard.web.metrics import Metrics
 from radard.web.pictures.picture_thread import PictureThread
 
-Post = Callable[[Callable[[Any], None], Any], None]
-"""Calls something with a value in the web's own thread."""
+Post = Callable[[Callable[[Any], None], Any], None]  # a call in the web's own thread
 _MAX_STATES = 4000  # above the decisions of `radard.web.history`
 
 
@@ -37,8 +36,7 @@ class View:
         self.section, self.log, self.sensor = section, log, sensor
         self.host: Host | None = None  # the sensor's run, once there is one
         self.history, self.metrics = History(), Metrics(sensor)
-        self.states: dict[int, SensorState] = {}
-        """What held just before each decision, by its number."""
+        self.states: dict[int, SensorState] = {}  # held just before each decision, by number
         self.hub = Hub(lambda is_wanted: self.picture_thread.want(is_wanted=is_wanted))
         self.picture_thread = PictureThread(
             lambda: self.host.ring() if self.host is not None else None,

@@ -15,8 +15,7 @@ from radard.errors import RadardError
 from radard.judge.bundle import ModelInput
 from radard.judge.onnx_runtime import ort
 
-_MAX_DIFFERENCE = 1e-4
-"""Of any logit between torch and onnxruntime: logits of some tens, in single precision."""
+_MAX_DIFFERENCE = 1e-4  # of any logit, which are some tens, in single precision
 DIFFERENCE = "logit difference torch - onnxruntime"  # the metric that says how far apart they are
 
 

@@ -77,8 +77,7 @@ _RECORDED_LONG = f"--train sets/clipslong sets/longall sets/anyrooms {_CHECKS}"
 _MORE_LONG = f"--train sets/clipvisits sets/visits {_CHECKS}"
 _PARTS = "models/parts"  # bundles that others are made from
 _IN_PARTS = f"--out {_PARTS}"
-_FAST = ("--half", "--compile")
-"""Pay on a whole set alone: torch compiles for minutes, and half precision needs the hardware."""
+_FAST = ("--half", "--compile")  # pay on a whole set alone: torch compiles for minutes
 _SMALL_SHARE = 0.05  # to try it; an epoch is shorter than the compiler's work
 
 

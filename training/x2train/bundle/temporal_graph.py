@@ -27,8 +27,7 @@ from radard.judge.classifier import FUSED_LOGITS, HIDDEN, NEXT_HIDDEN
 from x2train.nets.temporal_head import HeadTrained
 
 _P = "temporal_"
-_Step = tuple[str, list[str], list[str], Mapping[str, Any]]
-"""Operator, what it takes, what it gives, options."""
+_Step = tuple[str, list[str], list[str], Mapping[str, Any]]  # operator, inputs, outputs, options
 GIVEN = f"{_P}given"
 
 

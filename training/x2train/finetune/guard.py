@@ -23,11 +23,8 @@ from x2train.nets.evidence_fit import first_windows
 from x2train.sets.window_set import Columns, check_made_for, load_windows
 
 Array = NDArray[np.float64]
-MAX_RISE = 0.0015
-"""Share of people of the guard by which misses may rise: 0.15 points. 0.2 are wanted, and others,
-on whom no threshold was chosen, pay a little more."""
-_MIN_WINDOWS = 500
-"""With fewer windows of people one more is a rise of over 0.2 points: nothing could be told."""
+MAX_RISE = 0.0015  # of the guard's people: 0.2 points are wanted, and others pay more
+_MIN_WINDOWS = 500  # with fewer windows of people one more is over 0.2 points
 
 
 @dataclass(frozen=True, slots=True)

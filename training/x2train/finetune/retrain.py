@@ -20,16 +20,13 @@ from x2train.nets.bundle_answers import Answers, outputs_of
 from x2train.nets.epoch import Epoch
 from x2train.nets.graph_net import GraphNet
 
-_BATCH, _OWN_BATCH = 96, 32
-"""Simulated and own windows a step: own ones are seen often, but never alone."""
+_BATCH, _OWN_BATCH = 96, 32  # windows a step: own ones are seen often, never alone
 _FASTEST = 2e-3  # greatest learning rate of the one cycle
 _KEPT, _PEOPLE, _TAUGHT = 2.0, 10.0, 0.3
 """Weights of the old answers, of those to people beside others', and of own windows: settled on
 visits of the dog of docs/training.md that its table does not count."""
-_PARITY = 1e-3
-"""Most that torch may differ from onnxruntime on the old network, in logits over temperature."""
-_STEPS = tuple(k / 10 for k in range(10, 0, -1))
-"""Places on the line that are tried, the farthest first."""
+_PARITY = 1e-3  # of torch from onnxruntime on the old network, logits over temperature
+_STEPS = tuple(k / 10 for k in range(10, 0, -1))  # tried in turn, the farthest first
 
 
 def retrain(

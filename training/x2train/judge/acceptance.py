@@ -36,15 +36,13 @@ from x2train.sets.sites import X2, X4M03, Radar, Site, draw_site
 from x2train.sets.windows import GATE
 from x2train.sets.workers import Tell
 
-VERSION = "accept-3"
-"""Of entries, settings and seed (see tests/training/test_accept.py), and of the bodies."""
+VERSION = "accept-3"  # of entries, settings, seed (test_accept.py) and bodies
 SEED = 90  # passages of the version are drawn from it; of no other suite
 _TOLD = 1  # a generator's number: what an installation is told changes no passage
 _PER_SHARD = 60  # passages: a minute of one core
 _Decide = Callable[[Dwell], Decision]
 Kind = Literal["walk test", "pets cross", "pets stay", "thing"]
-_N_ENTRIES = 300
-"""Passages of a walk test or of pets that cross: none of 300 means less than 1.2 % at 95 %."""
+_N_ENTRIES = 300  # none of so many passages means less than 1.2 % at 95 %
 _N_STAYS = 12  # of each stay: seven hours
 _STAY_S = (600.0, 3600.0)
 _THING_S = 600.0
@@ -87,8 +85,7 @@ def _settings() -> tuple[Setting, ...]:
     )
 
 
-SETTINGS: tuple[Setting, ...] = _settings()
-"""Radars and mounts; passage k of an entry is in the k-th, and again from the first."""
+SETTINGS: tuple[Setting, ...] = _settings()  # radars and mounts, in turn
 
 
 @dataclass(frozen=True, slots=True)

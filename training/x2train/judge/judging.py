@@ -35,8 +35,7 @@ _MIN_S = 0.5
 the edge of the beam or of the swath there is nothing to see."""
 _NAN = float("nan")
 Knows = Literal["nothing", "mount", "mount and level"]
-KNOWS: tuple[Knows, ...] = get_args(Knows)
-"""What an installation may know of itself, as `mount` in the configuration tells the daemon."""
+KNOWS: tuple[Knows, ...] = get_args(Knows)  # of itself, as `mount` tells the daemon
 OWN_RADARS = "suites"  # every suite is played before its own radar
 
 

@@ -14,10 +14,8 @@ from x2train.judge.estimates import Estimate, per_hour, resampled, share
 from x2train.judge.table import PassageTable
 
 PET_LIMIT = 0.8  # the thesis' rule, and every bundle's
-BUDGET_HOURS = (1.0, 10.0, 60.0, 180.0)
-"""False-alarm budgets: one in so many pet-hours; 60 are 30 days of 2 h."""
-EPISODE_S = 60.0
-"""Alarms in the same minute from a passage's first decision are one: the first calls somebody."""
+BUDGET_HOURS = (1.0, 10.0, 60.0, 180.0)  # one false alarm in so many pet-hours
+EPISODE_S = 60.0  # a passage's alarms in one minute are one: the first calls somebody
 Policy: TypeAlias = Literal["fused", "window"]
 _TINY = 1e-300  # its logarithm is finite
 _Float = NDArray[np.float64]

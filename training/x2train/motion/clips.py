@@ -24,8 +24,7 @@ from x2radar.sim.points import Label
 Array = NDArray[np.float64]
 
 _SMOOTH_S = 0.35  # the way of a body is its pelvis's, smoothed over a step of a small dog's
-_GOES_MPS = 0.2
-"""A clip whose way is faster than this goes somewhere; the others stay in their place."""
+_GOES_MPS = 0.2  # of a clip's way: faster ones go somewhere, others stay in their place
 _STEERS_MPS = 0.1  # below, the direction of the way is that of the moments before and after
 
 

@@ -22,20 +22,17 @@ from x2radar.sim.points import Label
 from x2train.motion.clips import Clip, read_clips
 from x2train.motion.performance import perform
 
-_DURATION_S = 60.0
-"""Of a performance: passages are at most 20 s, and look up to 40 s for the body's entry."""
+_DURATION_S = 60.0  # of a performance: passages last 20 s, and look up to 40 s for an entry
 _SIZE_M: Mapping[Label, tuple[float, float]] = {"human": (0.9, 2.0), "pet": (0.2, 0.7)}
 """That sizes are drawn between: statures, withers."""
 _TEMPO = {"human": (0.75, 1.15), "pet": (0.6, 1.3)}
 """How much quicker than recorded, before the size makes it quicker still. Slow ones count: of a
 recorded dog's passages those at less than 0.3 m/s alarmed most
 (docs/research/evaluation-tried.md)."""
-_SPREAD = {"human": 0.08, "pet": 0.35}
-"""Of sizes about the individual's own, in parts: statures of adults spread by a twelfth."""
+_SPREAD = {"human": 0.08, "pet": 0.35}  # of sizes, in parts: adults' statures by a twelfth
 _CHILD_SHARE = 0.15  # of people, who are drawn from 0.9 m on
 _ENOUGH_S = 120.0  # more of one individual does not make it come more often
-_RECORDED_TRUST = 4.0
-"""One recorded dog then makes a third of the animals, beside twenty that were animated by hand."""
+_RECORDED_TRUST = 4.0  # one recorded dog is a third of the animals, beside twenty by hand
 _NOT_AT_HOME = re.compile(r"death|attack|bite|fall", re.IGNORECASE)
 """Clips of animals that nobody sees in a room."""
 _GIRTH = 0.12

@@ -18,11 +18,9 @@ from x2train.motion.clips import Clip
 Array = NDArray[np.float64]
 
 _FADE_S = 0.25  # a quarter of a second: shorter than a person's step, longer than a twitch
-_FROM_SHARE, _TO_SHARE = 0.5, 0.6
-"""A clip is left in its second half, and entered in the first six tenths."""
+_FROM_SHARE, _TO_SHARE = 0.5, 0.6  # a clip is left in its second half, entered in the first
 _EVERY = 3  # poses are compared every so many frames
-_MOVING_S = 0.1
-"""A pose is like another one if it also moves alike: by where joints are so much later."""
+_MOVING_S = 0.1  # a pose is like another if it also moves alike so much later
 
 
 @dataclass(frozen=True, slots=True, eq=False)

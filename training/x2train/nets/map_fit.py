@@ -26,8 +26,7 @@ Arrays = Mapping[str, NDArray[Any]]
 MAPS = ("velocity_time", "range_time", "velocity_time_medium", "velocity_time_long")
 INPUTS = (*MAPS, INSTALLATION)  # in the order in which `MapNet` takes them
 _N_SHOWN = 512  # windows that open the norms of a network to go on from
-_STARTED_RATE = 0.3
-"""Of the learning rates, where training goes on from a bundle: it is not to forget it."""
+_STARTED_RATE = 0.3  # of the learning rates, from a bundle: it is not to forget it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

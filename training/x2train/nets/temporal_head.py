@@ -21,8 +21,7 @@ from x2train.nets.epoch import Epoch, temperature_of
 
 _N_CLASSES = 3
 _IGNORED = -100  # torch's label for what does not count
-_VERDICTS = (2, 4, 7)
-"""Windows after the first at which a visit may be judged: 3, 5 and 8 s (`decide_within_s`)."""
+_VERDICTS = (2, 4, 7)  # windows at which a visit may be judged: 3, 5 and 8 s
 _BESIDE = 0.3  # what other windows count against those
 
 

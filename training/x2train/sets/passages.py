@@ -29,8 +29,7 @@ from x2train.sets.sites import Site
 
 Array = NDArray[np.float64]
 _COURSES = ("cross", "approach", "leave", "oblique", "wander")
-_MADE = frozenset({"human", *SPECIES})
-"""Bodies that a `BodyModel` concerns: they have motions and skins."""
+_MADE = frozenset({"human", *SPECIES})  # whom a `BodyModel` concerns: with motions and skins
 _WALL_M = 0.3  # nearest to the wall that the radar hangs on
 _UNSEEN = 0.1  # of the noise's amplitude: echoes under it are not made
 _ERROR_DB = -50.0  # of echoes: far under clutter that jitter leaves

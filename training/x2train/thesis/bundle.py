@@ -34,8 +34,7 @@ _X2 = {
     "bandwidth_hz": (2.0e9, 2.6e9),
 }
 """About table B.5: all bins of an X2 in its lowest band."""
-_RATE_SPREAD = 0.05
-"""Frame rates this far from the data's show the same vectors, to less than a Doppler line."""
+_RATE_SPREAD = 0.05  # frame rates this far from the data's show the same vectors
 
 
 def write_thesis_bundle(

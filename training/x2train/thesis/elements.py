@@ -25,8 +25,7 @@ from x2radar.sim.signal.pulse import ROOM_K, LinkBudget
 
 PROFILE = 392
 BODIES = ("human", "dog", "cat")
-_CLUTTER = ((0.75, 3e4), (1.90, 6e4), (3.10, 4e5))
-"""Range in metres and cross section of the echoes that the switch `clutter` adds."""
+_CLUTTER = ((0.75, 3e4), (1.90, 6e4), (3.10, 4e5))  # range in metres, cross section (`clutter`)
 NOISES = ("input", "printed")
 _ERROR_DB = -120.0  # of echoes: float32's rounding
 _LNA_GAIN = 10.0  # of (2.14)

@@ -18,8 +18,7 @@ _CHOSEN = (
     "most of them judged on further elements; one was dropped for what it reached on T1C60's "
     "fresh elements below. Nothing was tried on the sets at 200 Hz."
 )
-_STUCK = 52.0
-"""Per cent of two classes: what two and a half standard deviations of 5000 elements leave."""
+_STUCK = 52.0  # per cent: two and a half standard deviations of 5000 elements are left
 MAIN: tuple[Activation, ...] = ("relu", "sigmoid")
 
 

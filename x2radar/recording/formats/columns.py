@@ -27,8 +27,7 @@ from x2radar.recording.blocks import BlockReader
 from x2radar.wall_clock import parse_utc
 
 _HEAD = "uint32 counter\nfloat64 t_s\n"
-_CDR_LITTLE_ENDIAN = b"\x00\x01\x00\x00"
-"""Encapsulation header (OMG DDSI-RTPS 2.3, 10.5); members are aligned from behind it."""
+_CDR_LITTLE_ENDIAN = b"\x00\x01\x00\x00"  # encapsulation header (OMG DDSI-RTPS 2.3, 10.5)
 _LABELS = {
     "type": "object",
     "title": "x2radar.Label",

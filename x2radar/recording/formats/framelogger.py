@@ -39,8 +39,7 @@ _ASSUMED_SAMPLE_RATE_HZ = 39e9  # a user's figure of an X2's sampler (docs/resea
 _HEAD = struct.Struct("<I6ifi2f4i")
 _X2 = 2
 _DAC_LEVELS = 8192
-_MAX_PULSES = 1 << 16
-"""Pulses of a sweep that is unknown: finer than float32 resolves, and 32 bits hold it."""
+_MAX_PULSES = 1 << 16  # of a sweep that is unknown: finer than float32 resolves
 
 _MAX_U32 = (1 << 32) - 1
 _SWEEP = ("iterations", "pulses_per_step", "dac_min", "dac_max", "dac_step")

@@ -48,14 +48,11 @@ MAX_BYTES = 1 << 30  # Unpacked: an hour of scans of a P440; the file is held as
 _HEAD_BYTES, _TEXT_BYTES = 128, 116
 _ORDERS = {b"IM": "<", b"MI": ">"}
 _COMPRESSED, _MATRIX = 15, 14
-_NAME_BYTES = 512
-"""Unpacked to see a variable's name, which is in front and has 63 letters at most."""
+_NAME_BYTES = 512  # unpacked to see a variable's name, of 63 letters at most
 _STRUCT = 2
-_CLASSES = frozenset({1, _STRUCT, 4, *range(6, 16)})
-"""Cells, structs, text and numbers; no sparse matrices, objects or functions."""
+_CLASSES = frozenset({1, _STRUCT, 4, *range(6, 16)})  # cells, structs, text and numbers alone
 _MAX_DEPTH = 8  # structs within structs; a scan of a P4xx lies two deep
-_MAX_LETTERS, _MAX_FIELDS = 64, 1000
-"""MATLAB's longest name of a field, with its end, and more fields than a recording has."""
+_MAX_LETTERS, _MAX_FIELDS = 64, 1000  # MATLAB's longest field's name, and more fields than are
 
 _BIN_S, _WINDOW_START_S = 61.035e-12, 17.499e-9
 _P4XX = {

@@ -34,8 +34,7 @@ from x2radar.recording.faults import refuse
 
 _SAMPLES = "samples"
 _LABELS = ("labels_t0_s", "labels_t1_s", "labels_label")
-_MAX_SMALL_BYTES = 1 << 22
-"""Of an attribute or of the labels; device and settings are some kB of JSON."""
+_MAX_SMALL_BYTES = 1 << 22  # of an attribute or of the labels; device and settings are some kB
 _MAX_HEADER_BYTES = 10_000  # as in numpy
 _MAX_WHOLE_BYTES = 1 << 30  # of samples in Fortran order, which are held as a whole
 _MAX_PACKED = 1100  # bytes that one byte of an archive unpacks to; deflate reaches 1032 at most

@@ -46,8 +46,7 @@ _ENTRY = np.dtype(
         ("ms", "<u4"),
     ]
 )
-_RECORD, _END_OF_FILE, _FILE_LIST = 1, 2, 3
-"""Version, length of the head and kinds of entries as in real meta files."""
+_RECORD, _END_OF_FILE, _FILE_LIST = 1, 2, 3  # version, length of the head, kinds of entries
 _BITS = {"datafloat": 0x400, "baseband_iq": 0x2, "baseband_ap": 0x1}
 """The kinds of data, and how the entries name them."""
 X4_BIN_LENGTH_M = 1.5e8 / 2.916e9

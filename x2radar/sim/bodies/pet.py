@@ -30,8 +30,7 @@ from x2radar.sim.bodies.skins.draw import TotalRcs
 
 _MAX_FROUDE = 25.0  # a cat at 8 m/s, a dog at 10: nothing in a home is faster
 _MAX_WALK_FROUDE = 1.2  # above 1 a stiff leg leaves the floor; a little more for legs that bend
-PET_AGILITY = Agility(acceleration_mps2=2.5, lateral_mps2=3.0, turn_rad_s=3.5)
-"""Livelier than people, by eye."""
+PET_AGILITY = Agility(acceleration_mps2=2.5, lateral_mps2=3.0, turn_rad_s=3.5)  # livelier, by eye
 _N_LOOKS = 24  # over which the mean cross section is taken: within 3 % of that over 480 (measured)
 _STAYS_S = 40.0  # how long one that stays is looked at for it
 _FASTEST_DRAWN_MPS = 4.5  # indoors nobody runs faster

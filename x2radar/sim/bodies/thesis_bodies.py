@@ -13,8 +13,7 @@ import numpy as np
 
 from x2radar.sim.points import Array, Label, Points
 
-SEED_GAIN = 1e4
-"""The thesis' cross sections include 40 dB of the module's integration (its table 4.1)."""
+SEED_GAIN = 1e4  # 40 dB of the module's integration are in the thesis' (table 4.1)
 _HALF_TURN = np.pi / 2
 
 
@@ -41,9 +40,7 @@ _SPREAD = {
     "phase_rad": np.pi / 4,
     "swing_m": 0.05,
 }
-_RCS_SPREAD, _MIN_RCS = 0.3, 0.05
-"""Standard deviations of a body's random variation (table B.4), and least share of a cross section
-that it leaves."""
+_RCS_SPREAD, _MIN_RCS = 0.3, 0.05  # standard deviation (table B.4), and least share left
 
 
 def _dog_like(

@@ -23,11 +23,9 @@ Amplitude = NDArray[np.float64] | NDArray[np.complex128]
 Baseband = NDArray[np.complex64]
 Frames = NDArray[np.complex64] | NDArray[np.float32]
 
-_FAINTEST = float(np.finfo(np.float32).tiny)
-"""Amplitudes up to here would be denormal in float32 and are taken for zero."""
+_FAINTEST = float(np.finfo(np.float32).tiny)  # below it, amplitudes are taken for zero
 
-FINEST_DB = -100.0
-"""Smallest error that the fast tiers can be asked for; their rounding is -107 to -130 dB."""
+FINEST_DB = -100.0  # of the fast tiers; their rounding is -107 to -130 dB
 
 # Echoes worked on at a time: their kernels then stay in a core's second-level cache (measured).
 _BLOCK_ECHOES = 8192

@@ -16,8 +16,7 @@ _ON_LINE = {
     *("split", "merge", "stall", "bursts", "silent", "hang_up"),
 }
 _MAX_JUNK = 40
-_STALL_EVERY_S = 10.0
-"""As docs/research/simulated-module.md has them: junk of a packet's length, stalls at times."""
+_STALL_EVERY_S = 10.0  # junk of a packet's length (docs/research/simulated-module.md)
 # Lateness of the frames of one second, in frame periods, by counter modulo 20: measured on a
 # real X2M200 at 20 Hz as 190, 145, 100, 55 and about 50 ms (protocol notes, section 3.3).
 _LATE_FRAMES = {0: 3.8, 1: 2.9, 2: 2.0, 3: 1.1, 10: 1.0}

@@ -34,10 +34,8 @@ from x2radar.wire.messages import (
 )
 from x2radar.wire.wire_ids import PING_SEED, ErrorCode, PongCode, SystemCode
 
-RESET_DELAY_S = BOOT_S = 0.05
-"""A tenth of what real modules take, so that tests and demos start soon."""
-MAX_LATE_S = 2.0
-"""A module's buffer is full when its host has not read for so long: 120 frames of an X2."""
+RESET_DELAY_S = BOOT_S = 0.05  # a tenth of real modules': tests and demos start soon
+MAX_LATE_S = 2.0  # a host that does not read for so long loses frames: a full buffer
 _FOREVER_S = float("inf")
 _NO_FRAME = np.zeros(1, np.float32)
 

@@ -18,8 +18,7 @@ from x2radar.sim.signal.receiver import Receiver
 
 _BLOCK = 16  # frames made at a time: their arrays stay in a core's cache, and frames come soon
 _UNSEEN = 0.1  # echoes under this share of a bin's noise, 20 dB below it, are not made
-_NOISE, _ROOM = 0x4E01, 0x2001
-"""Of generators, beside the seed: any numbers will do, but they must stay as they are."""
+_NOISE, _ROOM = 0x4E01, 0x2001  # of generators, beside the seed: they must stay as they are
 
 
 class EchoStream:

@@ -27,8 +27,7 @@ from x2radar.sim.things import draw_mount
 
 _T = TypeVar("_T")
 _MAX_MESSAGE = 1000  # characters of an error: a file's values may be of any length
-ERRORS_DB = (-40.0, -60.0, -80.0, -100.0)
-"""Bounds of the echoes' error, coarsest and finest first and last; 20 dB apart."""
+ERRORS_DB = (-40.0, -60.0, -80.0, -100.0)  # of the echoes' error, 20 dB apart
 _USUAL_ERROR_DB = -60.0  # 20 dB under the noise beside a body at 1 m
 _ERROR = Key(ERRORS_DB[-1], ERRORS_DB[0], "largest error of a bin over the echoes' sum, dB")
 _DURATION = Key(0.1, 86_400.0, "s")

@@ -33,8 +33,7 @@ _COMPLETIONS = {
     "zsh": "usr/local/share/zsh/site-functions/_{0}",
 }
 _PACKAGED = Path("usr/lib/systemd/system/radard.service")
-_CLOSED_HOMES = ("/home", "/root", "/run/user")
-"""What ProtectHome= hides from the service (systemd.exec(5))."""
+_CLOSED_HOMES = ("/home", "/root", "/run/user")  # what ProtectHome= hides (systemd.exec(5))
 _USERADD = ("useradd", "--system", "--home-dir", "/var/lib/radard", "--shell", "/usr/sbin/nologin")
 
 

@@ -67,8 +67,7 @@ class PacketLimits:
         self._suspects: dict[str, _Suspect] = {}
         self._said: set[str] = set()
         self.can_retain = True  # whether the broker keeps messages
-        self.max_bytes: int | None = None
-        """The largest packet that the broker states; None: it states none."""
+        self.max_bytes: int | None = None  # the largest packet that the broker states
 
     @property
     def is_idle(self) -> bool:

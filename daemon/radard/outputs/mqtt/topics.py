@@ -131,8 +131,7 @@ _COMMAND_ENTITIES = (
     _button("ack", "Acknowledge", ic="mdi:check"),
     _button("calibrate", "Calibrate", ic="mdi:tune", ent_cat="config"),
 )
-CodeForm = Literal["digits", "text"] | None
-"""What a code that disarming takes is made of; None without one."""
+CodeForm = Literal["digits", "text"] | None  # what a code is made of; None without one
 _CODES = {"digits": "REMOTE_CODE", "text": "REMOTE_CODE_TEXT"}
 """By which Home Assistant asks for a code and hands it on; it is checked here, not published."""
 _WITH_CODE = {"cod_dis_req": True, "cmd_tpl": "{{ {'action': action, 'code': code} | to_json }}"}

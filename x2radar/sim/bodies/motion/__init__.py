@@ -5,5 +5,4 @@ heart: published strides (`people.walking`, `quadrupeds.hung`), drawn ones (`peo
 joint angles (`angles`); and there is recorded motion. A further source is a class with a `pose`.
 """
 
-MOTIONS = ("gait", "footfalls", "angles")
-"""Motion generators of people and four-legged animals, as scenes and sets call them."""
+MOTIONS = ("gait", "footfalls", "angles")  # generators of people and four-legged animals

@@ -99,9 +99,7 @@ class JointCurve:
 
 
 _BACKWARDS_SHARE = 0.15  # of people who do not run (a guess)
-_SOFT_M, _SOFT = 0.02, 0.06
-"""Depth within which both feet carry, in metres of people, in hip heights of animals; it keeps the
-hips from a kink when they change."""
+_SOFT_M, _SOFT = 0.02, 0.06  # depth, in m or hip heights, within which both feet carry: no kink
 
 
 @dataclass(frozen=True, slots=True, eq=False)

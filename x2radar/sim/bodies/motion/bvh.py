@@ -11,8 +11,7 @@ import numpy as np
 
 from x2radar.sim.points import Array
 
-MAX_JOINTS, MAX_FRAMES = 200, 2_000_000
-"""Limits of what is read: 2 million frames are two hours at 240 Hz."""
+MAX_JOINTS, MAX_FRAMES = 200, 2_000_000  # two million frames are two hours at 240 Hz
 
 
 @dataclass(slots=True)

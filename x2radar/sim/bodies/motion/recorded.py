@@ -25,11 +25,8 @@ from x2radar.sim.bodies.skins.draw import TotalRcs
 from x2radar.sim.points import Array, Label
 
 MAX_BYTES = 2**28  # largest file that is read, unpacked: two hours at 120 Hz as text
-_THICK_SHARE, _THICK_M = 0.18, (0.015, 0.12)
-"""Half-widths of segments of which only the length is known: a share of it, within limits, which
-gives limbs their usual girth."""
-_MIN_SEGMENT_M, _MIN_HALF_M, _MAX_HALF_M = 0.02, 0.005, 1.0
-"""Shorter segments of other trees do not count; least and greatest half-lengths of parts."""
+_THICK_SHARE, _THICK_M = 0.18, (0.015, 0.12)  # half-widths where only the length is known: a share
+_MIN_SEGMENT_M, _MIN_HALF_M, _MAX_HALF_M = 0.02, 0.005, 1.0  # shorter segments do not count
 _N_LOOKS = 16  # over which the mean cross section is taken, as for people
 _HIGH_QUANTILE = 0.9  # of a joint's height over time, for one that stands upright most of it
 

@@ -10,8 +10,7 @@ import numpy as np
 from x2radar.errors import SceneError
 
 _MIN_LEG_M = 0.1  # waypoints nearer to each other than a foot is long have no direction
-_SHARP_RAD = math.radians(130.0)
-"""Corners sharper than this cannot be cut short without missing the waypoint by far."""
+_SHARP_RAD = math.radians(130.0)  # sharper corners cannot be cut without missing the waypoint
 
 
 @dataclass(frozen=True, slots=True)

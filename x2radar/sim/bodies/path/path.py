@@ -126,9 +126,7 @@ def _pieces(
     return [piece for piece in pieces if piece[0] > _TINY]
 
 
-_FACING_S = 0.2
-"""A body turns smoothly: its heading is the mean direction so long before and after, about the
-time of half a step."""
+_FACING_S = 0.2  # heading is the mean direction so long before and after: half a step
 
 
 @dataclass(frozen=True, slots=True, eq=False)

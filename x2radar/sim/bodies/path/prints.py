@@ -15,8 +15,7 @@ from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.points import Array
 
 _STEP_S, _MARGIN_S = 0.01, 0.5  # of the table, and how far it goes on before and after the way
-_RAMP = 0.25
-"""Of a swing: a foot's peak speed is 1.2 times its mean, some 3.3 times a walker's (recalled)."""
+_RAMP = 0.25  # of a swing: a foot's peak speed is 1.2 times its mean (recalled)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -24,8 +24,7 @@ _TODDLER_M = (0.75, 0.95)
 _CHILD_M = (0.95, 1.45)
 Age = Literal["adult", "child", "toddler"]
 _GROWN: Mapping[Age, float] = {"toddler": 0.0, "adult": 1.0}
-_GROWTH = (0.85, 1.05, 1.45), (0.0, 0.55, 1.0)
-"""Statures of children, and how far their proportions are from a toddler's to an adult's."""
+_GROWTH = (0.85, 1.05, 1.45), (0.0, 0.55, 1.0)  # statures of children, toddler (0) to adult (1)
 
 
 def _limbs(side: str) -> tuple[tuple[Part, ...], tuple[Part, ...]]:
@@ -59,8 +58,7 @@ PERSON = Skeleton(
     gain=EchoGain(losses=(((0, 1, 2), 10.0),)),
 )
 """Parts of people; sizes in shares of the stature."""
-TRUNK_AT = (0.47, 0.78, 0.06)
-"""Where middles of the trunk's parts are between hips (0) and shoulders (1) (Winter)."""
+TRUNK_AT = (0.47, 0.78, 0.06)  # middles of its parts, hips (0) to shoulders (1) (Winter)
 
 
 @dataclass(frozen=True, slots=True)

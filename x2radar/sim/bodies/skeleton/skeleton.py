@@ -55,11 +55,9 @@ class Skeleton:
         return np.array(rows)
 
 
-Link = tuple[Array, float, float]
-"""Angle from the vertical, forward positive, shape (n_slow,); length; splay to the left, rad."""
+Link = tuple[Array, float, float]  # angle forward from the vertical (n_slow,), length, splay
 
-STRETCHED_TO = 0.995
-"""Share of a limb's length that it reaches at most: a straight joint would snap."""
+STRETCHED_TO = 0.995  # of a limb's length, at most: a straight joint would snap
 
 
 def direction(yaw_rad: Array, pitch_rad: Array | float = 0.0) -> Array:

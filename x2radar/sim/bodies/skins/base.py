@@ -8,12 +8,10 @@ import numpy as np
 from x2radar.sim.bodies.pose import Pose
 from x2radar.sim.points import Array, Points
 
-SKIN_REFLECTION = 0.54
-"""Power reflection of skin and muscle at 7 GHz (Gabriel's tissue data, recalled)."""
+SKIN_REFLECTION = 0.54  # of power, skin and muscle at 7 GHz (Gabriel's tissue data, recalled)
 WAVELENGTH_M = 0.044  # at 6.8 GHz, the X2's carrier
 DEEPEST = 0.7  # an antenna inside a part still has it in front, by this share of the distance
-_FAR_M, _N_AZIMUTHS = 50.0, 24
-"""Whence totals are taken: far enough that a body is a point, every 15 degrees."""
+_FAR_M, _N_AZIMUTHS = 50.0, 24  # whence totals are taken: a body is a point from there
 _MAX_SPREAD_DB = 4.0  # of parts' own draws of gain: recorded people differ by about as much
 
 

@@ -15,10 +15,8 @@ from x2radar.sim.bodies.pose import Pose
 from x2radar.sim.bodies.skins.base import DEEPEST, SKIN_REFLECTION, WAVELENGTH_M, EchoGain, Skin
 from x2radar.sim.points import Array, Points
 
-_COHERENT_M = (0.03, 0.08)
-"""Lengths over which skin or cloth is straight to an eighth of a wavelength."""
-_SHADOW_DB = (3.0, 20.0)
-"""Loss of a part right behind another: diffraction fills shadows a wavelength deep."""
+_COHERENT_M = (0.03, 0.08)  # over which skin or cloth is straight to an eighth of a wave
+_SHADOW_DB = (3.0, 20.0)  # of a part right behind another: diffraction fills shadows
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -35,16 +35,12 @@ SPREAD_DB = (2.0, 4.0)  # of a part's echo over all aspects (a guess: skin and c
 FLOOR = (0.05, 0.10)  # least over broadside cross section: real parts are rough and bent (a guess)
 _APART_FLOOR, _APART_SPREAD_DB = (0.0, 0.10), (0.0, 3.0)
 """The same of bodies whose ellipsoids stand by themselves, drawn once a body."""
-SHADOW_DB = (6.0, 15.0)
-"""What a trunk takes from a part behind it (a guess; creeping waves fill the rest)."""
+SHADOW_DB = (6.0, 15.0)  # of a part behind a trunk (a guess; creeping waves fill the rest)
 _N_AZIMUTHS = 72  # of a mean total: 5 degrees apart, without fluctuation
-_BLEND_M = 0.011
-"""Depth within which parts of the surface answer together: the first Fresnel zone is a quarter
-of a wavelength deep, 11 mm at 6.8 GHz."""
+_BLEND_M = 0.011  # first Fresnel zone: a quarter of a wavelength deep, at 6.8 GHz
 _TINY = 1e-300  # for parts without an echo, which weigh nothing
 _N_WAVES = 16  # waves of the fluctuation: 16 make its distribution normal to some per cent
-_TURN_RAD = (0.03, 1.0)
-"""Limits of its decorrelation: a trunk of 0.7 m, and a paw that shows one place alone."""
+_TURN_RAD = (0.03, 1.0)  # limits of its decorrelation: a trunk of 0.7 m, and a paw
 
 
 @dataclass(frozen=True, slots=True, eq=False)

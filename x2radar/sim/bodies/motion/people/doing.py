@@ -13,8 +13,7 @@ import numpy as np
 from x2radar.sim.bodies.wander import Wander, bouts, smooth_step
 from x2radar.sim.points import Array
 
-REST = np.array([0.10, 0.06, -0.88])
-"""A hanging wrist from its shoulder: ahead, outward and up, in lengths of the arm."""
+REST = np.array([0.10, 0.06, -0.88])  # a hanging wrist: ahead, outward, up, in lengths of the arm
 _REACH = 0.9  # farthest wrist, in lengths of the arm: it stays a little bent
 # How far, how fast (rms a second) and where hands work, in lengths of the arm: see above.
 _SHIFT_M, _CROUCH, _LEAN_RAD, _TWIST_RAD = 0.06, 0.28, 0.75, 0.7
@@ -92,8 +91,7 @@ _RISE_S = 1.4  # how long getting up takes, and sitting down; 1 to 2 s of the he
 # How far the trunk bows to get up and leans, and the head turns and nods (anatomy).
 _BOW_RAD, _TRUNK_RAD = 0.6, 0.22
 _TURN_RAD, _NOD_RAD = 0.9, 0.3
-_HEAD_ALONE_SHARE = 0.25
-"""Share of people who move the head alone, listening or watching (a guess)."""
+_HEAD_ALONE_SHARE = 0.25  # of people who move the head alone, listening or watching (a guess)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -28,8 +28,7 @@ from x2radar.sim.bodies.skeleton.people import PersonBuild
 from x2radar.sim.bodies.skeleton.skeleton import STRETCHED_TO, direction, two_links
 from x2radar.sim.points import Array
 
-_TURNED_SHARE = 0.3
-"""Of people who do not run, those who do not go where they look (a guess, wide)."""
+_TURNED_SHARE = 0.3  # of people who do not run: they do not go where they look (a guess)
 _TURNED_STRIDE = 0.85  # of those who do not go where they look, for one of those who do (a guess)
 _HEEL_RISE_RAD = 1.1  # of the foot when it leaves the floor (recalled: 60 degrees)
 

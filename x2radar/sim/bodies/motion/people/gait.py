@@ -17,8 +17,7 @@ from x2radar.sim.bodies.skeleton.people import Age
 from x2radar.sim.points import Array
 
 _STRIDE = 1.346
-FASTEST_WALK = 3.0
-"""Relative speed RV up to which the relation holds (Boulic and Thalmann, recalled)."""
+FASTEST_WALK = 3.0  # RV up to which the relation holds (Boulic and Thalmann, recalled)
 _SURGE = 0.084  # of the hips, see `carriage_at`
 _BRISK = 1.5  # relative speed of the carriage that a free walk has: about 1.4 m/s
 

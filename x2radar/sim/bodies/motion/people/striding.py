@@ -19,18 +19,15 @@ from x2radar.sim.bodies.skeleton.skeleton import direction, hang
 from x2radar.sim.bodies.wander import Wander
 from x2radar.sim.points import Array
 
-Swing = tuple[Array, Array, Array, float]
-"""Yaw in which an arm swings, its angles at shoulder and elbow, and its splay."""
+Swing = tuple[Array, Array, Array, float]  # yaw of an arm's swing, shoulder, elbow, and its splay
 
 SIDES = (1.0, -1.0)  # left and right
 RUNS = frozenset({"jog", "run", "child_run"})  # styles that leave the floor
 WALK_STRIDE, RUN_STRIDE = 2.65, 2.6
 """`GaitParams.stride` at half a power of the speed. Walkers take steps of 6.5 mm for every step a
 minute (Sekiya et al. 1996, recalled), strides of 1.42 m at 1.3 m/s; runners 2.2 m at 3 m/s."""
-_SWING_RAD, _MAX_SIGMAS = 0.05, 2.0
-"""Standard deviation of the amplitudes of pitch and roll, and where draws end."""
-_WANDER_RAD, _WANDER_RAD_S = (0.12, 0.10), (0.15, 0.12)
-"""Limits and rates of what lean and roll do besides."""
+_SWING_RAD, _MAX_SIGMAS = 0.05, 2.0  # spread of the amplitudes of pitch and roll, and its end
+_WANDER_RAD, _WANDER_RAD_S = (0.12, 0.10), (0.15, 0.12)  # what lean and roll do besides
 _TURNS = np.array([0.0, -0.7, 1.0, -0.2, *[-0.7] * 6, *[1.0] * 6])
 """Of the parts, in their order, for one of the pelvis: the chest turns against it (recalled)."""
 

@@ -21,15 +21,11 @@ from x2radar.sim.bodies.skeleton.skeleton import direction, two_links
 from x2radar.sim.bodies.wander import Wander, smooth_step
 from x2radar.sim.points import Array
 
-Traits = tuple[Array, Array]
-"""What a person draws whatever the style: 12 normal numbers and 8 shares."""
+Traits = tuple[Array, Array]  # drawn whatever the style: 12 normal numbers and 8 shares
 
 STIFF_TO = 0.93  # share of a limb's length up to which it reaches; beyond, its upper joint gives
-_HEEL_OFF = 0.65
-"""Share of the stance after which the heel begins to rise: 40 % of a walking stride (Perry)."""
-_FACE = 0.015
-"""Share of the stature by which the head's middle is ahead of the neck: one that turns moves
-its echo."""
+_HEEL_OFF = 0.65  # share of the stance after which the heel rises: 40 % of a stride (Perry)
+_FACE = 0.015  # of the stature: the head's middle ahead of the neck
 _QUICKER: Mapping[Age, float] = {"adult": 1.0, "child": 1.1, "toddler": 1.35}
 """Cadence against that of an adult of the same leg length and speed (recalled)."""
 

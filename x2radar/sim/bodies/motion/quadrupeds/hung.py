@@ -162,9 +162,7 @@ def _in(band: Band, share: float) -> float:
     return float(least + width * share)
 
 
-_STIFF_TO = 0.85
-"""Share of a leg's length up to which it alone reaches for the floor; beyond, shoulder blades and
-hips give."""
+_STIFF_TO = 0.85  # of a leg's length; beyond it, shoulder blades and hips give
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
