@@ -122,6 +122,11 @@ def test_a_text_field_takes_what_is_written(word):
     assert config.mqtt.commands == "off"
 
 
+@pytest.mark.parametrize("text", ["{x}", "[a]", '{"a": 1}', "[", "# x", "*a", "'"])
+def test_a_variable_of_a_text_field_is_no_yaml(text):
+    assert load_config(environ={"RADARD_MQTT__USERNAME": text}).mqtt.username == text
+
+
 @pytest.mark.parametrize("name", [word for word in WORDS if word.isalnum()])
 def test_a_sensor_may_be_called_anything_that_is_a_name(name):
     assert load_config(environ={"RADARD_SENSOR__NAME": name}).sensor.name == name

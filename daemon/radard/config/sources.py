@@ -71,7 +71,7 @@ def read_environment(
             continue
         text = environ[name]
         value = text
-        if text[:1] in {"[", "{"} or not double:
+        if not double or (text[:1] in {"[", "{"} and not _is_text((section, key), root)):
             with contextlib.suppress(YamlError):
                 value = _texts_of(compose_yaml(text))
         yield (section, key if double else None), value, name
@@ -111,6 +111,11 @@ def _section_of(where: Where, root: type[BaseModel]) -> type[BaseModel]:
             break
         model = kind
     return model
+
+
+def _is_text(where: Where, root: type[BaseModel]) -> bool:
+    field = _section_of(where, root).model_fields.get(where[-1])
+    return field is not None and {*_kinds(field.annotation)} <= {str, Path, type(None)}
 
 
 def _texts_of(node: yaml.Node | None) -> Any:
