@@ -190,7 +190,12 @@ def test_a_program_gets_the_event_on_stdin_and_in_its_environment(tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "timeout_s", "words"),
-    [("sys.exit(3)", 60, "exit status 3"), ("time.sleep(60)", 0.3, "killed after 0.3 s")],
+    [
+        ("sys.exit(3)", 60, "exit status 3"),
+        ("os.kill(os.getpid(), 9)", 60, "ended by SIGKILL"),
+        ("os.kill(os.getpid(), 35)", 60, "ended by signal 35"),
+        ("time.sleep(60)", 0.3, "killed after 0.3 s"),
+    ],
 )
 def test_a_program_that_fails_is_run_again_and_then_given_up(tmp_path, text, timeout_s, words):
     sink = opened(program(tmp_path, text), exec=ExecSection(timeout_s=timeout_s))

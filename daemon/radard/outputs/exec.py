@@ -20,6 +20,8 @@ from radard.outputs.stdout import json_line
 
 _FIELDS = ("id", "phase", "kind", "t_s", "time", "peak", "reason", "clip", *MARKS)
 
+_SIGNALS = {each.value: each.name for each in signal.Signals}  # real-time ones have no name
+
 
 def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> Delivery:
     """Return the sink of `exec:COMMAND`."""
@@ -70,5 +72,9 @@ def _run(words: list[str], record: Record, timeout_s: float) -> None:
         raise DeliveryError(f"killed after {timeout_s:g} s", is_refusal=is_refusal) from err
     code = process.returncode
     if code != 0:
-        how = f"ended by {signal.Signals(-code).name}" if code < 0 else f"exit status {code}"
+        how = (
+            f"ended by {_SIGNALS.get(-code, f'signal {-code}')}"
+            if code < 0
+            else f"exit status {code}"
+        )
         raise DeliveryError(how, is_refusal=is_refusal)
