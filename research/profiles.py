@@ -14,6 +14,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import get_args
 
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -22,7 +23,7 @@ import levers
 from levers import USUAL, Figures, measure
 from profiles_measure import BEST, Candidate, Recorded, candidates, cpu_shares, judge_recorded
 from radard.config.json_file import parse_json
-from radard.config.profiles import Front, Profile, Three, dominated
+from radard.config.profiles import Bodies, Front, Profile, Three
 from radard.judge.bundle import load_bundle
 from study import (
     RESULTS,
@@ -45,6 +46,7 @@ FILE = Path(__file__).parents[1] / "daemon" / "radard" / "profiles.json"
 _BANDS = (("eco", 0.25), ("fast", 0.45), ("balanced", 0.7), ("accurate", 1.0))
 """Names, and the share of the usual CPU time that each may take at most."""
 _SHORT = "--passages 1 --rounds 1 --duration 5 --file build/profiles.json"
+_BODIES: tuple[Bodies, ...] = get_args(Bodies)
 _MISS = 10.0  # a person missed counts as so many visits of pets with an alarm
 
 
@@ -223,6 +225,19 @@ def choose(made: Sequence[Profile]) -> tuple[Profile, ...]:
     left_out = set(dominated(named))
     names = {id(p): name for p, name in best if name not in left_out}
     return tuple(replace(p, name=names.get(id(p), "")) for p in made)
+
+
+def dominated(profiles: tuple[Profile, ...]) -> Iterator[str]:
+    """Yield the names of those that are dearer and no better in anything than another."""
+    for a in profiles:
+        if any(a.cpu_open > b.cpu_open and _is_no_better(a, b) for b in profiles):
+            yield a.name
+
+
+def _is_no_better(a: Profile, b: Profile) -> bool:
+    ours, theirs = ((p.missed[0], p.pets[0], p.slow_s) for p in (a, b))
+    knows_more = _BODIES.index(a.bodies) < _BODIES.index(b.bodies)
+    return not knows_more and all(x >= y for x, y in zip(ours, theirs, strict=True))
 
 
 def table(front: Front) -> Iterator[str]:

@@ -3,7 +3,8 @@
 import threading
 
 from radard.config.config import load_config
-from radard.run.process import Process, RunOptions
+from radard.run.process import Process
+from radard.run.sensor import RunOptions
 from tests.alarm_helpers import NotifySocket
 
 

@@ -13,23 +13,26 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from x2radar.api import (
-        open,  # noqa: A004 - x2radar.open reads as the file of a radar
-        open_async,
-        open_reconnecting,
-    )
-    from x2radar.arrays import read_frames, simulate
-    from x2radar.device.device import RadarStats, X2Radar
-    from x2radar.device.link import Deadlines
-    from x2radar.device.reconnect import ReconnectingRadar, StreamEvent
-    from x2radar.errors import X2RadarError
-    from x2radar.frame import FastTimeAxis, Frame, StreamInfo
-    from x2radar.modules.profile import ProfileSettings
-    from x2radar.modules.x2 import RadarSettings
-    from x2radar.modules.x4 import X4Settings
-    from x2radar.recording.about import Overrides
-    from x2radar.recording.blocks import BlockReader
-    from x2radar.recording.registry import open_recording
+    from x2radar.api import open as open  # noqa: A004 - x2radar.open reads as the file of a radar
+    from x2radar.api import open_async as open_async
+    from x2radar.api import open_reconnecting as open_reconnecting
+    from x2radar.arrays import read_frames as read_frames
+    from x2radar.arrays import simulate as simulate
+    from x2radar.device.device import RadarStats as RadarStats
+    from x2radar.device.device import X2Radar as X2Radar
+    from x2radar.device.link import Deadlines as Deadlines
+    from x2radar.device.reconnect import ReconnectingRadar as ReconnectingRadar
+    from x2radar.device.reconnect import StreamEvent as StreamEvent
+    from x2radar.errors import X2RadarError as X2RadarError
+    from x2radar.frame import FastTimeAxis as FastTimeAxis
+    from x2radar.frame import Frame as Frame
+    from x2radar.frame import StreamInfo as StreamInfo
+    from x2radar.modules.profile import ProfileSettings as ProfileSettings
+    from x2radar.modules.x2 import RadarSettings as RadarSettings
+    from x2radar.modules.x4 import X4Settings as X4Settings
+    from x2radar.recording.about import Overrides as Overrides
+    from x2radar.recording.blocks import BlockReader as BlockReader
+    from x2radar.recording.registry import open_recording as open_recording
 
 _PLACES = {
     "api": ("open", "open_async", "open_reconnecting"),
@@ -46,29 +49,8 @@ _PLACES = {
     "recording.blocks": ("BlockReader",),
     "recording.registry": ("open_recording",),
 }
-"""Where the names of `__all__` are."""
-__all__ = [
-    "BlockReader",
-    "Deadlines",
-    "FastTimeAxis",
-    "Frame",
-    "Overrides",
-    "ProfileSettings",
-    "RadarSettings",
-    "RadarStats",
-    "ReconnectingRadar",
-    "StreamEvent",
-    "StreamInfo",
-    "X2Radar",
-    "X2RadarError",
-    "X4Settings",
-    "open",
-    "open_async",
-    "open_reconnecting",
-    "open_recording",
-    "read_frames",
-    "simulate",
-]
+"""The names that are offered here, by module."""
+__all__ = sorted(name for names in _PLACES.values() for name in names)  # noqa: PLE0605 - above
 
 
 def __getattr__(name: str) -> Any:

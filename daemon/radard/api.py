@@ -108,12 +108,6 @@ def classify(
     [('open', 'human', True), ('open', 'human', True)]
     >>> decisions[0].window.human > 0.9
     True
-
-    An empty room opens no gate:
-
-    >>> frames, stream = x2radar.simulate("empty", duration_s=2.5)
-    >>> [d.label for d in radard.classify(frames, stream.axis, stream.frame_rate_hz)]
-    ['none']
     """
     frames = _checked(frames, axis, frame_rate_hz)
     stream = StreamInfo(axis, frame_rate_hz, "array")
@@ -148,8 +142,7 @@ def features(
     -------
     list of FeatureWindow
         One for every whole window, a second apart: 2 s of spectrogram columns, made of 2.45 s of
-        frames at 60 Hz. Windows with too many lost frames are
-        left out.
+        frames at 60 Hz. Windows with too many lost frames are left out.
 
     Raises
     ------
@@ -163,20 +156,6 @@ def features(
     >>> window, = radard.features(frames, stream.axis, stream.frame_rate_hz)
     >>> window.t_s, {name: x.shape for name, x in window.inputs.items()}
     (2.45, {'velocity_time': (101, 40), 'range_time': (40, 40)})
-
-    The thesis' vector of 28 times 28 cadence and velocity bins, of norm one at most:
-
-    >>> window, = radard.features(frames, stream.axis, 60.0, names=["thesis_type1"])
-    >>> window.inputs["thesis_type1"].shape
-    (784,)
-    >>> bool((window.inputs["thesis_type1"] ** 2).sum() <= 1.0001)
-    True
-
-    What a shipped network takes:
-
-    >>> window, = radard.features(frames, stream.axis, 60.0, model="fast")
-    >>> list(window.inputs)[0], len(window.inputs)
-    ('velocity_time', 5)
     """
     frames = _checked(frames, axis, frame_rate_hz)
     if model is not None:

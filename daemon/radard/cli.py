@@ -100,7 +100,8 @@ def _body(argv: Sequence[str]) -> int:
 
     config = load()
     # Late, so that --help and wrong options answer at once.
-    from radard.run.process import RunOptions, run  # noqa: PLC0415
+    from radard.run.process import run  # noqa: PLC0415
+    from radard.run.sensor import RunOptions  # noqa: PLC0415
 
     return run(
         config,

@@ -5,9 +5,10 @@ from dataclasses import replace
 
 import pytest
 
+from profiles import dominated
 from radard.cli import main
 from radard.config.config import load_config, load_with_origins
-from radard.config.profiles import dominated, front, with_rate
+from radard.config.profiles import front, with_rate
 from radard.errors import ConfigError
 from radard.judge.bundle import load_bundle
 from radard.judge.model_choice import model_for

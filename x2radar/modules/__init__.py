@@ -1,4 +1,1 @@
-"""What each kind of module is told before it streams, and the commands that tell it.
-
-It may import `x2radar.wire`.
-"""
+"""What each kind of module is told before it streams, and the commands that tell it."""

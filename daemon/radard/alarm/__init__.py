@@ -1,4 +1,1 @@
-"""From decisions to alarms: zones, sensitivity, the panel, tampering, events with an id.
-
-It may import `radard.judge` and below.
-"""
+"""From decisions to alarms: zones, sensitivity, the panel, tampering, events with an id."""

@@ -48,7 +48,6 @@ _REFERENCE = f"{_N_FFTS} FFTs of {_FFT_LENGTH} complex numbers, per second of st
 
 
 def run(argv: Sequence[str]) -> int:
-    """Run the subcommand."""
     args = make_parser().parse_args(argv)
     check_seconds("--duration", args.duration, 4.0)
     if not 1 <= args.rounds <= 100:
@@ -86,7 +85,6 @@ def run(argv: Sequence[str]) -> int:
 
 
 def make_parser() -> Parser:
-    """Return the parser of the subcommand."""
     parser = new_parser(
         "radard bench", "Measure what one radar costs, and so how many fit.", _EXAMPLES
     )

@@ -31,7 +31,6 @@ _CELL_M = 0.5  # of the report
 
 
 def run(argv: Sequence[str]) -> int:
-    """Run the subcommand."""
     args = make_parser().parse_args(argv)
     check_seconds("--duration", args.duration, _MIN_S)
     check_seconds("--delay", args.delay, 0.0)
@@ -104,7 +103,6 @@ def _surveyed(listening: Listening, config: Config, args: argparse.Namespace) ->
 
 
 def make_parser() -> Parser:
-    """Return the parser of the subcommand."""
     parser = new_parser(
         "radard calibrate",
         "Listen to the empty room: its noise over range, and thresholds that suit it.",

@@ -26,7 +26,6 @@ examples:
 
 
 def run(argv: Sequence[str]) -> int:
-    """Run the subcommand."""
     args = make_parser().parse_args(argv)
     if args.what == "schema":
         print(json.dumps(Config.model_json_schema(), indent=2))
@@ -59,7 +58,6 @@ def _warnings(config: Config) -> Iterator[str]:
 
 
 def make_parser() -> Parser:
-    """Return the parser of the subcommand."""
     parser = new_parser("radard config", "Check or show the configuration that holds.", _EXAMPLES)
     parser.add_argument("what", choices=["check", "show", "schema"], help="what to do with it")
     add_options(parser)

@@ -32,7 +32,6 @@ class NoDaemon(RadardError):
 
 
 def make_parser(name: str) -> Parser:
-    """Return the parser of the subcommand of a name."""
     parser = new_parser(f"radard {name}", _WORDS[name], _EXAMPLES.format(name))
     add = parser.add_argument
     if name == "arm":

@@ -25,7 +25,6 @@ _MAX_JOBS = 1024  # beyond the cores of any machine that this runs on
 
 
 def run(argv: Sequence[str]) -> int:
-    """Run the subcommand."""
     parser = make_parser()
     args = parser.parse_args(argv)
     if args.jobs is not None and not 1 <= args.jobs <= _MAX_JOBS:
@@ -66,7 +65,6 @@ def run(argv: Sequence[str]) -> int:
 
 
 def make_parser() -> Parser:
-    """Return the parser of the subcommand."""
     parser = new_parser(
         "radard detect",
         "Judge recordings as radard --port replay:FILE does, and write a table.",

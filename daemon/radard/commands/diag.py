@@ -67,7 +67,6 @@ _USERINFO = re.compile(r"//[^/@:\s]*:([^/@\s]+)@")
 
 
 def run(argv: Sequence[str]) -> int:
-    """Run the subcommand."""
     args = make_parser().parse_args(argv)
     when = wall_clock.now()
     parts = gather(args.config)
@@ -84,7 +83,6 @@ def run(argv: Sequence[str]) -> int:
 
 
 def make_parser() -> Parser:
-    """Return the parser of the subcommand."""
     parser = new_parser("radard diag", "Make one redacted file to report trouble with.", _EXAMPLES)
     add = parser.add_argument
     add("--config", type=Path, metavar="FILE", help="configuration file")

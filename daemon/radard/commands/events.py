@@ -22,7 +22,6 @@ examples:
 
 
 def run(argv: Sequence[str]) -> int:
-    """Run the subcommand."""
     args = make_parser().parse_args(argv)
     if args.limit is not None and args.limit < 1:
         raise UsageError(f"--limit {args.limit}: must be above 0")
@@ -35,7 +34,6 @@ def run(argv: Sequence[str]) -> int:
 
 
 def make_parser() -> Parser:
-    """Return the parser of the subcommand."""
     parser = new_parser(
         "radard events", "List the events that the log, or -o store:FILE, has kept.", _EXAMPLES
     )

@@ -23,7 +23,6 @@ examples:
 
 
 def run(argv: Sequence[str]) -> int:
-    """Run the subcommand."""
     parser = make_parser()
     args = parser.parse_args(argv)
     if not 1 <= args.pass_time <= 120:
@@ -36,7 +35,6 @@ def run(argv: Sequence[str]) -> int:
 
 
 def make_parser() -> Parser:
-    """Return the parser of the subcommand."""
     parser = new_parser(
         "radard explain",
         "Say what becomes of verdicts, and how often that is wrong, by the model's card.",

@@ -85,7 +85,6 @@ class Fleet:
 
 
 def run(argv: Sequence[str]) -> int:
-    """Run the subcommand."""
     args = make_parser().parse_args(argv)
     config = load_config(args.config)
     url = args.url or _configured(config)
@@ -108,7 +107,6 @@ def run(argv: Sequence[str]) -> int:
 
 
 def make_parser() -> Parser:
-    """Return the parser of the subcommand."""
     parser = new_parser(
         "radard fleet",
         "Show all radars that publish to an MQTT broker. With --once the exit code is 0 if all "

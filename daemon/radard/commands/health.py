@@ -46,7 +46,6 @@ def told(line: str, panel: Mapping[str, Any]) -> str:
 
 
 def make_parser(name: str) -> Parser:
-    """Return the parser of the subcommand of a name."""
     text, example = _ABOUT[name]
     parser = new_parser(f"radard {name}", text, _EXAMPLES.format(name, example))
     add = parser.add_argument

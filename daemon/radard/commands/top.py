@@ -38,7 +38,6 @@ Answer = Mapping[str, Any]
 
 
 def run(argv: Sequence[str]) -> int:
-    """Run the subcommand."""
     args = make_parser().parse_args(argv)
     config = load_config(args.config)
     view = View(config, sensors_asked(config, args.sensor))
@@ -59,7 +58,6 @@ def run(argv: Sequence[str]) -> int:
 
 
 def make_parser() -> Parser:
-    """Return the parser of the subcommand."""
     parser = new_parser("radard top", "Watch the daemon that runs here.", _EXAMPLES)
     add = parser.add_argument
     add("--sensor", metavar="NAME", help="only this one (all that are configured)")

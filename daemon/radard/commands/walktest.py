@@ -45,7 +45,6 @@ _LEVEL = (
 
 
 def run(argv: Sequence[str]) -> int:
-    """Run the subcommand."""
     args = make_parser().parse_args(argv)
     check_seconds("--duration", args.duration, 1.0)
     config = listening_config(args)
@@ -136,7 +135,6 @@ def _walked(
 
 
 def make_parser() -> Parser:
-    """Return the parser of the subcommand."""
     parser = new_parser(
         "radard walktest",
         "Log what the radar sees while somebody walks; report it by range at the end.",

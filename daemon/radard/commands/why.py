@@ -28,7 +28,6 @@ _MIN_EFFECT = 0.1  # Nats: a part below it moves a probability of one half by 0.
 
 
 def run(argv: Sequence[str]) -> int:
-    """Run the subcommand."""
     args = make_parser().parse_args(argv)
     out: Path | None = args.out
     if out is not None:
@@ -49,7 +48,6 @@ def run(argv: Sequence[str]) -> int:
 
 
 def make_parser() -> Parser:
-    """Return the parser of the subcommand."""
     parser = new_parser(
         "radard why",
         "Say why a recording was judged as it was at one moment, and what moved the verdict.",

@@ -1,4 +1,1 @@
-"""The configuration: from files, environment and options to one validated, frozen object.
-
-It imports only `radard.errors`.
-"""
+"""The configuration: from files, environment and options to one validated, frozen object."""

@@ -4,11 +4,11 @@
 tells of them.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 from radard.config.json_file import STRICT, parse_json
 from x2radar.errors import PortUrlError, SettingsError
@@ -17,7 +17,6 @@ from x2radar.ports import parse_port
 USUAL_HZ = 60.0  # frames a second where nobody asks for another rate
 Three = tuple[float, float, float]
 Bodies = Literal["apart", "together", "unfollowed"]  # made of several, from most to least
-_BODIES: tuple[Bodies, ...] = get_args(Bodies)
 _Where = tuple[str, ...]
 _Places = dict[_Where, str]
 
@@ -145,16 +144,3 @@ def with_rate(port: str, rate_hz: float) -> str:
         return port
     is_free = parsed.kind != "replay" and not {"rate", "device"} & set(parsed.options)
     return f"{port}{'&' if '?' in port else '?'}rate={rate_hz:g}" if is_free else port
-
-
-def dominated(profiles: tuple[Profile, ...]) -> Iterator[str]:
-    """Yield the names of those that are dearer and no better in anything than another."""
-    for a in profiles:
-        if any(a.cpu_open > b.cpu_open and _is_no_better(a, b) for b in profiles):
-            yield a.name
-
-
-def _is_no_better(a: Profile, b: Profile) -> bool:
-    ours, theirs = ((p.missed[0], p.pets[0], p.slow_s) for p in (a, b))
-    knows_more = _BODIES.index(a.bodies) < _BODIES.index(b.bodies)
-    return not knows_more and all(x >= y for x, y in zip(ours, theirs, strict=True))

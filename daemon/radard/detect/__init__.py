@@ -1,4 +1,1 @@
-"""Does anything move, and where: clutter map, noise floor, gate, tracks, calibration.
-
-It may import `radard.dsp` and `radard.stream`.
-"""
+"""Does anything move, and where: clutter map, noise floor, gate, tracks, calibration."""

@@ -1,4 +1,1 @@
-"""Is the daemon well: one state, and the heartbeat, status file and systemd that tell it.
-
-It may import `radard.alarm` and below.
-"""
+"""Is the daemon well: one state, and the heartbeat, status file and systemd that tell it."""

@@ -1,4 +1,1 @@
-"""What moves: features of a dwell, the network of a bundle, evidence over windows, the decision.
-
-It may import `radard.detect` and below.
-"""
+"""What moves: features of a dwell, the bundle's network, evidence over windows, the decision."""

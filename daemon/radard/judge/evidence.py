@@ -58,7 +58,7 @@ class Evidence:
         return self._with_prior(answer.fused_log_p)
 
     def add(self, window: Probabilities) -> Probabilities:
-        """Take a window's calibrated probabilities; return the fused ones, which sum to 1."""
+        """Take a window's calibrated probabilities; return the fused ones, sum 1 to 1e-12."""
         s = self._settings
         p = np.array([window.human, window.pet, window.other])
         self._log += self._discount * np.log(np.maximum(p, _MIN_P))

@@ -1,4 +1,1 @@
-"""The running process: one radar or several, their threads, supervision and reloads.
-
-It may import everything but `radard.web` and `radard.commands`.
-"""
+"""The running process: one radar or several, their threads, supervision and reloads."""

@@ -10,11 +10,7 @@ from types import FrameType, TracebackType
 from typing import Any
 
 _STOP = (signal.SIGINT, signal.SIGTERM)
-_ASK = {
-    getattr(signal, name): wish
-    for name, wish in (("SIGHUP", "reload"), ("SIGUSR1", "dump"))
-    if hasattr(signal, name)
-}
+_ASK = {signal.SIGHUP: "reload", signal.SIGUSR1: "dump"}
 
 
 class Signals:

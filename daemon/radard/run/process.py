@@ -24,8 +24,6 @@ from radard.run.pool import WorkerPool
 from radard.run.sensor import RunOptions, Sensor
 from radard.run.sink_watch import SinkWatch
 
-__all__ = ["Process", "RunOptions", "run"]
-
 log = logging.getLogger("radard")
 _ENDS_WITH_IT = "a simulation's clips, labels and settings end with it; --state DIR keeps them"
 _BEAT_S = 1.0  # so late outputs in trouble, and silence, are noticed

@@ -27,6 +27,11 @@ FEATURES = FeatureSettings(
 )
 """How the maps of the shipped bundles are made."""
 _SHORTEST_S, _LONGEST_S = 2.0, 600.0  # a dwell; and ten minutes
+_SHARES = {
+    "physical": "with cross sections that follow from sizes",
+    "plain": "without domain randomization",
+    "clear": "of one body that goes, in a room without multipath",
+}
 
 
 def register(commands: Commands) -> None:
@@ -71,27 +76,9 @@ def register(commands: Commands) -> None:
     )
     add("--motion", nargs="+", choices=MOTIONS, default=["gait"], help="generators (gait)")
     add("--skin", nargs="+", choices=tuple(SKINS), default=["surface"], help="echoes (surface)")
-    add(
-        "--physical",
-        metavar="SHARE",
-        type=float,
-        default=0.0,
-        help="of passages with cross sections that follow from sizes, 0 to 1 (0)",
-    )
-    add(
-        "--plain",
-        metavar="SHARE",
-        type=float,
-        default=0.0,
-        help="of passages without domain randomization, 0 to 1 (0)",
-    )
-    add(
-        "--clear",
-        metavar="SHARE",
-        type=float,
-        default=0.0,
-        help="of passages of one body that goes, in a room without multipath, 0 to 1 (0)",
-    )
+    for name, who in _SHARES.items():
+        text = f"of passages {who}, 0 to 1 (0)"
+        add(f"--{name}", metavar="SHARE", type=float, default=0.0, help=text)
     add("--like", metavar="MODEL", help="maps as this bundle takes them, for finetune --guard")
     add("--seed", type=int, default=1, help="same seed, same set (1)")
     add("--workers", type=int, default=os.cpu_count() or 1, help="processes (all cores)")
@@ -104,7 +91,7 @@ def _run(args: argparse.Namespace) -> int:
     if not _SHORTEST_S <= args.longest <= _LONGEST_S:
         msg = f"--longest {args.longest:g}: must be {_SHORTEST_S:g} to {_LONGEST_S:g} s"
         raise UsageError(msg)
-    for name in ("physical", "plain", "clear"):
+    for name in _SHARES:
         if not 0.0 <= getattr(args, name) <= 1.0:
             raise UsageError(f"--{name} {getattr(args, name):g}: must be 0 to 1")
     # Late: the simulator takes a second, and --help must not.

@@ -1,4 +1,1 @@
-"""Recorded and animated motion: files become clips, clips become bodies that go along courses.
-
-It imports the driver alone.
-"""
+"""Recorded and animated motion: files become clips, clips become bodies that go along courses."""

@@ -1,4 +1,1 @@
-"""What is simulated: families of bodies, sites, passages, windows, and sets of them on disk.
-
-Of this package it imports nothing.
-"""
+"""What is simulated: families of bodies, sites, passages, windows, and sets of them on disk."""

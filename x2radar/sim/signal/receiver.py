@@ -71,7 +71,11 @@ class Receiver:
         return out
 
     def baseband(self, echo: NDArray[np.complex64]) -> NDArray[np.complex64]:
-        """Return complex64 baseband frames, (n_slow, n_range), from noise-free echoes."""
+        """Return complex64 baseband frames, (n_slow, n_range), from noise-free echoes.
+
+        Left out: quantisation, 57 dB under the noise with the settings for 60 Hz and 45 dB with
+        those for 1000 Hz, and clipping. A spike becomes a pulse.
+        """
         first, n = self._at, len(echo)
         self._at += n
         if self._effects.jitter_s:

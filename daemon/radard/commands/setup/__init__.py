@@ -1,4 +1,1 @@
-"""`radard setup`: the system's files for the radar, one by one or all of them, and its coverage.
-
-`files` says what each file holds, `system` installs all of them and takes them away again.
-"""
+"""`radard setup`: the system's files for the radar, one or all of them, and its coverage."""

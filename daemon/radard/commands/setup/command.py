@@ -30,7 +30,6 @@ _AFTER = {
 
 
 def run(argv: Sequence[str]) -> int:
-    """Run the subcommand."""
     parser = make_parser()
     args = parser.parse_args(argv)
     if args.what is None and args.install == args.uninstall:
@@ -80,7 +79,6 @@ def _one(args: argparse.Namespace, path: Path, text: str) -> Iterator[str]:
 
 
 def make_parser() -> Parser:
-    """Return the parser of the subcommand."""
     about = "Install the service and what it needs; print one file; see a mount's coverage."
     parser = new_parser("radard setup", about, _EXAMPLES)
     add = parser.add_argument

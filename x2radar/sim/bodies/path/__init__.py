@@ -1,4 +1,1 @@
-"""Where a body goes and when its feet stand: courses, timetables, strides, footfalls.
-
-It imports no other room of the bodies.
-"""
+"""Where a body goes and when its feet stand: courses, timetables, strides, footfalls."""
