@@ -80,9 +80,6 @@ def test_a_second_run_trains_nothing(published, monkeypatch, capsys):
     [
         (["--cpi", "500"], "M = 500: must be 2 to 120, the columns of the record"),
         (["--share", "2"], "--share 2: must be above 0, and 1 at most"),
-        (["--cadences", "61"], "I alpha = 61: must be 1 to 60, half the columns"),
-        (["--frame-rate", "10"], "M = 28: must be 2 to 20"),
-        (["--frame-rate", "-1"], "frame rate -1: must be 1 to 1000"),
         (["--train-rate", "0"], "frame rate 0"),
         (["--elements", "20"], "elements 20: must be at least 40"),
         (["--fresh", "0"], "fresh 0: must be at least 2"),
@@ -90,13 +87,9 @@ def test_a_second_run_trains_nothing(published, monkeypatch, capsys):
         (["--seed", "-1"], "seed -1"),
         (["--layers", "100,x"], "--layers '100,x': must be whole numbers"),
         (["--layers", "100"], "pretrain_epochs = (1, 1): none, or one a layer"),
-        (["--rate", "0"], "learning_rate = 0.0"),
-        (["--epochs", "1"], "at least look_every"),
         (["--parts", "all"], "--parts 'all': must be of networks, own, switches"),
-        (["--optimiser", "newton"], "invalid choice"),
         (["--parts", "switches", "--rows", "luck"], "--rows luck: must be of rectified profile"),
         (["--animal", "horse"], "invalid choice"),
-        (["--switch"], "unrecognized arguments"),
     ],
 )
 def test_bad_input_is_one_line(tmp_path, capsys, args, says):
