@@ -55,29 +55,3 @@ def test_small_birds_and_moths_beat_faster_and_within_what_is_published():
     assert MOTH_BEAT_HZ[0] <= moths.min() < 28
     assert 45 < moths.max() <= MOTH_BEAT_HZ[1]
     assert np.corrcoef([b.span_m for b in builds], moths)[0, 1] < -0.7
-
-
-def test_a_perched_bird_sits_on_folded_wings_breathes_and_hops_and_a_gliding_one_keeps_them_out():
-    bird = drawn("budgerigar", "perch", 4)
-    flight, b = bird.motion.flight, bird.motion.build
-    t_s = np.arange(0, 2 * flight.period_s, 0.01)
-    place, _, effort = flight.at(t_s)
-    sits = effort == 0
-    assert sits.mean() > 0.85
-    starts = np.flatnonzero(~sits[1:] & sits[:-1])
-    assert len(starts) == pytest.approx(2 * len(flight.hop_s), abs=1)
-    pose = bird.motion.pose(t_s)
-    swell = (pose.centre_m[:, 0] - place)[sits, 2]
-    assert swell.max() == pytest.approx(b.breath_m, rel=0.02)
-    assert 0.0003 < b.breath_m < 0.003
-    # Resting wings lie along it; in a glide they stay out.
-    along = (pose.axis[:, 0] * pose.axis[:, bird.names.index("left inner wing")]).sum(axis=1)
-    assert along[sits].max() < -0.9
-    gliding = drawn("budgerigar", "circle", 2)
-    axis = gliding.motion.pose(t_s).axis
-    assert (gliding.motion.flight.at(t_s)[2] == 0).any()
-    left = axis[:, gliding.names.index("left inner wing")]
-    assert np.abs((axis[:, 0] * left).sum(axis=1)).max() < 0.1
-    # The same hops come again, and nothing jumps where a period ends.
-    edge = flight.at(flight.period_s + np.array([-1e-6, 1e-6]))[0]
-    assert edge[0] == pytest.approx(edge[1], abs=1e-4)

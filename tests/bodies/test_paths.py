@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from x2radar.sim.bodies.path.courses import COURSES, draw_course
 from x2radar.sim.bodies.path.path import Agility, Path
 from x2radar.sim.bodies.path.prints import Footprints, StridePhase
-from x2radar.sim.bodies.skeleton.skeleton import STRETCHED_TO, hang, two_links
+from x2radar.sim.bodies.skeleton.skeleton import STRETCHED_TO, two_links
 from x2radar.sim.bodies.wander import Wander
 
 
@@ -102,16 +102,6 @@ def test_a_limb_of_two_links_reaches_or_is_stretched(far_m, is_soft):
     else:
         assert 0.105 < reach <= 0.9
         assert (reach < far_m) == (far_m > 0.5)
-
-
-def test_links_hang_at_their_angles():
-    top, yaw = np.zeros((1, 3)), np.array([0.5 * np.pi])
-    links = (np.array([0.0]), 0.4, 0.0), (np.array([0.5 * np.pi]), 0.3, 0.0)
-    first, middle, end = hang(top, yaw, *links, (np.array([0.0]), 0.2, 0.5 * np.pi))[:3]
-    assert first is top
-    assert middle[0] == pytest.approx([0, 0, -0.4])
-    assert end[0] == pytest.approx([0, 0.3, -0.4])
-    assert hang(top, yaw, (np.zeros(1), 0.2, 0.5 * np.pi))[1][0] == pytest.approx([-0.2, 0, 0])
 
 
 def test_a_wander_keeps_its_limits_and_its_rate():

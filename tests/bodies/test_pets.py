@@ -9,7 +9,6 @@ from tests.body_helpers import (
     ANTENNA_M,
     GOING,
     PETS,
-    draw,
     drawn,
     parts,
     past,
@@ -189,38 +188,6 @@ def test_masses_and_hips_are_those_of_pets():
         assert b.upper_m + b.lower_m > b.hip_m
 
 
-def test_styles_say_what_they_are_and_are_drawn_by_weight():
-    for name, how in PET_STYLES.items():
-        assert name.isidentifier()
-        assert 3 <= len(how.sentence.split()) <= 15
-        assert any(name in species.styles for species in SPECIES.values())
-    # What moves it tells most styles apart.
-    found, wanted = [], 0.0
-    for species, row in SPECIES.items():
-        path = Path.standing((0.0, 2.0))
-        pets = [draw(species, seed=k, path=path, skin="points") for k in range(40)]
-        found += [type(pet.motion.action).__name__ for pet in pets]
-        styles = [PET_STYLES[name] for name in row.styles]
-        wanted += sum(s.weight for s in styles if s.froude) / sum(s.weight for s in styles) / 3
-    assert found.count("Going") / 120 == pytest.approx(wanted, abs=0.12)
-    assert 0 < found.count("Jumping") / 120 < 0.15
-    assert 0 < found.count("Romping") / 120 < 0.15
-
-
-@pytest.mark.parametrize("style", ["sit", "stand"])
-def test_a_dogs_tail_tip_goes_at_one_to_three_metres_a_second(style):
-    peaks, hz = [], []
-    t_s = np.arange(0, 20, 0.01)
-    for seed in range(8):
-        dog = drawn("dog", style, seed)
-        pose, k = dog.motion.pose(t_s), dog.names.index("tail tip")
-        tip = pose.centre_m[:, k] + pose.axis[:, k] * dog.motion.build.tail_m / 6
-        peaks.append(speeds(tip - pose.centre_m[:, 0], 0.01).max())
-        hz.append(dog.motion.manner.wag_hz)
-    assert 0.8 < min(peaks) < max(peaks) < 1.05 * 3.0
-    assert 2 <= min(hz) < max(hz) <= 6
-
-
 @pytest.mark.parametrize(
     ("species", "style", "least", "most"),
     [
@@ -267,23 +234,6 @@ def test_who_scratches_does_so_with_one_hind_paw_in_bouts(species):
     assert np.delete(speed, scratch.leg, axis=1).max() < 1e-9
     height = place[PAWS[scratch.leg]][:, 2]
     assert strongest_hz(np.diff(height), 0.01) == pytest.approx(scratch.hz, abs=0.2)
-
-
-@pytest.mark.parametrize("species", SPECIES)
-def test_who_plays_turns_on_paws_that_stand_in_turn(species):
-    for seed in range(4):
-        pet = drawn(species, "play", seed)
-        stance, b = pet.motion.action.at(np.arange(0, 40, 0.01)), pet.motion.build
-        speed = speeds(stance.paw_m, 0.01)
-        assert speed.max() < 5
-        assert 0.4 < np.mean(speed < 1e-6) < 0.75
-        # Two paws at least carry it most of the time, and each comes down under the trunk.
-        assert np.mean((speed < 1e-6).sum(axis=1) >= 2) > 0.65
-        assert np.ptp(stance.heading_rad) > 1.0
-        assert stance.paw_m[..., 2].min() >= 0
-        away = np.linalg.norm((stance.paw_m - stance.middle_m[:, None])[..., :2], axis=-1)
-        assert away.max() < 1.6 * (b.back_m / 2 + b.half_track_m)
-        assert pet.breath.rate_hz > drawn(species, "sit", seed).breath.rate_hz
 
 
 # ---------------------------------------------------------------- jumps

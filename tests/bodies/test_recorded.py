@@ -7,9 +7,8 @@ from tests.body_helpers import ANTENNA_M, drawn
 from x2radar.errors import SceneError
 from x2radar.sim.bodies.motion import recorded
 from x2radar.sim.bodies.motion.recorded import draw_recorded, read_motion
-from x2radar.sim.bodies.skeleton.people import PERSON, draw_person_build
-from x2radar.sim.bodies.skeleton.quadrupeds import QUADRUPED, draw_build
-from x2radar.sim.bodies.skeleton.species import SPECIES
+from x2radar.sim.bodies.skeleton.people import PERSON
+from x2radar.sim.bodies.skeleton.quadrupeds import QUADRUPED
 from x2radar.sim.bodies.skins.draw import SKINS
 from x2radar.sim.scene.scene import parse_scene
 
@@ -126,17 +125,6 @@ def test_standard_joints_move_the_parts_of_a_kind_with_its_girths(tmp_path, skel
     assert points.rcs_m2.shape == (9, len(body.names))
 
 
-def test_girths_of_recorded_pets_are_those_of_drawn_ones():
-    rng = np.random.default_rng(0)
-    builds = [draw_build(rng, SPECIES[kind]) for kind in ("cat", "dog") for _ in range(200)]
-    shares = np.mean([np.array(b.half_lengths())[:, 1:] / b.hip_m for b in builds], axis=0)
-    table = np.array([part.half_girth for part in QUADRUPED.parts])
-    assert table == pytest.approx(shares, rel=0.15)
-    person = draw_person_build(rng)
-    half = PERSON.half_m(np.zeros(16), person.stature_m)
-    assert half[:4, 0] == pytest.approx(person.half_lengths()[:4, 0])
-
-
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
@@ -194,12 +182,3 @@ def test_a_scene_plays_it(walk):
     # The file's (0, -3) turned to the left about its origin.
     assert points.position_m[0, 0] == pytest.approx([3.5, 5.0, 1.25], abs=0.3)
     assert points.position_m[1, 0] == pytest.approx([3.4, 5.0, 1.25], abs=0.3)
-
-
-@pytest.mark.parametrize(
-    ("keys", "reason"),
-    [("", "file: must be the path"), ("file: none.bvh", "cannot read the motion")],
-)
-def test_a_scene_without_its_file_says_so(keys, reason):
-    with pytest.raises(SceneError, match=reason):
-        parse_scene(f"steps: [{{body: motion, duration_s: 2, {keys}}}]", "mine", "mine.yaml")

@@ -1,6 +1,5 @@
 """The alarm panel: confirmation, entry delay, latching, refractory time, commands."""
 
-import numpy as np
 import pytest
 
 from radard.alarm.panel import AlarmPanel, AlarmPolicy, Sight
@@ -161,39 +160,6 @@ def test_a_resumed_alarm_waits_for_its_acknowledgement():
     panel.resume("human at 1 m")
     assert panel.state == "alarm"
     assert kinds(play(panel, [NOTHING] * 40)) == [(30, "end")]
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_any_history_keeps_the_rules(seed):
-    rng = np.random.default_rng(seed)
-    policy = AlarmPolicy(k=2, n=3, exit_delay_s=2, entry_delay_s=2, latch_s=4, refractory_s=3)
-    panel = AlarmPanel(policy)
-    is_on, ended_s, armed_s = False, -1e9, -1e9
-    for t_s in range(2000):
-        draw = rng.random()
-        if draw < 0.02:
-            steps = panel.acknowledge(t_s)
-        elif draw < 0.03:
-            steps = panel.disarm()
-        elif draw < 0.05:
-            mode = ["away", "home"][rng.integers(2)]
-            is_anew = panel.state != "entry" and (not panel.is_armed or panel.mode != mode)
-            ended_s = -1e9 if is_anew else ended_s
-            steps = panel.arm(t_s, mode)
-            armed_s = t_s if is_anew and not is_on else armed_s
-        else:
-            sight = [HIT, SEEN, NOTHING, NOTHING, NOTHING, None][rng.integers(6)]
-            steps = panel.on_sight(t_s, sight)
-        for step in steps:
-            assert is_on == (step.kind != "new")
-            if step.kind == "new":
-                assert t_s - ended_s >= policy.refractory_s
-                # Armed again meanwhile, within an exit delay, only the first of them counts.
-                assert t_s - armed_s >= policy.entry_delay_s
-                is_on = True
-            elif step.kind == "end":
-                is_on, ended_s = False, t_s
-        assert is_on == (panel.state == "alarm")
 
 
 def test_without_a_policy_the_verdict_alone_counts():

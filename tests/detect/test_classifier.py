@@ -54,10 +54,6 @@ def test_extreme_features_stay_finite():
         classifier.classify(features(np.full(1176, np.nan)))
 
 
-def test_a_file_loads_like_an_installed_bundle(copy):
-    assert load_bundle(copy()).classes == load_bundle("thesis").classes
-
-
 @pytest.mark.parametrize(
     ("changes", "words"),
     [

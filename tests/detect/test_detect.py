@@ -13,8 +13,6 @@ from pyarrow import parquet
 
 from radard.commands.detect import run
 from radard.commands.detect_tables import COLUMNS, time_of
-from radard.config.config import Config
-from radard.run.replays import judge_all
 from tests.processes import started
 from tests.radar_helpers import run_radard, stable
 from tests.recording_helpers import record_scene
@@ -125,15 +123,6 @@ def test_every_core_makes_the_same_table(files, capsys, tmp_path):
         assert table[0][name] == first[name]
 
 
-def test_events_as_rows(files, capsys):
-    code, text, _ = detect(capsys, files[0], "--rows", "events")
-    rows = list(csv.DictReader(io.StringIO(text)))
-    assert code == 0
-    assert {row["kind"] for row in rows} >= {"alarm"}
-    wanted = [r for r in replayed(files[0]) if r["type"] == "event"]
-    assert [row["id"] for row in rows] == [r["id"] for r in wanted]
-
-
 def test_the_model_that_is_asked_for(files, capsys):
     code, text, _ = detect(capsys, files[0], "--model", "none")
     assert code == 0
@@ -173,13 +162,6 @@ def test_what_cannot_be_done_is_one_line(capsys, tmp_path, monkeypatch, case):
     assert (ended, err.count("\n")) == (code, 1)
     assert err.startswith(said)
     assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("old.csv", "kept")]
-
-
-def test_progress_is_told(files):
-    told = []
-    list(judge_all(files, Config(), jobs=1, tell=lambda share, n: told.append((share, n))))
-    assert told[-1] == (1.0, 1)
-    assert [share for share, _ in told] == sorted(share for share, _ in told)
 
 
 def test_times_of_a_recording_whose_start_is_unknown():

@@ -76,11 +76,6 @@ def test_foreign_settings_are_refused(raw):
         FeatureSettings.from_mapping(raw)
 
 
-def test_unknown_feature():
-    with pytest.raises(ModelMismatch, match="nope"):
-        feature_shape("nope", SETTINGS)
-
-
 def dwells_of(frames, lost=()):
     """The dwells that a ring makes of a stream, each good until the next is asked for."""
     ring = copy_ring(147, 60.0)

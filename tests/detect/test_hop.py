@@ -7,7 +7,6 @@ import pytest
 
 from radard.commands.config import run as run_config
 from radard.commands.detect import run as run_detect
-from radard.commands.explain import run as run_explain
 from radard.config.config import Config
 from radard.pipeline import Pipeline
 from tests.radar_helpers import BASEBAND, run_radard, stable
@@ -65,13 +64,3 @@ def test_a_check_says_what_it_means_for_the_model(case, monkeypatch, capsys):
     assert run_command("radard", run_config, ["check", "--model", model]) == code
     err = capsys.readouterr().err
     assert (said in err) if said else err == ""
-
-
-def test_explain_tells_the_hop_and_what_the_evidence_is_of(monkeypatch, capsys):
-    monkeypatch.setenv("RADARD_DECISION__HOP_S", "0.5")
-    monkeypatch.setenv("RADARD_MOUNT__LEVEL_DB", "50")
-    assert run_command("radard", run_explain, ["--model", "accurate"]) == 0
-    out = capsys.readouterr().out
-    assert "judged every 0.5 s" in out
-    assert "strength over an adult's (mount.level_db)" in out
-    assert "decision.hop_s 0.5: model 'accurate' learned" in out

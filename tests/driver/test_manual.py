@@ -1,7 +1,6 @@
 """Help, man pages and completion of the three commands: complete, and made from the parsers."""
 
 import argparse
-import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -61,22 +60,6 @@ def test_every_subcommand_has_a_description_an_example_and_help_for_all(name, tr
         assert parser.prog in examples, parser.prog
         for action in actions(parser):
             assert action.help, (parser.prog, action.dest)
-
-
-@pytest.mark.parametrize("name", MAINS)
-def test_man_pages_name_every_option_and_subcommand(name, trees):
-    page = manual.man_page(trees[name]).replace("\\-", "-")
-    for parser in below(trees[name]):
-        assert f".SS {parser.prog}\n" in page
-    for parser in (trees[name], *below(trees[name])):
-        _, _, part = page.partition(f".SS {parser.prog}\n" if " " in parser.prog else ".SH OPT")
-        part = re.split(r"^\.S[SH] ", part, maxsplit=1, flags=re.MULTILINE)[0]
-        for action in actions(parser):
-            is_shown = action.help != argparse.SUPPRESS
-            for option in set(action.option_strings) - {"-h", *manual._EVERYWHERE}:
-                assert (option in part) is is_shown, (parser.prog, option)
-    for code in manual.EXIT_CODES:
-        assert f".B {code}\n" in page
 
 
 @pytest.mark.integration

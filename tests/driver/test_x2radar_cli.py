@@ -15,7 +15,7 @@ import x2radar
 from tests.processes import started
 from tests.waiting import unmeasured, wait_for
 from x2radar.cli import main
-from x2radar.command import installed_version, run_command
+from x2radar.command import run_command
 from x2radar.device.device import X2Radar
 from x2radar.device.transport import SerialTransport
 from x2radar.errors import PortDenied, SettingsError
@@ -48,12 +48,6 @@ def test_scenes_are_listed(capsys):
     lines = out.splitlines()
     assert [line.split()[0] for line in lines] == [scene.name for scene in builtin_scenes()]
     assert all(scene.description in out for scene in builtin_scenes())
-
-
-def test_version(capsys):
-    code, out, err = run(capsys, "--version")
-    assert (code, out, err) == (0, f"x2radar {installed_version()}\n", "")
-    assert re.fullmatch(r"\d+\.\d+\.\d+\S*", installed_version())
 
 
 def test_decode_of_text_and_of_raw_bytes(capsys, tmp_path):

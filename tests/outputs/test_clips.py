@@ -119,15 +119,6 @@ def test_what_a_clip_holds(tmp_path):
         assert reader.warning is None
 
 
-def test_two_runs_make_the_same_clip(tmp_path):
-    def frames(name):
-        _, (clip, *_) = run_with_clips(tmp_path / name, "sim:demo?run=test", 40)
-        with h5py.File(clip) as file:
-            return clip.name, file["frames/samples"][()].tobytes(), file["picture"][()].tobytes()
-
-    assert frames("a") == frames("b")
-
-
 @pytest.mark.parametrize(
     "argv", [("RADARD_CLIPS__ENABLED", "false"), ("STATE_DIRECTORY", "")], ids=["off", "no folder"]
 )

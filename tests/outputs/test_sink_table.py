@@ -6,10 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from radard import cli
 from radard.config.config import load_config
 from radard.config.redact import redact
-from radard.config.sink_table import FORMS, SINKS, SinkOptions, find_row
+from radard.config.sink_table import SINKS, SinkOptions, find_row
 from radard.errors import ConfigError
 
 ROOT = Path(__file__).parents[2]
@@ -31,13 +30,6 @@ def test_the_docs_table_is_the_rows():
     text = (ROOT / "docs" / "reference" / "outputs.md").read_text()
     rows = text.partition("|---|---|---|\n")[2].partition("\n\n")[0].splitlines()
     assert [row.split("`")[1] for row in rows] == [row.form for row in SINKS]
-
-
-@pytest.mark.parametrize("option", ["--help", "--help-all"])
-def test_help_lists_all_forms(option, capsys):
-    with pytest.raises(SystemExit):
-        cli.main([option])
-    assert f"{FORMS}; repeatable" in " ".join(capsys.readouterr().out.split())
 
 
 def test_every_section_belongs_to_a_row_and_is_documented():

@@ -66,14 +66,6 @@ def test_without_a_picture_the_alarm_goes_all_the_same(server, sink, tmp_path, m
     assert [m["attachments"] for m in posted(server, 2)] == [[], []]
 
 
-def test_only_the_events_that_are_chosen(server, sink):
-    made = sink(kinds=["alarm"], phases=["new", "end"])
-    for record in (event(1, kind="fault"), event(2), event(2, phase="update")):
-        made.write(record)
-    made.write(event(2, phase="end"))
-    assert [m["type"] for m in posted(server, 2)] == ["failure", "success"]
-
-
 def test_a_refusal_is_given_up(server, sink):
     server.code = 404
     made = sink()

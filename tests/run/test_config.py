@@ -83,6 +83,9 @@ def test_named_file_wins_over_the_one_that_lies_here():
             "config.yaml:3: not YAML: the key 'hall' stands twice, in lines 2 and 3",
         ),
         ("alarm: {}\ngate: {}\nalarm: {}\n", "the key 'alarm' stands twice, in lines 1 and 3"),
+        # All at once.
+        ("gate: {false_alarm_per_day: 1}\nmodle: {}\n", "gate.false_alarm_per_day"),
+        ("gate: {false_alarm_per_day: 1}\nmodle: {}\n", "unknown key 'modle'"),
     ],
 )
 def test_faults_name_their_place(text, words):
@@ -93,21 +96,22 @@ def test_faults_name_their_place(text, words):
     assert caught.value.exit_code == 78
 
 
-def test_all_faults_at_once():
-    write("gate: {false_alarm_per_day: 1}\nmodle: {}\n")
-    with pytest.raises(ConfigError, match=r"false_alarm_per_day.*modle"):
-        load_config(environ={})
-
-
-def test_environment_faults_name_the_variable():
-    with pytest.raises(ConfigError, match="RADARD_GATE__THRESHOLD: unknown key"):
-        load_config(environ={"RADARD_GATE__THRESHOLD": "3"})
-
-
-def test_a_key_that_two_variables_give_is_an_error_that_names_both():
-    environ = {"RADARD_SENSOR__NAME": "hall", "RADARD_Sensor__Name": "attic"}
-    with pytest.raises(ConfigError, match="RADARD_SENSOR__NAME and RADARD_Sensor__Name"):
-        load_config(environ=environ)
+@pytest.mark.parametrize(
+    ("name", "environ", "words"),
+    [
+        (None, {"RADARD_GATE__THRESHOLD": "3"}, "RADARD_GATE__THRESHOLD: unknown key"),
+        (
+            None,
+            {"RADARD_SENSOR__NAME": "hall", "RADARD_Sensor__Name": "attic"},
+            "RADARD_SENSOR__NAME and RADARD_Sensor__Name",
+        ),
+        ("gone.yaml", {}, "cannot read"),
+        (".", {}, "cannot read"),
+    ],
+)
+def test_faults_name_the_variable_or_the_file(name, environ, words):
+    with pytest.raises(ConfigError, match=words):
+        load_config(name and Path(name), environ=environ)
 
 
 WORDS = ["on", "no", "null", "007", "1", "1.5e3", "0x10", "12_000", "2026-11-21", "~x"]
@@ -186,9 +190,3 @@ def test_a_user_without_a_home_keeps_state_among_temporary_files(
         with pytest.raises(ConfigError, match=r"service\.state_dir"):
             load_config(environ={})
     assert load_config(environ={"STATE_DIRECTORY": str(tmp_path)}) == Config()
-
-
-@pytest.mark.parametrize("name", ["gone.yaml", "."])
-def test_a_named_file_must_be_readable(name):
-    with pytest.raises(ConfigError, match="cannot read"):
-        load_config(Path(name), environ={})

@@ -49,17 +49,26 @@ def running(launch, tmp_path, **options):
     return daemon
 
 
-def test_disarm_and_arm_over_the_socket(tmp_path, launch, said):
-    daemon = running(launch, tmp_path)
+def test_disarm_arm_and_status_over_the_socket(tmp_path, launch, said):
+    daemon = running(launch, tmp_path, alarm={"exit_delay_s": 600, "armed": False})
     mode = control_path(tmp_path, "radar").stat().st_mode
     assert stat.S_ISSOCK(mode)
     assert stat.S_IMODE(mode) == 0o600
+    wait_for(lambda: "disarmed, nobody moves" in said("status")[1])
+    assert said("arm")[1].startswith("armed in ")
+    code, line = said("arm", "--home")
+    assert (code, line.startswith("armed at home in ")) == (0, True)
+    panel = daemon.panel()
+    assert (panel["armed"], panel["panel"], panel["mode"]) == (True, "exit", "home")
+    wait_for(lambda: "armed at home, exit delay, " in said("status")[1])
+    line = said("status")[1]
+    assert line.startswith("online, ")
+    assert line.endswith(" s ago, simulated")
+    assert json.loads(said("status", "--json")[1])["simulated"] is True
     assert said("disarm") == (0, "disarmed")
     assert daemon.panel()["armed"] is False
-    wait_for(lambda: "disarmed, nobody moves" in said("status")[1])
-    assert said("arm") == (0, "armed")
-    assert daemon.panel()["armed"] is True
     assert daemon.stop() == 0
+    assert said("status") == (1, "offline: stopped")
     assert not control_path(tmp_path, "radar").exists()
     code, line = said("arm")
     assert (code, "no radard runs here" in line) == (1, True)
@@ -85,29 +94,6 @@ def test_a_folder_of_any_length_has_a_socket(tmp_path):
     finally:
         server.stop()
     assert list(folder.iterdir()) == []
-
-
-def test_arm_at_home_and_after_the_exit_delay(tmp_path, launch, said):
-    daemon = running(launch, tmp_path, alarm={"exit_delay_s": 600, "armed": False})
-    code, line = said("arm", "--home")
-    assert (code, line.startswith("armed at home in ")) == (0, True)
-    panel = daemon.panel()
-    assert (panel["armed"], panel["panel"], panel["mode"]) == (True, "exit", "home")
-    wait_for(lambda: "armed at home, exit delay, " in said("status")[1])
-    assert said("arm")[1].startswith("armed in ")
-    assert said("disarm") == (0, "disarmed")
-
-
-def test_status_is_a_line_or_all_of_it(tmp_path, launch, said):
-    daemon = running(launch, tmp_path)
-    wait_for(lambda: said("status")[0] == 0)
-    line = said("status")[1]
-    assert line.startswith("online, armed, nobody moves, decided ")
-    assert line.endswith(" s ago, simulated")
-    everything = json.loads(said("status", "--json")[1])
-    assert everything["simulated"] is True
-    assert daemon.stop() == 0
-    assert said("status") == (1, "offline: stopped")
 
 
 def test_a_test_alarm_goes_through_every_output_and_says_what_each_answered(

@@ -124,11 +124,3 @@ def test_recordings_go_along_only_when_named(config, tmp_path, capsys):
         assert main(argv) == 1
         assert words in capsys.readouterr().err
         assert not (tmp_path / "b").exists()
-
-
-def test_list_prints_and_makes_nothing(config, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    before = set(tmp_path.iterdir())
-    assert main(["diag", "--config", str(config), "--list"]) == 0
-    assert "==== config.txt" in capsys.readouterr().out
-    assert set(tmp_path.iterdir()) == before

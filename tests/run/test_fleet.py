@@ -55,12 +55,6 @@ def test_two_processes_with_three_radars_are_one_fleet(tmp_path, launch, broker,
 
 
 @pytest.mark.integration
-def test_no_radar_at_all_is_said(broker, capsys):
-    assert main(["fleet", f"mqtt://127.0.0.1:{broker.port}", "--once", "--wait", "0.3"]) == 1
-    assert capsys.readouterr().out == "0 radars, 0 online, 0 with an alarm\n"
-
-
-@pytest.mark.integration
 @pytest.mark.parametrize(
     ("argv", "code", "word"),
     [

@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 import radard.models
-from radard.cli import main
 from radard.config.config import load_config
 from radard.config.sections import AUTO_MODEL, DEFAULT_MODEL
 from radard.judge.bundle import load_bundle
@@ -83,14 +82,6 @@ def test_a_recording_is_judged_by_what_judged_it_live(tmp_path):
     code, again, errors = run_radard("--port", f"replay:{path}")
     assert code == 0, errors
     assert records[0]["model"] == again[0]["model"] == DEFAULT_MODEL
-
-
-def test_explain_says_that_the_module_decides(capsys):
-    assert main(["explain"]) == 0
-    text = capsys.readouterr().out
-    assert text.startswith("model auto: accurate, or where it does not take the stream: x4m03")
-    assert main(["explain", "--model", "accurate"]) == 0
-    assert text.endswith(capsys.readouterr().out)
 
 
 def test_radars_with_the_same_bundle_share_its_network(tmp_path):

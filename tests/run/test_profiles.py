@@ -9,9 +9,6 @@ from profiles import dominated
 from radard.cli import main
 from radard.config.config import load_config, load_with_origins
 from radard.config.profiles import front, with_rate
-from radard.errors import ConfigError
-from radard.judge.bundle import load_bundle
-from radard.judge.model_choice import model_for
 
 PROFILES = front().profiles
 ECO, BEST = PROFILES[0], PROFILES[-1]
@@ -76,11 +73,6 @@ def test_each_of_several_radars_has_its_own(tmp_path):
     assert (shed.sensor.port, shed.decision.pet_limit) == ("sim:cat?rate=60", 0.7)
 
 
-def test_a_name_that_is_none(tmp_path):
-    with pytest.raises(ConfigError, match="no profile 'quick'; there are eco"):
-        load_config(environ={}, options={"model": {"profile": "quick"}})
-
-
 @pytest.mark.parametrize(
     ("port", "asked"),
     [
@@ -125,9 +117,3 @@ def test_explain_tells_the_price(monkeypatch, capsys):
     monkeypatch.setenv("RADARD_DECISION__HOP_S", "0.7")
     assert main(["explain"]) == 0
     assert "no profile: " in capsys.readouterr().out
-
-
-def test_every_profile_judges_by_a_bundle_that_is_here():
-    assert {model_for(p.model) for p in PROFILES} <= set(front().bundles)
-    for name in front().bundles:
-        load_bundle(name)

@@ -9,7 +9,6 @@ import yaml
 from radard.config.config import load_config, load_with_origins
 from radard.errors import ConfigError, UsageError
 from radard.health.status_file import read_status, status_path
-from radard.run.keeper import StartupLimiter
 from radard.run.sensor import Sensor
 from radard.stream.source import LiveSource
 from tests.daemon_helpers import told
@@ -271,24 +270,3 @@ def test_only_so_many_are_brought_up_at_once_and_those_that_are_away_count_not(
     daemon = launch(sensors={**away, **there}, sensor={"speed": "max"})
     wait_for(lambda: all(told(r).get("seq") for r in daemon.run.sensors if r.sensor in there))
     assert 1 <= most[0] <= 2
-
-
-def test_a_turn_is_waited_for_until_the_end_or_a_while(monkeypatch):
-    turns, halt = StartupLimiter(1), threading.Event()
-    turns.acquire("a", halt)
-    monkeypatch.setattr("radard.run.keeper._MAX_WAIT_S", 0.1)
-    turns.acquire("b", halt)
-    # It goes without one, and has none to give.
-    turns.release("b")
-    halt.set()
-    monkeypatch.setattr("radard.run.keeper._MAX_WAIT_S", 1e6)
-    turns.acquire("c", halt)
-    turns.release("a")
-    turns.release("a")
-    turns.acquire("d", threading.Event())
-
-
-def test_an_end_before_the_beginning(launch):
-    for _ in range(3):
-        daemon = launch(sensors={"hall": {"port": "sim:empty"}, "attic": {"port": "/dev/nowhere"}})
-        assert daemon.stop() == 0

@@ -26,15 +26,9 @@ def step(t_s, range_m=None, *, alarm=False):
 
 def test_a_walk_that_is_always_seen():
     cells = by_range([step(float(k), 0.75 + 0.25 * k, alarm=k > 2) for k in range(8)])
-    assert [(c.near_m, c.far_m) for c in cells] == [
-        (0.5, 1.0),
-        (1.0, 1.5),
-        (1.5, 2.0),
-        (2.0, 2.5),
-        (2.5, 3.0),
-    ]
-    assert [c.windows for c in cells] == [1, 2, 2, 2, 1]
-    assert [c.seen for c in cells] == [1, 2, 2, 2, 1]
+    assert [c.near_m for c in cells] == [0.5, 1.0, 1.5, 2.0, 2.5]
+    assert [c.far_m for c in cells] == [1.0, 1.5, 2.0, 2.5, 3.0]
+    assert [c.windows for c in cells] == [c.seen for c in cells] == [1, 2, 2, 2, 1]
     assert [c.alarms for c in cells] == [0, 0, 2, 2, 1]
     assert all(c.missed == 0 and c.visits == 1 for c in cells)
     # Where the walk begins, nobody knows when the walker came in.
@@ -45,13 +39,8 @@ def test_what_lies_between_two_sightings_was_missed():
     # From 1.2 m at 0 s to 3.2 m at 8 s: unseen at 1.45, 1.7, ... 2.95 m.
     walk = [step(0.0, 1.2), *(step(float(k)) for k in range(1, 8)), step(8.0, 3.2)]
     cells = {c.near_m: c for c in by_range(walk)}
-    assert [(c.windows, c.seen, c.missed) for c in cells.values()] == [
-        (2, 1, 0),
-        (2, 0, 1),
-        (2, 0, 1),
-        (2, 0, 1),
-        (1, 1, 0),
-    ]
+    found = [(c.windows, c.seen, c.missed) for c in cells.values()]
+    assert found == [(2, 1, 0), (2, 0, 1), (2, 0, 1), (2, 0, 1), (1, 1, 0)]
     assert cells[3.0].first_seen_s == pytest.approx(0.8)
 
 

@@ -7,11 +7,9 @@ from benchmarks import bench_scene
 from tests.sim.test_sim_scene import FULL
 from x2radar.cli import main
 from x2radar.modules.x2 import RadarSettings
-from x2radar.sim.bodies.skins.draw import SKINS
 from x2radar.sim.module import cost, stream
 from x2radar.sim.place.antenna import Antenna
 from x2radar.sim.scene import stage
-from x2radar.sim.scene.cast import BODIES
 from x2radar.sim.scene.scene import ERRORS_DB, load_scene, parse_scene
 from x2radar.sim.signal import receiver
 from x2radar.sim.signal.effects import FrameDraws
@@ -75,15 +73,6 @@ def test_the_bill_has_what_the_scene_names_and_nothing_else():
     assert not list(cost.parts(parse_scene(NOTHING, "t", "t")))
 
 
-def test_a_skin_is_a_part_of_its_own():
-    text = "steps: [{duration_s: 2, actors: [{body: cat}, {body: cat, skin: points}]}]"
-    both = parse_scene(text, "t", "t")
-    found = dict(cost.parts(both))
-    assert list(found) == ["body: cat, skin surface", "body: cat, skin points"]
-    (left,) = found["body: cat, skin points"].steps[0].actors
-    assert left.options.get("skin") is None
-
-
 @pytest.mark.parametrize("bound_db", ERRORS_DB)
 def test_a_scene_bounds_its_echoes_error(monkeypatch, bound_db):
     asked, made = [], stream.echo_frames
@@ -107,11 +96,6 @@ def test_the_error_measured_is_within_each_bound(output):
         assert line.cpu_ms > 0
 
 
-def test_a_body_out_of_the_swath_has_no_echo_to_measure():
-    text = f"background: [{{thing: fan, position_m: [0, 40]}}]\n{NOTHING}"
-    assert not list(cost.echoes(parse_scene(text, "t", "t"), 0, IQ))
-
-
 def test_a_bill_adds_up():
     lines = {line.part: line for line in cost.bill(load_scene("thesis_cat"))}
     whole = lines["the whole scene"]
@@ -128,19 +112,6 @@ def test_the_command_prints_the_bill(capsys):
     assert all(" ms" in row for row in rows)
 
 
-def test_the_table_has_every_part_that_a_scene_may_name(tmp_path):
-    lines = list(bench_scene.rows(tmp_path))
-    parts = {line.part for line in lines}
-    assert len(parts) == len(lines)
-    skinned = {body for body in BODIES if not body.startswith("thesis")}
-    assert {f"body: {body}, skin {skin}" for body in skinned for skin in SKINS} <= parts
-    assert {f"body: {body}" for body in set(BODIES) - skinned} <= parts
-    assert {f"thing: {thing}" for thing in THINGS} <= parts
-    keys = {key.partition(":")[0] for key in bench_scene.KEYS.values()}
-    assert keys == {key.partition(":")[0] for key in NAMED} - {"receiver"}
-    assert bench_scene.unnamed() == {"burst_s", "burst_least_db", "burst_most_db"}
-
-
-def test_a_person_costs_more_than_the_noise_alone(tmp_path):
+def test_bench_scene_measures_a_part(tmp_path):
     person = next(bench_scene.rows(tmp_path))
     assert bench_scene.measured([person], 3)[person.part] > 0

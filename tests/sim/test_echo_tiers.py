@@ -13,7 +13,7 @@ from radard.dsp.downconvert import DownConverter
 from tests.echo_references import passband
 from tests.sim_helpers import axis_of, axis_with
 from x2radar.errors import SceneError
-from x2radar.sim.echo import Task, choose, echo_sigma_m, frames
+from x2radar.sim.echo import echo_sigma_m, frames
 from x2radar.sim.echo.gridded import design_for, suits
 
 X2, X2_RF = axis_of("baseband"), axis_of("rf")
@@ -288,20 +288,6 @@ def test_any_echoes_are_a_sum(tier, points):
 
 
 # ---------------------------------------------------------------- which tier is taken
-
-
-def task(axis, n_slow=400, n_points=20, error_db=-60.0):
-    return Task(n_slow, n_points, axis, error_db)
-
-
-def test_every_tier_has_its_tasks():
-    assert choose(task(X2)) == "gridded"  # short bins, many echoes
-    assert choose(task(DECIMATED)) == "local"  # what training asks for
-    assert (
-        choose(task(replace(P4XX, n_range=143, bin_length_m=0.0274), 152, 60, -50.0)) == "local"
-    )  # training for another radar
-    assert choose(task(X2, 1, 3, -90.0)) == "dense"  # a scene's static points
-    assert choose(task(X2, error_db=-120.0)) == "dense"  # nothing else is fine enough
 
 
 @pytest.mark.parametrize("name", AXES)

@@ -82,15 +82,6 @@ def test_leakage_rings_down_behind_its_peak(ringing_db_per_m):
 # ---------------------------------------------------------------- drift and mount
 
 
-def test_a_still_room_is_one_row_and_free():
-    still = room(RoomSettings(objects_db=53, diffuse_db=34))
-    frames = still.echo(np.arange(1000.0))
-    assert frames.shape == (1000, 768)
-    assert frames.strides[0] == 0
-    assert not frames.flags.writeable
-    assert np.array_equal(frames[7], still.still)
-
-
 @pytest.mark.parametrize("axis", [RF, BASEBAND], ids=["rf", "baseband"])
 def test_frames_have_no_state(axis):
     ours, rng = room(FULL, axis), np.random.default_rng(1)

@@ -14,7 +14,7 @@ from x2radar.sim.module.stream import EchoStream
 from x2radar.sim.scene.scene import load_scene
 from x2radar.wire import framing
 from x2radar.wire.codec import decode_response, encode
-from x2radar.wire.framing import LineFault, Packet, PacketDecoder
+from x2radar.wire.framing import Packet, PacketDecoder
 from x2radar.wire.messages import (
     Ack,
     BasebandIq,
@@ -23,7 +23,6 @@ from x2radar.wire.messages import (
     Ping,
     Pong,
     Reset,
-    SetLed,
     SetMode,
     SetOutput,
     SetSysInt,
@@ -143,18 +142,6 @@ def test_one_fault_does_not_touch_anothers_draws():
 # ---------------------------------------------------------------- the line
 
 
-@pytest.mark.parametrize("kind", ["drop_bytes", "flip_bits"])
-def test_damaged_bytes_cost_their_packets_only(kind, truth):
-    clean, bad = joined(stream("")), stream(f"{kind}:1e-4")
-    got = messages(bad)
-    expected = 601 * (1 - 1e-4) ** (len(clean) / 601)
-    assert len(got) == pytest.approx(expected, abs=45)
-    assert any(isinstance(item, LineFault) for _, item in decoded(bad))
-    sound = sum(np.array_equal(m.values, truth[m.info - 1]) for _, m in got if m.info <= 601)
-    # Two flips of one bit cancel in a checksum of eight bits; that is the wire's.
-    assert sound >= len(got) - (5 if kind == "flip_bits" else 0)
-
-
 def test_split_merge_stall_and_bursts_change_only_when():
     clean = joined(stream("", 14.0, scene=EMPTY))
     split = stream("split:700", 14.0, scene=EMPTY)
@@ -186,32 +173,7 @@ def test_bursts_are_those_of_the_real_module(rate_hz):
     assert max(late_ms[15]) == pytest.approx(0, abs=1e-3)
 
 
-def test_silence_and_hanging_up_come_in_time():
-    for kind, closes in (("silent", False), ("hang_up", True)):
-        module = made(f"{kind}:1.99")
-        say(module, MANUAL)
-        parts = run(module, 1.985)
-        assert not module.has_hung_up
-        parts += run(module, 5.0)
-        assert counters(parts) == list(range(1, 121))
-        assert module.has_hung_up == closes
-        say(module, Ping())
-        assert pieces(module) == []
-
-
 # ---------------------------------------------------------------- frames
-
-
-def test_dropped_and_doubled_frames(truth):
-    kept = counters(stream("drop_frames:0.2"))
-    assert len(kept) == pytest.approx(0.8 * 601, rel=0.1)
-    assert kept == sorted(set(kept))
-    parts = stream("duplicate:0.2")
-    twice = counters(parts)
-    assert len(twice) == pytest.approx(1.2 * 601, rel=0.1)
-    assert sorted(set(twice)) == list(range(1, 602))
-    assert twice == sorted(twice)
-    assert all(np.array_equal(m.values, truth[m.info - 1]) for _, m in messages(parts))
 
 
 def test_counter_restart_changes_the_number_only(truth):
@@ -258,39 +220,6 @@ def test_spike_and_clip(truth):
 
 
 # ---------------------------------------------------------------- answers
-
-
-def answers(faults, *commands, until_s=5.0):
-    module = made(faults)
-    say(module, *commands)
-    return [(t, decode_response(i.data)) for t, i in decoded(run(module, until_s))]
-
-
-def test_slow_answers_come_late_and_hold_nothing_back():
-    assert answers("slow_ack:0.3", SetLed(1)) == [(0.3, Ack())]
-    module = made("slow_ack:0.3")
-    say(module, MANUAL)
-    run(module, 1.0)
-    say(module, Ping())
-    got = messages(run(module, 2.0), (Data, Pong))
-    assert [round(t, 6) for t, m in got if isinstance(m, Pong)] == [1.3]
-    assert [t for t, m in got if isinstance(m, Data)] == pytest.approx(
-        0.3 + np.arange(42, 103) / 60, abs=1e-6
-    )
-
-
-def test_refused_commands():
-    replies = [m for _, m in answers("error_reply:0.5", *[SetLed(1)] * 400)]
-    assert len(replies) == 400
-    assert sum(m == REFUSED for m in replies) == pytest.approx(200, abs=50)
-    assert {m for _, m in answers("error_reply:1", *[Ping()] * 20)} == {Pong(PongCode.READY)}
-    assert answers("error_reply:1", MANUAL) == [(0.0, REFUSED)]
-
-
-def test_safe_mode():
-    got = [m for _, m in answers("safe_mode:1", Ping(), SetLed(1), MANUAL, Reset())]
-    assert got[:4] == [Pong(PongCode.SAFE_MODE), REFUSED, REFUSED, Ack()]
-    assert len(got) == 5  # BOOTING, and never READY
 
 
 def test_not_ready():

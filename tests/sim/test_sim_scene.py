@@ -146,18 +146,12 @@ def test_faults_of_a_file_are_one_line_with_the_path_of_the_key(tmp_path, text, 
 def test_files_that_cannot_be_read(tmp_path):
     binary = tmp_path / "binary.yaml"
     binary.write_bytes(bytes(range(256)))
-    folder = tmp_path / "folder.yaml"
-    folder.mkdir()
-    for name in (binary, folder, tmp_path / "missing.yaml", "nul\0.yaml"):
+    for name in (binary, tmp_path / "missing.yaml", "nul\0.yaml"):
         with pytest.raises(SceneError, match="cannot read the scene file"):
             load_scene(str(name))
-
-
-@pytest.mark.parametrize("name", ["humans", "", "human.yam", "../scenes/human"])
-def test_unknown_scene_names_the_known_ones(name):
-    with pytest.raises(SceneError, match="'x2radar scenes' lists them") as caught:
-        load_scene(name)
-    assert f"'{name}'" in str(caught.value)
+    for name in ("humans", "", "human.yam", "../scenes/human"):
+        with pytest.raises(SceneError, match=f"'{name}'.*'x2radar scenes' lists them"):
+            load_scene(name)
 
 
 @given(st.text(max_size=80))

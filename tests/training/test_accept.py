@@ -84,12 +84,6 @@ def test_short_form(tmp_path, monkeypatch, capsys):
     assert (out / "passages" / "manifest.json").stat().st_mtime_ns == manifest
 
 
-@pytest.mark.parametrize("share", ["0", "1.5", "-1"])
-def test_usage(share, tmp_path, capsys):
-    assert main(["accept", "--share", share, "--out", str(tmp_path / "a")]) == 2
-    assert "must be above 0" in capsys.readouterr().err
-
-
 def passage(entry, *, alarm, p_human, enters_s=1.0, setting="X2, 1.2 m"):
     n = 4
     return passage_of(
@@ -134,17 +128,6 @@ def test_the_report_counts_misses_alarms_and_hours():
     assert told[walk.name] == ("10 of 11 in view", "1: 10.0 % (0.3 to 44.5)")
     assert told["moth"][1] == "-"
     assert alarms_by_window(table).sum() == 4 * 10 + 4
-
-
-def test_what_an_installation_is_told_changes_no_passage():
-    spec = AcceptSpec(model="fast", seed=2, share=0.02)
-    told = replace(spec, knows="mount and level")
-    number = next(
-        n for n in range(spec.n_passages) if ENTRIES[spec.entry(n)[0]].kind == "walk test"
-    )
-    one, other = spec(number), told(number)
-    np.testing.assert_array_equal(one["enters_s"], other["enters_s"])
-    assert not np.array_equal(one["p_human"], other["p_human"], equal_nan=True)
 
 
 def test_an_installation_says_as_much_as_it_knows():

@@ -69,18 +69,6 @@ def test_one_verdict_of_one_is_what_was_shipped(table):
     assert normal.missed.low < normal.missed.value < normal.missed.high
 
 
-@pytest.mark.parametrize("decides", ["window", "fused"])
-def test_a_lower_sensitivity_misses_more_and_alarms_less(table, decides):
-    if decides == "window":
-        alarms = table.is_open & (table.fused_quiet <= 0.8)
-        table = replace(table, is_alarm=alarms, is_pending=np.zeros_like(alarms))
-    low, normal, high = (of(table, decides)[name] for name in ("low", "normal", "high"))
-    assert low.missed.value > normal.missed.value >= high.missed.value
-    assert low.visits_with_alarm.value < normal.visits_with_alarm.value
-    assert normal.visits_with_alarm.value <= high.visits_with_alarm.value
-    assert low.half_s.value >= normal.half_s.value >= high.half_s.value
-
-
 def test_verdicts_under_another_limit_are_those_of_the_pipeline(table):
     # As the daemon does: undecided for up to 3 s, an alarm for whoever leaves undecided.
     assert table.is_pending.any()

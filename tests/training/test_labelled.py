@@ -5,7 +5,6 @@ import json
 import numpy as np
 import pytest
 
-from radard.errors import UsageError
 from x2radar.cli import main as x2radar_main
 from x2train.cli import main
 from x2train.judge.labelled import judge_labelled, read_list
@@ -64,34 +63,26 @@ def test_yaml_is_the_same_as_csv(folder):
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "words", "code"),
     [
-        ("file,start,end,label\n", "must be a list"),
-        ("file,label\nx.h5,cow\n", "row 1.label: input should be 'human'"),
-        ("file,start,end,label\nx.h5,9,3,pet\n", "row 1: end 3: must be after start 9"),
-        ("file,start,end,label\nx.h5,nan,3,pet\n", "row 1.start"),
-        ("file,start,end,label\nx.h5,soon,3,pet\n", "row 1.start"),
-        ("label\npet\n", "row 1.file: field required"),
-        ("file,label,who\nx.h5,pet,me\n", "row 1.who: unknown key"),
+        ("file,start,end,label\n", "must be a list", 2),
+        ("file,label\nx.h5,cow\n", "row 1.label: input should be 'human'", 2),
+        ("file,start,end,label\nx.h5,9,3,pet\n", "row 1: end 3: must be after start 9", 2),
+        ("file,start,end,label\nx.h5,nan,3,pet\n", "row 1.start", 2),
+        ("file,start,end,label\nx.h5,soon,3,pet\n", "row 1.start", 2),
+        ("label\npet\n", "row 1.file: field required", 2),
+        ("file,label,who\nx.h5,pet,me\n", "row 1.who: unknown key", 2),
+        ("file,label\ngone.h5,pet\n", "gone.h5", 66),
+        ("file,start,end,label\nempty.h5,0,1,pet\n", "empty.h5", 2),
     ],
 )
-def test_a_list_that_makes_no_sense_is_told_in_one_line(text, words, tmp_path):
-    path = tmp_path / "home.csv"
-    path.write_text(text)
-    with pytest.raises(UsageError) as caught:
-        read_list(path)
-    assert words in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("text", "code"),
-    [("file,label\ngone.h5,pet\n", 66), ("file,start,end,label\nempty.h5,0,1,pet\n", 2)],
-)
-def test_what_cannot_be_judged_is_told_in_one_line(text, code, folder, tmp_path, capsys):
+def test_a_list_that_makes_no_sense_is_told_in_one_line(
+    text, words, code, folder, *, tmp_path, capsys
+):
     path = folder / "bad.csv"
     path.write_text(text)
     argv = ["evaluate", "--model", "fast", "--recordings", str(path), "--out", str(tmp_path / "r")]
     assert main(argv) == code
-    assert capsys.readouterr().err.count("\n") == 1
-    assert main(["evaluate", "--recordings", str(folder / "no.csv"), "--out", "x"]) == 2
+    err = capsys.readouterr().err
+    assert words in err
+    assert err.count("\n") == 1

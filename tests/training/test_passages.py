@@ -42,20 +42,6 @@ def walk():
     return played("human walk")
 
 
-def test_frames_and_truth_have_the_passages_length(walk):
-    axis = X2.axis()
-    assert walk.frames.shape == (300, axis.n_range)
-    assert walk.frames.dtype == np.complex64
-    assert np.isfinite(walk.frames).all()
-    truth = walk.truth
-    for column in (truth.range_m, truth.velocity_mps, truth.speed_mps, truth.snr_db):
-        assert column.shape == (300, 1)
-    assert (truth.range_m > 0).all()
-    rate = np.gradient(truth.range_m[:, 0]) * 60
-    np.testing.assert_allclose(truth.velocity_mps[:, 0], -rate, atol=1e-9)
-    assert (np.abs(truth.velocity_mps) <= truth.speed_mps + 0.05).all()
-
-
 def test_a_passage_says_what_a_square_metre_shows():
     quiet = replace(site(), level_db=0.0, surfaces=(), tail=None)
     made = [

@@ -9,7 +9,7 @@ import torch
 
 from radard.judge.installation import N_INSTALLATION
 from x2radar.sim.points import Points
-from x2train.sets.augment import _kept, augmented
+from x2train.sets.augment import augmented
 from x2train.sets.domain_randomization import DomainRandomization, RandomizedActor
 from x2train.sets.known import ADULT_DB, known_of
 
@@ -40,30 +40,6 @@ def test_shapes_and_range_stay_and_what_was_given_too():
     for old, same in zip(given, before, strict=True):
         assert torch.equal(old, same)
     assert len(augmented(*given[:2], rng=rng())) == 2
-
-
-def test_who_loses_frames_within_has_no_whole_long_cpi():
-    velocity, _, medium, long = augmented(*maps(), rng=rng(3))
-    is_lost = _kept(torch.rand(N, 7, generator=rng(3))[:, 4:], N_CELLS)[1]
-    assert 3 < is_lost.sum() < 20
-    for each in (medium, long):
-        assert torch.equal(each.flatten(1).any(1), ~is_lost)
-    assert velocity.flatten(1).any(1).all()
-
-
-@pytest.mark.parametrize(
-    ("u", "gone"),
-    [
-        ((0.1, 1.0, 0.2), (0, 14)),
-        ((0.1, 1.0, 0.8), (26, 40)),
-        ((0.4, 1.0, 0.5), (19, 22)),
-        ((0.9, 1.0, 0.5), (0, 0)),
-    ],
-)
-def test_what_is_cut(u, gone):
-    kept = _kept(torch.tensor([u]), N_CELLS)[0][0]
-    assert kept.sum() == N_CELLS - (gone[1] - gone[0])
-    assert not kept[gone[0] : gone[1]].any()
 
 
 ANTENNA_M = np.array([0.0, 0.0, 1.2])

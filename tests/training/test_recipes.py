@@ -147,16 +147,3 @@ def test_sets_of_later_steps_are_made_beside_the_training(tmp_path, monkeypatch,
     shown = capsys.readouterr().out
     assert shown.count("train-export dataset") == 12
     assert shown.count("--workers 2") == 12
-
-
-def test_commands_are_shown(capsys):
-    """What a head alone needs is made while the network trains."""
-    assert main(["make", "x4m03", "--show", "--workers", "2"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    kinds = [line.split()[1] for line in lines]
-    assert kinds == ["dataset"] * 6 + ["fit"] + ["dataset"] * 6 + ["temporal"]
-    assert lines[0].endswith(" --out sets/train --seed 1 --passages 40000 --workers 2")
-    shown = " && ".join(line for line in lines if " dataset " not in line)
-    assert shown == RECIPES["x4m03"].command
-    assert main(["make", "balanced", "--sets", "--show"]) == 0
-    assert capsys.readouterr().out.count("dataset") == 12

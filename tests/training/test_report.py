@@ -125,14 +125,6 @@ def test_page_needs_nothing_beside_it(compared):
     assert "currentColor" in text
 
 
-def test_worst_are_the_wrong_then_the_narrow(compared):
-    made, _, _ = compared
-    for is_person in (True, False):
-        rows = [c for c in made["worst"] if (c["label"] == "human") == is_person]
-        assert len(rows) == 10
-        assert rows == sorted(rows, key=lambda c: (not c["is_wrong"], c["margin"]))
-
-
 def test_same_table_same_bytes(tmp_path):
     for name in ("first", "second"):
         write(drawn(60), tmp_path / name, title="t")

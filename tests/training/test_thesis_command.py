@@ -1,7 +1,6 @@
 import json
 import re
 import shutil
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,11 +16,10 @@ from x2radar.recording.hdf5_writer import RecordingWriter, write_labels
 from x2train.cli import main
 from x2train.thesis.bundle import CLASSES, folded
 from x2train.thesis.elements import ElementSpec, dwell
-from x2train.thesis.fit import FitSettings, Fitted
+from x2train.thesis.fit import Fitted
 from x2train.thesis.mlp import RepeatedMlp
-from x2train.thesis.page import page
-from x2train.thesis.recipe import FRESH_FROM, wanted_cells
-from x2train.thesis.results import CellResult, ResultFile, judged
+from x2train.thesis.recipe import FRESH_FROM
+from x2train.thesis.results import ResultFile
 from x2train.thesis.sets import load_recordings
 
 pytestmark = [pytest.mark.nightly, pytest.mark.usefixtures("one_thread")]
@@ -150,26 +148,6 @@ def test_what_is_folded_says_the_same(n_outputs, activation):
     x = rng.standard_normal((20, 8)).astype(np.float32)
     p = torch.softmax(folded(fitted, 1)(torch.from_numpy(x)), dim=1).detach().numpy()
     np.testing.assert_allclose(p, fitted.predict(x)[1], atol=1e-6)
-
-
-def test_the_page_says_what_it_counts(tmp_path):
-    some = judged(np.full((3, 10, 2), 0.5), np.arange(10) % 2)
-    settings = {
-        "fit": {**{f: getattr(FitSettings(), f) for f in FitSettings.__slots__}},
-        "elements": 5000,
-    }
-    results = [
-        CellResult(cell.name, "relu", 0, (100,) * 3, some, some, some, "x", settings)
-        for cell in wanted_cells()
-    ]
-    results.append(replace(results[0], label="its own optimiser"))
-    text = page(results, {}, commands=("full", "trial", "one"), folder=tmp_path)
-    assert "Mean of the eight relu sets: 50.0 (thesis 79.4)." in text
-    assert "| T1D60 | its own optimiser | 3 | 50.0 | +0.0 | 0.693 |" in text
-    assert "Not run: rectified profile, static clutter," in text
-    assert "its own optimiser: 3 of 3 repeats stay at chance" in text
-    assert "| T1D60 | relu | 50.0 (50.0, 50.0) | -11.4 | 50.0 |" in text
-    assert "| T1D60 | relu | 61.4 | 50.0 | 100.0 | 0.0 | 50.0 | 0.369 | 0.693 | 0.693 |" in text
 
 
 def test_frames_themselves_are_a_row(tmp_path, capsys):

@@ -141,6 +141,7 @@ SPOILT = {
     "people and others": {"columns": toy(12) | {"label": np.ones(12, np.int64)}},
     "no set of shards here": None,
 }
+
 """What is said of sets to validate on, by what they hold."""
 
 

@@ -30,14 +30,6 @@ def test_pages_load_without_complaints(tab, page, scheme):
     assert unnamed == 0
 
 
-@pytest.mark.parametrize("page", PAGES)
-def test_no_horizontal_scroll_on_a_phone(tab, page):
-    one = tab(width=390, height=844).open(page)
-    one.page.wait_for_timeout(400)
-    wide = one.page.evaluate("document.documentElement.scrollWidth")
-    assert wide <= 390
-
-
 def test_heat_maps_move_with_a_simulated_person(tab):
     one = tab().open()
     canvases = one.page.locator(".chart canvas")

@@ -56,17 +56,6 @@ def test_details_are_for_those_who_ask(tab):
     assert "Latency" in one.page.inner_text(".hero")
 
 
-def test_how_fast_says_what_the_bands_are(tab):
-    one = tab().open()
-    caption = "document.querySelectorAll('.caption')[1].textContent"
-    one.until(f"{caption}.includes('m/s apart')")
-    words = one.page.evaluate(caption)
-    # c fp / (2 f) of an X2 at 60 Hz.
-    assert "One body is one band; pale bands 1.3 m/s apart are its doubles" in words
-    assert "unambiguous within ±0.66 m/s" in words
-    assert "suppressed" not in words
-
-
 def test_on_a_phone_decisions_come_before_the_charts(tab):
     top = "document.querySelector('{}').getBoundingClientRect().top"
     phone, desk = tab(width=390, height=844).open(), tab().open()

@@ -97,21 +97,6 @@ def test_a_file_of_settings_that_was_tampered_with_is_named(make, tmp_path):
     assert not path.exists()
 
 
-def test_sensitivities_say_what_they_cost(make):
-    client = make()
-    client.tell(HELLO | {"model": "accurate", "policy": "fused"})
-    found = client.get("/api/v1/sensitivities").json()
-    names = [choice["name"] for choice in found["choices"]]
-    assert names == ["low", "normal", "high"]
-    assert [choice["is_chosen"] for choice in found["choices"]] == [False, True, False]
-    misses = [choice["made"]["missed"][0] for choice in found["choices"]]
-    assert misses == sorted(misses, reverse=True)
-    assert "of people" in found["choices"][0]["costs"]
-    client.tell(HELLO | {"model": None, "policy": "window"})
-    found = client.get("/api/v1/sensitivities").json()
-    assert {choice["made"] for choice in found["choices"]} == {None}
-
-
 def calibration(threshold_db, floor_db):
     return Calibration(
         frame_rate_hz=60.0,
