@@ -15,9 +15,7 @@ from x2radar.commands import add_command
 from x2train.commands import Commands, progress, result_console, tell_bundle, told
 
 if TYPE_CHECKING:
-    from x2train.thesis.own import OwnJob
-    from x2train.thesis.raw import RawJob
-    from x2train.thesis.recipe import Job, StudyRecipe, Variant
+    from x2train.thesis.recipe import KeptJob, StudyRecipe, Variant
     from x2train.thesis.results import CellResult
 
 _EXAMPLES = """\
@@ -211,7 +209,7 @@ def _parts(args: argparse.Namespace) -> tuple[str, ...]:
 
 def _jobs(
     args: argparse.Namespace, recipe: "StudyRecipe", parts: tuple[str, ...]
-) -> Iterator["Job | OwnJob | RawJob"]:
+) -> Iterator["KeptJob"]:
     from x2train.thesis.fit import fit_settings  # noqa: PLC0415
     from x2train.thesis.own import OwnJob, OwnSettings  # noqa: PLC0415
     from x2train.thesis.raw import LABEL as RAW  # noqa: PLC0415
@@ -238,7 +236,7 @@ def _jobs(
     tried = next(c for c in (*cells, *wanted_cells()) if c.vector == 2)
     if "switches" in parts:
         base = fit_settings("relu", **_fit_changes(args))
-        rows: dict[str, Job | RawJob] = {v.label: Job(recipe, tried, v) for v in variants(base)}
+        rows: dict[str, KeptJob] = {v.label: Job(recipe, tried, v) for v in variants(base)}
         rows[RAW] = RawJob(recipe, tried, base)
         wrong = set(args.rows or ()) - set(rows)
         if wrong:

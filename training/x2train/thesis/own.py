@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from torch import nn
 from torch.nn import functional
 
-from x2train.thesis.cells import Cell
-from x2train.thesis.recipe import FRESH_FROM, StudyRecipe, Tell
+from x2train.thesis.recipe import FRESH_FROM, KeptJob, Tell
 from x2train.thesis.results import CellResult, judged, seen
 from x2train.thesis.sets import load_maps
 
@@ -118,34 +117,24 @@ def predict_maps(net: TwoMapNet, maps: Maps) -> NDArray[np.float64]:
     return torch.softmax(torch.cat(logits).double(), dim=1).numpy()
 
 
-@dataclass(frozen=True, slots=True)
-class OwnJob:
-    """The map network on one set."""
+@dataclass(frozen=True, slots=True, eq=False)
+class OwnJob(KeptJob):
+    """The map network on one set, whatever its vector."""
 
-    recipe: StudyRecipe  # where data and results lie
-    cell: Cell  # which set; its vector makes no difference
     settings: OwnSettings
 
-    def kept(self) -> CellResult | None:
-        """Return the result of an earlier run."""
-        return self.recipe.results.load(self.cell.name[2:], LABEL, self._key)
-
     @property
-    def _key(self) -> dict[str, Any]:
-        """Everything that the result depends on."""
-        return {
+    def _key(self) -> tuple[str, str, dict[str, Any]]:
+        settings = {
             **asdict(self.settings),
             "elements": self.recipe.n_elements,
             "fresh": self.recipe.n_fresh,
             "data_seed": self.recipe.seed,
             "n_cpi": self.recipe.n_cpi,
         }
+        return self.cell.name[2:], LABEL, settings  # without its vector: D60
 
-    def run(self, tell: Tell) -> CellResult:
-        """Train, or return what was kept."""
-        known = self.kept()
-        if known is not None:
-            return known
+    def _train(self, tell: Tell) -> CellResult:
         recipe, s = self.recipe, self.settings
         spec = recipe.spec(self.cell.frame_rate_hz)
         recipe.make(spec, self.cell, tell)
@@ -164,16 +153,15 @@ class OwnJob:
             rest = {name: values[n_train:] for name, values in maps.items()}
             p_evaluate.append(predict_maps(net, rest))
             p_fresh.append(predict_maps(net, fresh_maps))
-        result = CellResult(
-            name=self.cell.name[2:],  # without its vector: D60
-            label=LABEL,
+        name, label, settings = self._key
+        return CellResult(
+            name=name,
+            label=label,
             best=0,
             epochs=(s.epochs,) * s.repeats,
             evaluation=judged(np.stack(p_evaluate), data.y[n_train:]),
             fresh=judged(np.stack(p_fresh), fresh.y),
             in_view=seen(fresh, np.stack(p_fresh)),
             stopped_by="nothing: a fixed number of epochs",
-            settings=self._key,
+            settings=settings,
         )
-        recipe.results.save(result)
-        return result

@@ -13,37 +13,28 @@ from numpy.typing import NDArray
 from x2train.thesis.cells import Cell
 from x2train.thesis.elements import ElementSpec, dwell
 from x2train.thesis.fit import FitSettings, fit
-from x2train.thesis.recipe import FRESH_FROM, StudyRecipe, Tell, last_of, with_stop
-from x2train.thesis.results import CellResult, judged, seen
+from x2train.thesis.recipe import FRESH_FROM, KeptJob, Tell, last_of, with_stop
+from x2train.thesis.results import CellResult
 from x2train.thesis.sets import CellData
 
 LABEL = "raw frames"
 _DECIMATION = 16
 
 
-@dataclass(frozen=True, slots=True)
-class RawJob:
-    """The thesis' network on the frames of one set."""
+@dataclass(frozen=True, slots=True, eq=False)
+class RawJob(KeptJob):
+    """The thesis' network on the frames of one set, whatever its vector."""
 
-    recipe: StudyRecipe  # where results lie, and how many elements there are
-    cell: Cell  # which set; its vector makes no difference
     fit: FitSettings
 
     @property
-    def _settings(self) -> dict[str, Any]:
+    def _key(self) -> tuple[str, str, dict[str, Any]]:
         recipe = self.recipe
         sizes = {"elements": recipe.n_elements, "fresh": recipe.n_fresh, "data_seed": recipe.seed}
-        return {"fit": asdict(self.fit), "decimation": _DECIMATION, **sizes}
+        settings = {"fit": asdict(self.fit), "decimation": _DECIMATION, **sizes}
+        return self.cell.name, LABEL, settings
 
-    def kept(self) -> CellResult | None:
-        """Return the result of an earlier run."""
-        return self.recipe.results.load(self.cell.name, LABEL, self._settings)
-
-    def run(self, tell: Tell) -> CellResult:
-        """Train, or return what was kept."""
-        known = self.kept()
-        if known is not None:
-            return known
+    def _train(self, tell: Tell) -> CellResult:
         recipe = self.recipe
         spec = recipe.spec(self.cell.frame_rate_hz)
         whole = raw_frames(spec, self.cell, 0, recipe.n_elements, tell)
@@ -52,20 +43,7 @@ class RawJob:
         fitted = last_of(fit(train, stop, self.fit), self.cell, tell)
         evaluate = whole.part(n_train, recipe.n_elements)
         fresh = raw_frames(spec, self.cell, FRESH_FROM, recipe.n_fresh, tell)
-        p = fitted.predict(fresh.x)
-        result = CellResult(
-            name=self.cell.name,
-            label=LABEL,
-            best=fitted.best_repeat,
-            epochs=tuple(int(k) * self.fit.look_every for k in fitted.best_looks),
-            evaluation=judged(fitted.predict(evaluate.x), evaluate.y),
-            fresh=judged(p, fresh.y),
-            in_view=seen(fresh, p),
-            stopped_by=stopped_by,
-            settings=self._settings,
-        )
-        recipe.results.save(result)
-        return result
+        return self._reached(fitted, self.fit.look_every, evaluate, fresh, stopped_by=stopped_by)
 
 
 def raw_frames(spec: ElementSpec, cell: Cell, first: int, n: int, tell: Tell) -> CellData:

@@ -203,48 +203,77 @@ class StudyRecipe:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Job:
-    """One training that is due."""
+class KeptJob:
+    """One training that is due; its result is kept."""
 
-    recipe: StudyRecipe  # where things lie
+    recipe: StudyRecipe  # where things lie, and how many elements there are
     cell: Cell
+
+    @property
+    def _key(self) -> tuple[str, str, dict[str, Any]]:
+        """Name of the set, what differs, and everything that the result depends on."""
+        raise NotImplementedError
+
+    def _train(self, tell: Tell) -> CellResult:
+        raise NotImplementedError
+
+    def kept(self) -> CellResult | None:
+        """Return the result of an earlier run of the same settings."""
+        return self.recipe.results.load(*self._key)
+
+    def run(self, tell: Tell) -> CellResult:
+        """Train, or return what was kept."""
+        result = self.kept()
+        if result is None:
+            result = self._train(tell)
+            self.recipe.results.save(result)
+        return result
+
+    def _reached(
+        self, fitted: Fitted, look_every: int, evaluate: CellData, fresh: CellData, **more: Any
+    ) -> CellResult:
+        """Return what a network in repeats has reached."""
+        name, label, settings = self._key
+        p = fitted.predict(fresh.x)
+        return CellResult(
+            name=name,
+            label=label,
+            best=fitted.best_repeat,
+            epochs=tuple(int(k) * look_every for k in fitted.best_looks),
+            evaluation=judged(fitted.predict(evaluate.x), evaluate.y),
+            fresh=judged(p, fresh.y),
+            in_view=seen(fresh, p),
+            settings=settings,
+            **more,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Job(KeptJob):
+    """The thesis' network on one set."""
+
     variant: Variant
     recordings: CellData | None = None  # windows to stop by and to retrain on
 
     @property
-    def _settings(self) -> dict[str, Any]:
-        return self.recipe.settings(self.variant, self.recordings)
+    def _key(self) -> tuple[str, str, dict[str, Any]]:
+        settings = self.recipe.settings(self.variant, self.recordings)
+        return self.cell.name, self.variant.label, settings
 
-    def kept(self) -> CellResult | None:
-        """Return the result of an earlier run of the same settings."""
-        return self.recipe.results.load(self.cell.name, self.variant.label, self._settings)
-
-    def run(self, tell: Tell) -> CellResult:
-        """Train, or return what was kept."""
-        known = self.kept()
-        if known is not None:
-            return known
+    def _train(self, tell: Tell) -> CellResult:
         fitted, evaluate, fresh, stopped_by = self.recipe.train(
             self.cell, self.variant, tell, self.recordings
         )
-        p = fitted.predict(fresh.x)
-        result = CellResult(
-            name=self.cell.name,
-            label=self.variant.label,
-            best=fitted.best_repeat,
-            epochs=tuple(int(k) * self.variant.fit.look_every for k in fitted.best_looks),
-            evaluation=judged(fitted.predict(evaluate.x), evaluate.y),
-            fresh=judged(p, fresh.y),
-            in_view=seen(fresh, p),
+        looks = fitted.confidence.round(4).tolist()
+        return self._reached(
+            fitted,
+            self.variant.fit.look_every,
+            evaluate,
+            fresh,
             stopped_by=stopped_by,
-            settings=self._settings,
             scores=tuple(map(tuple, fitted.scores.round(4).tolist())),
-            confidence=tuple(
-                tuple(map(tuple, look)) for look in fitted.confidence.round(4).tolist()
-            ),
+            confidence=tuple(tuple(map(tuple, look)) for look in looks),
         )
-        self.recipe.results.save(result)
-        return result
 
 
 def wanted_cells(
