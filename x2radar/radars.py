@@ -21,8 +21,7 @@ from x2radar.sim.scene.stage import check_swath
 _KINDS = ("rf", "baseband")
 _SIM_DEVICE = "x2raw"
 _PATIENT = Deadlines(reply_s=60.0, ready_s=300.0, usb_gone_s=60.0, stall_s=300.0)
-"""For a simulated module without faults that runs as fast as it is read: it is never silent, only
-its thread is late, as among a hundred others; a reset would make that worse."""
+"""For a simulated module at all speed: its thread is late, never silent."""
 
 
 def make_radar(

@@ -40,9 +40,7 @@ _LATE_PERIODS = 2.5
 _WEAK_CLUTTER_DB = 15.0
 _PHASE_JITTER_RAD = 0.05
 _SPIKE_TIMES = 4.0
-_FLAT_RUN = 3
-"""Limits: pass up to the first (or only) one, warn up to the second. A simulated module
-passes, and 2 % of losses are what a dwell of the daemon may lack."""
+_FLAT_RUN = 3  # limits above: pass up to the first (or only) one, warn up to the second
 
 _CHI2_MEDIAN = 0.4549  # median of the square of a standard normal variable
 

@@ -24,8 +24,7 @@ SENSITIVITIES: dict[str, dict[str, Numbers]] = {
         "high": (1, 1, 0.0, 0.05),
     },
 }
-"""By decision policy and name: K of N, least p(human) of a hit, p(human) of still being there.
-What they cost is measured on passages and told by `radard explain`."""
+"""By decision policy and name: K of N, least p(human) of a hit, and of still being there."""
 
 
 def alarm_policy(section: AlarmSection, decision_policy: str) -> AlarmPolicy:

@@ -8,8 +8,7 @@ from x2radar.frame import StreamInfo
 from x2radar.modules.modules import MODULES
 
 OF_ONE_MODULE = tuple(row.bundle for row in MODULES.values() if row.bundle)
-"""Bundles that were made for one module: they judge its streams that `DEFAULT_MODEL` does not
-take."""
+"""Bundles of one module, for its streams that `DEFAULT_MODEL` does not take."""
 
 
 def model_for(name: str, stream: StreamInfo | None = None) -> str:

@@ -16,9 +16,7 @@ from x2radar.errors import X2RadarError
 # A passing fault is soon over, a lasting one must not fill the log.
 _FIRST_PAUSE_S = 5.0
 _MAX_PAUSE_S = 300.0
-_MAX_AT_ONCE = 8
-"""Radars that are brought up at the same time. A module that is answered late, because a hundred
-others are asked for their names, is reset and asked again, which makes it later still."""
+_MAX_AT_ONCE = 8  # brought up at once: more are answered so late that they are reset again
 _MAX_WAIT_S = 60.0  # nobody waits longer for ports that hang
 _LOOK_S = 0.2  # so late a radar that waits to be brought up heeds the end
 

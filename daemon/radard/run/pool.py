@@ -13,13 +13,9 @@ from collections import deque
 from collections.abc import Callable
 
 _MIN_THREADS = 2  # with one core, too: a radar whose work stands still must not stop the others
-_HELP_S = 0.05
-"""So late a second thread sees to turns whose time has come: two at once get little more done than
-one, since they wait for the interpreter's lock at every step."""
+_HELP_S = 0.05  # so late a second thread helps: two at once wait for the interpreter's lock
 
-_SPREAD = (5**0.5 - 1) / 2
-"""Of a second, from one stream's beginning to the next one's: however many there are, no two begin
-at the same phase (multiples of the golden ratio)."""
+_SPREAD = (5**0.5 - 1) / 2  # of a second, between streams' beginnings: no two in phase
 
 
 class Turns:

@@ -42,9 +42,7 @@ class Playback:
         self._begin_s = 0.0
         self._is_touched = False
         self._on_change: Callable[[], object] = lambda: None
-        self.due_s = 0.0
-        """When the frame that was last asked for was due, on the host's monotonic clock; 0 where
-        frames come at no speed, so that the time of their arrival means nothing."""
+        self.due_s = 0.0  # monotonic, of the frame last asked for; 0: arrival means nothing
 
     @property
     def state(self) -> PlaybackState:

@@ -19,8 +19,7 @@ WIDTHS = {
     "accurate": ((24, 40, 48, 48), (20, 28, 36, 36), 80),
     "large": ((40, 80, 112, 112), (32, 56, 80, 80), 160),
 }
-"""Channels of networks: of branches, of those with longer CPIs, hidden. One that `accurate` is
-joined from is large."""
+"""Channels of networks: of branches, of those with longer CPIs, hidden."""
 _BATCH = 128
 _OUT = Path("models")
 _STREAMS = {

@@ -30,9 +30,7 @@ from x2train.sets.sites import ONE_RADAR, Radar, Site
 from x2train.sets.windows import dwell_ends
 
 _IN_VIEW_DB = 10.0
-_MIN_S = 0.5
-"""Somebody counts as having come in who is so far over the noise of a bin for so long: at
-the edge of the beam or of the swath there is nothing to see."""
+_MIN_S = 0.5  # so long over a bin's noise somebody has come in: not at the swath's edge
 _NAN = float("nan")
 Knows = Literal["nothing", "mount", "mount and level"]
 KNOWS: tuple[Knows, ...] = get_args(Knows)  # of itself, as `mount` tells the daemon

@@ -96,11 +96,7 @@ def _thesis() -> Radar:
 
 
 THESIS = _thesis()
-"""The X2 as table B.5 of the thesis has it: 768 bins of 3.66 mm from 0.6 m on, at 60 Hz.
-
-It is `X2` before the decimation: the noise of a bin, and so the signal-to-noise ratio, is the
-same, for it is that of the matched filter; eight neighbours share nearly the same noise.
-"""
+"""The X2 as table B.5 of the thesis has it, `X2` before the decimation: noise is the same."""
 ONE_RADAR: Mapping[str, Radar] = MappingProxyType({"thesis": THESIS, "x4m03": X4M03, "p4xx": P4XX})
 """Radars before which every suite can be played, by the name that `evaluate` takes."""
 _X2_SHARE = 0.8  # the radar that the bundles are for

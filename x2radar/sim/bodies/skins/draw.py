@@ -16,8 +16,7 @@ from x2radar.sim.bodies.skins.surface import SurfaceSkin
 from x2radar.sim.points import Array
 
 TotalRcs = float | Literal["physical"] | None
-"""Mean total cross section of a body: in dBsm, 'physical' for what the segments' sizes give, or
-None for a draw that does not depend on the body."""
+"""Mean total of a body: in dBsm, by its sizes, or None for a draw of its own."""
 
 TOTAL_RCS_DBSM = (-15.0, 3.0)  # from a cat end-on to a large man: holds both, whatever the body is
 _TINY_M2 = 1e-12
