@@ -134,11 +134,7 @@ def check_pages(path: Path) -> None:
 
 
 def files_of(path: Path) -> tuple[tuple[int, int] | None, ...]:
-    """Return which files a log is in, None for one that is not there.
-
-    Another answer than at its opening means that one was taken away: what is written is then in
-    files without a name, which end with the connection.
-    """
+    """Return which files a log is in, None for one that is not there; a change: one is gone."""
     return tuple(_inode_of(path.with_name(path.name + tail)) for tail in ("", "-wal", "-shm"))
 
 

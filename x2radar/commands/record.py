@@ -205,11 +205,7 @@ def record(
     floor_bytes: float = 0.0,
     paths: tuple[Path, ...] = (),
 ) -> Tally:
-    """Write frames until the stream is long enough, `stop` is set or the disk is full.
-
-    Every `check_every` frames a terminal is told how it goes, and `floor_bytes` are to stay free
-    on the disks of `paths`. The caller closes the writer.
-    """
+    """Write frames until the stream is long enough, `stop` is set or the disk is full."""
     tally, line, begun_s = Tally(), StatusLine(sys.stderr), time.monotonic()
     try:
         for frame in frames:

@@ -47,12 +47,7 @@ class Transport(Protocol):
 
 
 class SerialTransport:
-    """A serial port, or anything that pyserial has a URL for.
-
-    `url` is ``/dev/ttyACM0``, ``COM3``, ``socket://host:port``, ``rfc2217://host:port`` …; the
-    port is locked exclusively while it is open. Raises PortNotFound,
-    PortDenied, PortBusy or PortError if it cannot be opened.
-    """
+    """A serial port or pyserial `url`, locked exclusively while it is open; or PortError."""
 
     def __init__(self, url: str) -> None:
         try:
@@ -204,20 +199,13 @@ class MemoryTransport:
 def memory_pair(
     capacity: int = 1 << 17, *, keeps_pieces: bool = False
 ) -> tuple[MemoryTransport, MemoryTransport]:
-    """Return two connected ends; each waits to write while `capacity` bytes are unread.
-
-    A read returns all that is there, or what one write wrote.
-    """
+    """Return two connected ends; each waits to write while `capacity` bytes are unread."""
     there, back = (_Pipe(capacity, keeps_pieces=keeps_pieces) for _ in range(2))
     return MemoryTransport(there, back), MemoryTransport(back, there)
 
 
 class PtyTransport:
-    """The master side of a pseudo-terminal; `path` is what the other program opens.
-
-    The slave side is kept open here, so that a program which closes it and opens it again
-    (as a driver does that restarts a module) finds the same terminal.
-    """
+    """The master side of a pseudo-terminal; the slave side is kept open for who comes back."""
 
     is_usb = False
 

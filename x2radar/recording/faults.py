@@ -23,11 +23,7 @@ def refuse_taken(path: Path) -> None:
 
 @contextlib.contextmanager
 def unreadable(path: object) -> Iterator[None]:
-    """Turn what a damaged or hostile file makes of a reader into RecordingError, one line.
-
-    This is the one seam where files meet the readers: behind it lie libraries (HDF5, zlib, JSON,
-    numpy, scipy) that answer bad bytes with almost any exception.
-    """
+    """Turn what a damaged or hostile file makes of a reader into RecordingError, one line."""
     try:
         yield
     except (X2RadarError, NameError, AssertionError):

@@ -17,6 +17,7 @@ from radard.judge.card import Card, Three
 _SHARE = "share without alarm, "
 _PEOPLE = ("human", "person", "people", "adult", "child", "walker")
 _COLUMNS = (13, 24, 24, 24, 20)
+_MAX_WINDOWS = 120  # two minutes at a hop of a second
 _NUMBERS = ("confirm_k", "confirm_n", "p_on")
 
 
@@ -171,9 +172,9 @@ def alarm_probability(p_hit: float, k: int, n: int, n_windows: int) -> float:
     return next(islice(alarm_by_window(p_hit, k, n), n_windows - 1, None))
 
 
-def windows_until(share: float, p_hit: float, k: int, n: int, *, most: int = 120) -> int | None:
-    """Return after how many windows a share of all passes has alarmed; None beyond `most`."""
-    for count, p in enumerate(islice(alarm_by_window(p_hit, k, n), most), 1):
+def windows_until(share: float, p_hit: float, k: int, n: int) -> int | None:
+    """Return after how many windows a share of all passes has alarmed; None beyond two minutes."""
+    for count, p in enumerate(islice(alarm_by_window(p_hit, k, n), _MAX_WINDOWS), 1):
         if p >= share:
             return count
     return None

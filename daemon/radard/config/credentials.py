@@ -11,11 +11,7 @@ from radard.errors import ConfigError
 
 
 def read_secret(what: str, file: Path | None, variable: str | None) -> str | None:
-    """Return the first line of `file`, or of `variable`; None if neither is named.
-
-    Raises ConfigError, which never shows the content, if both are named or one holds nothing;
-    `what` is the key of the configuration without `_file` and `_env`.
-    """
+    """Return the first line of `file` or `variable`, None if neither is named; or ConfigError."""
     if file is not None and variable is not None:
         raise ConfigError(f"{what}_file and {what}_env are both given; one is enough")
     if variable is not None:

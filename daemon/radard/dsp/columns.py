@@ -91,10 +91,7 @@ class ColumnStream(ABC):
         """Make and return the columns that the newest `n_new` frames complete."""
 
     def columns(self, n: int | None = None) -> Reals:
-        """Return a copy of the last `n` columns, or all: linear power, shape (n_rows, n), float64.
-
-        Oldest first; `columns_valid` tells which are touched by a lost frame.
-        """
+        """Return a copy of the last `n` columns, or all, oldest first, (n_rows, n), float64."""
         columns, _ = self._store.last(n)
         return columns.T.copy() if self._store else np.zeros((self._n_rows, 0))
 

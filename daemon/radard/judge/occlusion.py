@@ -32,11 +32,7 @@ class Seen:
 
 @dataclass(frozen=True, slots=True)
 class MapView:
-    """A map within an input of the network, with its axes.
-
-    It lies at `at` in the flat input `feature`, down the columns where `is_by_column`; thesis
-    vectors hold two. `rows` and `columns` are the values of its axes, in their units.
-    """
+    """A map at `at` in the flat input `feature`, down columns or rows, with its axes."""
 
     name: str
     feature: str
@@ -58,11 +54,7 @@ class MapView:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """What one part of a map, `rows` and `columns` of `view`, stood for.
-
-    `p_human` is with this part dark; `effect` the log-odds of a person that it added, in nats:
-    above 0 it spoke for a person. `turns`: the rule says otherwise without it, alarm or none.
-    """
+    """What one part of a map stood for: `p_human` with it dark, `effect` its log-odds, in nats."""
 
     view: MapView
     rows: slice

@@ -53,11 +53,11 @@ def check_output(output: str) -> plugins.Plugin | None:
     raise UsageError(f"--output '{shown}': unknown or incomplete; known are {FORMS}")
 
 
-def close_sinks(sinks: Sequence[Sink], timeout_s: float = CLOSE_S) -> list[Exception]:
-    """Close all within `timeout_s`; return the BrokenPipeErrors and OutputErrors."""
-    deadline_s = time.monotonic() + timeout_s
+def close_sinks(sinks: Sequence[Sink]) -> list[Exception]:
+    """Close all within `CLOSE_S`; return the BrokenPipeErrors and OutputErrors."""
+    deadline_s = time.monotonic() + CLOSE_S
     for sink in sinks:
-        sink.finish(None if sink.waits else timeout_s)
+        sink.finish(None if sink.waits else CLOSE_S)
     errors: list[Exception] = []
     for sink in sinks:
         try:

@@ -23,13 +23,7 @@ Complain = Callable[[str], object]
 
 
 class Tap:
-    """Write every frame of a stream into a recording; without a path, do nothing.
-
-    If the file is there, as after a restart, the recording gets a number of its own. `free_bytes`
-    is left free on the disk; `complain` is told, once and from any thread, why the recording has
-    ended; `waits` says whether the stream can wait for the disk. Raises RecordingError if the file
-    cannot be made, for any other reason than a disk that is full or fails.
-    """
+    """Write a stream's frames into a new recording, if there is a path; `complain` hears of it."""
 
     def __init__(
         self,

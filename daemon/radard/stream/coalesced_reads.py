@@ -27,14 +27,12 @@ class CoalescedReads:
     def __init__(
         self,
         inner: Transport,
-        pause_s: float = PAUSE_S,
         *,
         due_s: Callable[[], float] = lambda: math.inf,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], object] = time.sleep,
     ) -> None:
         self._inner = inner
-        self._pause_s = pause_s
         self._due_s = due_s
         self._clock = clock
         self._sleep = sleep
@@ -58,7 +56,7 @@ class CoalescedReads:
                 break
             data += part
         flows = len(data) >= _FLOWS_BYTES
-        self._next_s = self._clock() + self._pause_s if flows else 0.0
+        self._next_s = self._clock() + PAUSE_S if flows else 0.0
         return data
 
     def _wait_s(self) -> float:

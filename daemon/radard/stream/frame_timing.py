@@ -40,11 +40,7 @@ class FrameTiming:
 
 
 class RateWatch:
-    """Compare the rate of the frames that arrive with the rate that the stream should have.
-
-    Two stretches of time, one after the other, must both be off to the same side: a pause of
-    the host or of the module makes one of them longer, but never both.
-    """
+    """Compare the frames' rate with the stream's: two stretches in a row must be off alike."""
 
     def __init__(self, frame_rate_hz: float) -> None:
         self.clock = ClockDrift()  # by how little the two differ where nothing is wrong

@@ -82,11 +82,7 @@ def draw_pet(
     motion: str = "gait",
     skin: str = "surface",
 ) -> Body:
-    """Draw an animal of `SPECIES`; SceneError if a value is unknown or impossible.
-
-    `path` is where it goes, speeds included, or waypoints; by default it is drawn. A speed is
-    instead of the style's own. The rest is as in `draw_person`.
-    """
+    """Draw an animal of `SPECIES`, by the arguments of `draw_person`; SceneError if impossible."""
     if speed_mps is not None and not isinstance(path, Path):
         points = path or draw_course(rng, "wander")
         path = Path.through(points, speed_mps, agility=PET_AGILITY, start_s=start_s)

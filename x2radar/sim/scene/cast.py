@@ -114,10 +114,7 @@ def read_actor(raw: Any, where: str) -> Actor:
 
 
 def plugged_body(name: str) -> BodyKind | None:
-    """Return the body that an entry point of `x2radar.bodies` brings; None if none does.
-
-    The entry point names a `BodyKind`. What it makes is tried at two times when it is made.
-    """
+    """Return the `BodyKind` that an entry point of `x2radar.bodies` names; None if none does."""
     found = plugins.find_plugin(plugins.BODIES, name)
     if found is None:
         return None

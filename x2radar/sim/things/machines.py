@@ -27,12 +27,7 @@ _DAMPING = 0.2
 
 
 def _fan(rng: np.random.Generator, position_m: Array, values: Values) -> Thing:
-    """Draw blades on a hub, behind a guard that stands still, on a head that may swing.
-
-    Blades give a comb of lines at multiples of the rate of rotation. Each is brightest twice a
-    turn: when it stands upright, along the antennas' polarisation, and across the line of
-    sight.
-    """
+    """Draw blades on a hub, behind a guard that stands still, on a head that may swing."""
     n_blades = round(values["n_blades"])
     pivot_m = np.array([*position_m, values["height_m"]])
     out_m = np.tile(values["radius_m"] * (np.arange(_PER_BLADE) + 1) / _PER_BLADE, n_blades)

@@ -77,12 +77,7 @@ class JointCurve:
     def draw(
         cls, rng: np.random.Generator, coefficients: NDArray[np.complex128], scale: float = 1.0
     ) -> Self:
-        """Draw a curve about a mean one.
-
-        Each harmonic's size is spread by a fifth, its phase by 0.15 rad a harmonic, and a tenth
-        of the first goes to every other one at random; the mean by 5 degrees. The spreads are
-        about twice those between people (Winter).
-        """
+        """Draw a curve about a mean one: about twice the spread between people (Winter)."""
         n = N_HARMONICS
         c = coefficients[1:]
         size = 2 * scale * np.abs(c) * np.exp(0.2 * rng.standard_normal(n))

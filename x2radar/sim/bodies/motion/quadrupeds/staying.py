@@ -129,11 +129,7 @@ class Romping:
 
     @classmethod
     def draw(cls, rng: np.random.Generator, build: QuadrupedBuild, path: Path) -> Self:
-        """Draw an animal that plays where a path begins.
-
-        How fast it turns and hops is a guess; it shakes itself 4 to 5 times a second, small ones
-        faster (Dickerson et al. 2012, recalled: the frequency goes with mass to the power -0.22).
-        """
+        """Draw an animal that plays, and shakes at 4 to 5 Hz (Dickerson et al. 2012, recalled)."""
         standing = draw_staying(rng, build, "play", path)
         u, h, lively = rng.random(6), build.hip_m, float(np.exp(rng.uniform(-0.7, 0.7)))
         limits = (0.6 * h, 0.6 * h, 2.0, 0.12)
