@@ -64,16 +64,15 @@ class Gate:
         self._noise = NoiseFloor(n_memory, settings.floor_rate_db_per_s * hop_s)
         # Power and usual cells of every bin, by dwell; None where motion was not in place.
         self._in_place: deque[NDArray[np.float64] | None] = deque(maxlen=n_memory)
-        self.background: NDArray[np.float64] = np.zeros(0)
-        """Noise and learned background of every bin at the last dwell, in sample units
-        squared, ndarray, shape (n_range,), float64."""
-        self.power: NDArray[np.float64] = np.zeros(0)  # of every bin in the last dwell, likewise
-        self.noise: NDArray[np.float64] = np.zeros(0)  # receiver's, of every bin, by the stream
-        self.floor: NDArray[np.float64] = np.zeros(0)  # before anything was learned
-        self.cpi_power: NDArray[np.float64] = np.zeros((0, 0))  # residual, newest last
-        self.cell_peak: NDArray[np.float64] = np.zeros((0, 0))  # the same of Doppler cells
-        self.residue: NDArray[np.float64] = np.zeros(0)  # what clutter left in every bin
-        self.level: NDArray[np.float64] = np.zeros(0)  # what the cells stood on
+        # Of the last dwell, in sample units squared: (n_range,), CPIs, the newest last, before it.
+        self.background: NDArray[np.float64] = np.zeros(0)  # noise and learned background
+        self.power: NDArray[np.float64] = np.zeros(0)  # residual power
+        self.noise: NDArray[np.float64] = np.zeros(0)  # of the receiver, as the stream shows it
+        self.floor: NDArray[np.float64] = np.zeros(0)  # that, or the calibration's
+        self.cpi_power: NDArray[np.float64] = np.zeros((0, 0))  # residual power of every CPI
+        self.cell_peak: NDArray[np.float64] = np.zeros((0, 0))  # strongest Doppler cells of each
+        self.residue: NDArray[np.float64] = np.zeros(0)  # what clutter left, as cells show it
+        self.level: NDArray[np.float64] = np.zeros(0)  # noise, residue and learned background
         self.bin_length_m = 0.0
 
     def reset(self) -> None:
@@ -82,7 +81,10 @@ class Gate:
         self._in_place.clear()
 
     def read(self, dwell: Dwell) -> GateReading:
-        """Judge one dwell, with or without its static clutter; learn from it."""
+        """Judge one dwell, with or without its static clutter; learn from it.
+
+        Without any power, or a usable CPI, it is closed.
+        """
         n_cpi = min(max(4, round(CPI_S * dwell.frame_rate_hz)), len(dwell.frames))
         rows, usable, scale = sound_rows(dwell.frames, dwell.valid)
         unit = scale**2
@@ -143,7 +145,7 @@ class Gate:
 
 
 def level_over(floor: NDArray[np.float64], residue: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the level that cells must stand out of: noise, and what clutter left on it."""
+    """Return the level that cells must stand out of, all (n_range,): noise and left clutter."""
     # Where noise steps over range, the learned floor steps a bin too early or too late.
     most = floor.copy()
     np.maximum(most[1:], floor[:-1], out=most[1:])

@@ -72,7 +72,10 @@ class InterferenceWatch:
         return FloorReference(self._reference, self._kept, self._t_s)
 
     def update(self, gate: Gate, dwell: Dwell, *, is_passed_over: bool) -> str:
-        """Take what the gate saw; return why this is interference, empty if it is none."""
+        """Take what the gate saw; return why this is interference, empty if it is none.
+
+        `is_passed_over`: there is a verdict, and it is no alarm.
+        """
         live = gate.floor > 0
         if not live.any() or len(gate.cpi_power) == 0:
             return self._reason

@@ -112,7 +112,10 @@ class RoomSurvey:
             )
 
     def calibration(self, origin: Provenance, *, false_gates_per_day: float = 1.0) -> Calibration:
-        """Return the calibration; raise RadardError if too little was heard."""
+        """Return the calibration; raise RadardError if too little was heard.
+
+        `origin` is completed by what was heard; so many decisions a day may open the gate.
+        """
         independent = self.n_dwells * self._hop_s / max(self._dwell_s, self._hop_s)
         if independent < MIN_INDEPENDENT or not np.any(self._power):
             raise RadardError(

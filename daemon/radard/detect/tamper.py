@@ -121,7 +121,11 @@ class TamperWatch:
     def update(
         self, dwell: Dwell, gate: Gate | None = None, *, is_passed_over: bool = False
     ) -> tuple[Finding, ...]:
-        """Judge a whole dwell with its clutter, and learn from it; return what holds."""
+        """Judge a whole dwell with its clutter, and learn from it; return what holds.
+
+        `gate` has judged the same dwell (without one, no interference is looked for);
+        `is_passed_over`: there is a verdict, and it is no alarm.
+        """
         if gate is not None:
             self._interfered = self._interference.update(
                 gate, dwell, is_passed_over=is_passed_over

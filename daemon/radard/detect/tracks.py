@@ -113,7 +113,10 @@ class Tracker:
         self._time_s = -np.inf
 
     def update(self, dwell: Dwell, floor: NDArray[np.float64]) -> tuple[Track, ...]:
-        """Take a dwell without its clutter, in order; return the tracks alive at its end."""
+        """Take a dwell without its clutter, in order; return the tracks alive at its end.
+
+        `floor` is `Gate.background`, shape (n_range,).
+        """
         rate_hz = dwell.frame_rate_hz
         n_rows = len(dwell.frames)
         if np.isfinite(self._time_s):
