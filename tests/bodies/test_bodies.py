@@ -12,6 +12,7 @@ from x2radar.sim.bodies.motion.people.gait import STYLES
 from x2radar.sim.bodies.pose import Pose
 from x2radar.sim.bodies.skeleton.species import SPECIES
 from x2radar.sim.bodies.skins.draw import SKINS
+from x2radar.sim.things import THINGS, draw_mount, draw_thing
 
 GOERS = [("human", "walk"), ("human", "run"), ("human", "carry"), ("dog", "walk"), ("cat", "trot")]
 EVERY = [
@@ -170,3 +171,43 @@ def test_totals_are_drawn_whatever_the_body():
 def test_what_is_impossible_is_refused_in_one_line(kind, options, said):
     with pytest.raises(SceneError, match=said):
         draw(kind, **options)
+
+
+T_S = np.arange(0, 20, 0.02)
+
+
+def movers():
+    """Everything that moves, by name: bodies in every way, and things."""
+    for way in EVERY:
+        yield " ".join(filter(None, way)), body_of(*way)
+    for kind in sorted(THINGS):
+        yield kind, draw_thing(np.random.default_rng(3), kind, (0.3, 2.0))
+
+
+def figures_of(position_m, rcs_m2):
+    """Where points are and how far they go, how fast and how strong they are, to four digits."""
+    middle_m = position_m.mean(axis=1)
+    total_m2 = np.maximum(rcs_m2.sum(axis=1), 1e-9)
+    found = {
+        "middle_m": middle_m.mean(axis=0),
+        "sway_m": middle_m.std(axis=0),
+        "parts_m": position_m.std(axis=(0, 1)),
+        "speed_mps": np.quantile(speeds(position_m, T_S[1]), [0.1, 0.5, 0.9, 1]),
+        "strength_db": 10 * np.log10(np.quantile(total_m2, [0.05, 0.5, 0.95])),
+    }
+    return {key: [float(f"{x:.4g}") for x in values] for key, values in found.items()}
+
+
+def test_everything_that_moves_does_so_as_before(golden):
+    """As kept in tests/data; `./test --renew` keeps today's."""
+    made = []
+    for name, mover in movers():
+        points = mover.at(T_S, ANTENNA_M)
+        made.append({"name": name, **figures_of(points.position_m, points.rcs_m2)})
+    offset_m = draw_mount(np.random.default_rng(3), {}).offset_m(T_S)[:, None]
+    made.append({"name": "mount", **figures_of(offset_m, np.ones((len(T_S), 1)))})
+    for now, before in zip(made, golden("movers.jsonl", made), strict=True):
+        assert now["name"] == before["name"]
+        for key in set(now) - {"name"}:
+            wanted = pytest.approx(before[key], rel=0.01, abs=1e-6)
+            assert now[key] == wanted, (now["name"], key)

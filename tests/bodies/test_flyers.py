@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.body_helpers import ANTENNA_M, BIRDS, draw, drawn, speeds, strongest_hz
+from tests.body_helpers import ANTENNA_M, BIRDS, draw, drawn, speeds
 from x2radar.sim.bodies.flyer import BIRD_MASS_KG, MOTH_BEAT_HZ
 
 FLYERS = [*BIRDS, ("moth", "")]
@@ -20,24 +20,6 @@ def test_flight_has_no_jumps_and_stays_near_home(kind, style):
         assert 0 <= effort.min() <= effort.max() <= 1
         away = np.linalg.norm(flyer.at(MANY_S, ANTENNA_M).position_m - home_m, axis=-1)
         assert away.max() < (0.4 if kind == "moth" else 1.6) + flyer.motion.build.span_m
-
-
-@pytest.mark.parametrize("seed", range(2))
-@pytest.mark.parametrize(
-    ("kind", "style"), [("budgerigar", "flutter"), ("pigeon", ""), ("moth", "")]
-)
-def test_wings_beat_at_the_rate_of_the_build_keep_their_length_and_mirror(kind, style, seed):
-    flyer = drawn(kind, style, seed)
-    pose, b = flyer.motion.pose(np.arange(8000) / 1000), flyer.motion.build
-    at = {name: k for k, name in enumerate(flyer.names)}
-    lift = pose.axis[:, at["left outer wing"], 2]
-    assert strongest_hz(lift, 1e-3, 4) == pytest.approx(b.beat_hz, abs=0.2)
-    assert np.linalg.norm(pose.axis, axis=-1) == pytest.approx(1, abs=1e-12)
-    from_body = np.linalg.norm(pose.centre_m - pose.centre_m[:, :1], axis=-1)
-    left, right = (from_body[:, at[f"{side} outer wing"]] for side in ("left", "right"))
-    assert left == pytest.approx(right)
-    assert left.max() < b.span_m / 2
-    assert from_body[:, at["left inner wing"]] == pytest.approx(0.11 * b.span_m)
 
 
 def test_small_birds_and_moths_beat_faster_and_within_what_is_published():

@@ -8,11 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.body_helpers import ANTENNA_M, draw, drawn
+from tests.body_helpers import ANTENNA_M, draw
 from x2radar.sim.bodies.pose import Pose
 from x2radar.sim.bodies.skeleton.people import PERSON, draw_person_build
-from x2radar.sim.bodies.skins.base import SKIN_REFLECTION, THEORY, WAVELENGTH_M
-from x2radar.sim.bodies.skins.capsules import CapsuleSkin
+from x2radar.sim.bodies.skins.base import SKIN_REFLECTION, WAVELENGTH_M
 from x2radar.sim.bodies.skins.draw import SKINS, draw_skin, sized
 from x2radar.sim.bodies.skins.surface import SHADOW_DB, SPREAD_DB, AspectFluctuation, SurfaceSkin
 from x2radar.sim.place.antenna import Antenna
@@ -183,22 +182,6 @@ def test_a_limb_in_the_open_loses_nothing(place, direction):
     assert lost_db(place, [direction])[0] == pytest.approx([0.0], abs=1e-6)
 
 
-def test_a_capsule_behind_another_is_in_its_shadow():
-    half = np.array([[0.4, 0.15, 0.15], [0.1, 0.03, 0.03]])
-    skin = CapsuleSkin.draw(np.random.default_rng(2), half, THEORY)
-    centre = np.zeros((4, 2, 3))
-    centre[:, 0] = [0.0, 2.0, 1.2]
-    # Behind, before, beside, and far off to compare with.
-    centre[:, 1] = [[0.0, 2.5, 1.2], [0.0, 1.5, 1.2], [0.6, 2.5, 1.2], [5.0, 0.0, 1.2]]
-    rcs = skin.points(Pose(centre, np.tile(Z, (4, 2, 1)), np.tile(X, (4, 1, 1))), ANTENNA_M).rcs_m2
-    lost = 10 * np.log10(rcs[3, 1::2] / rcs[0, 1::2])
-    assert lost == pytest.approx(np.full(3, skin.shadow_db), abs=0.3)
-    assert rcs[1:3, 1::2] == pytest.approx(rcs[[3, 3], 1::2], rel=0.02)
-    # What lies before shades too.
-    assert np.ptp(rcs[[0, 2, 3], ::2], axis=0).max() < 1e-12
-    assert rcs[1, 0] < 0.2 * rcs[0, 0]
-
-
 # ---------------------------------------------------------------- fluctuation
 
 
@@ -222,25 +205,6 @@ def test_fluctuation_has_the_spread_and_the_mean_it_drew_to_five_digits():
     turned = ways[:50] @ f.wave.T / f.turn_rad[:, None] + f.phase_rad.T
     log = f.amplitude * np.cos(turned).sum(axis=-1) - len(f.wave) * np.log(np.i0(f.amplitude))
     assert power[:50] == pytest.approx(np.exp(log), rel=2e-4)
-
-
-@pytest.mark.parametrize("half_m", [0.06, 0.15, 0.3])
-def test_fluctuation_forgets_when_the_part_turns_by_its_width(half_m):
-    turn = WAVELENGTH_M / (4 * half_m)
-    angles = np.arange(0, 2 * math.pi, turn / 8)
-    around = np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=-1)[:, None]
-    kept = {1: [], 8: [], 24: []}
-    for seed in range(60):
-        f = AspectFluctuation.draw(
-            np.random.default_rng(seed), np.array([[half_m, 0.02, 0.02]]), np.array([3.0])
-        )
-        db = 10 * np.log10(f.at(*np.moveaxis(around, -1, 0)))[:, 0]
-        z = (db - db.mean()) / db.std()
-        for lag, found in kept.items():
-            found.append((z[lag:] * z[:-lag]).mean())
-    assert np.mean(kept[1]) > 0.95
-    assert 0.4 < np.mean(kept[8]) < 0.75  # exp(-1/2)
-    assert abs(np.mean(kept[24])) < 0.1
 
 
 # ---------------------------------------------------------------- the trunk as one surface
@@ -277,23 +241,3 @@ def test_the_spot_of_a_trunk_is_where_its_surface_is_nearest_and_has_all_its_pow
     assert -1e-9 < (spot_m - near_m).min() <= (spot_m - near_m).max() < 0.02
     # It slides: half a degree moves it no more than the end of the trunk moves.
     assert np.abs(np.diff(spot_m)).max() < 0.4 * np.deg2rad(0.5)
-
-
-@pytest.mark.parametrize("kind", ["human", "cat", "dog"])
-def test_trunks_of_all_kinds_are_one_spot_and_do_not_fade(kind):
-    """The field's power stays by the sum of powers; of three equal parts it would not."""
-    t_s, ratio = np.arange(100) / 25, []
-    for seed in range(12):
-        body = drawn(kind, "walk", seed, path=((-0.3, 4.0), (0.2, 1.5)))
-        apart = replace(body, skin=replace(body.skin, n_trunk=1))
-        points = body.at(t_s, ANTENNA_M)
-        ours, theirs = (RADAR.direct(p) for p in (points, apart.at(t_s, ANTENNA_M)))
-        # Breathing swells chest and hips by some millimetres unlike.
-        nearest_m = theirs.range_m[:, :3].min(axis=1)
-        assert np.abs(ours.range_m[:, 0] - nearest_m).max() < 0.025
-        turn = np.exp(4j * np.pi * ours.range_m[:, :3] / WAVELENGTH_M)
-        field = np.abs((ours.root_rcs_m[:, :3] * turn).sum(axis=1)) ** 2
-        ratio.append(field / points.rcs_m2[:, :3].sum(axis=1))
-    assert np.quantile(ratio, 0.02) > 0.2
-    # Parts by themselves give 4.7 dB or more; all kinds have to be alike here.
-    assert 0.5 < (10 * np.log10(ratio)).std() < 3.0

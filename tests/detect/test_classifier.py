@@ -1,3 +1,4 @@
+import hashlib
 import json
 from dataclasses import replace
 
@@ -86,43 +87,27 @@ def test_missing_and_broken_files(copy, tmp_path):
         load_bundle("nope")
     with pytest.raises(BundleError, match="cannot read"):
         load_bundle(str(tmp_path / "gone.onnx"))
-    path = copy()
+    path = copy(onnx_sha256=hashlib.sha256(b"rubbish").hexdigest())
+    (tmp_path / "mine.onnx").write_bytes(b"rubbish")
+    with pytest.raises(ModelMismatch, match="no ONNX file"):
+        Classifier(load_bundle(path))
     (tmp_path / "mine.json").write_text("{")
     with pytest.raises(BundleError, match="not JSON"):
         load_bundle(path)
 
 
-def test_weights_that_are_no_network(copy, tmp_path):
-    import hashlib
-
-    path = copy(onnx_sha256=hashlib.sha256(b"rubbish").hexdigest())
-    (tmp_path / "mine.onnx").write_bytes(b"rubbish")
-    with pytest.raises(ModelMismatch, match="no ONNX file"):
-        Classifier(load_bundle(path))
-
-
-def test_a_bundle_that_fits_is_named_where_one_does_not():
-    korean = axis_with(
-        "baseband",
-        150,
-        0.0514,
-        0.4,
-        carrier_hz=8.748e9,
-        bandwidth_hz=1.4e9,
-        sample_rate_hz=23.328e9,
-    )
-    with pytest.raises(ModelMismatch, match=r"carrier_hz is 8\.748e\+09.*take it: x4m03$"):
-        load_bundle("balanced").check_stream(korean, 60.0)
-    with pytest.raises(ModelMismatch, match=r"it takes 14\.5 to 210$"):
-        load_bundle("balanced").check_stream(replace(korean, carrier_hz=7.29e9), 300.0)
-
-
-def test_streams_that_do_not_fit_are_named():
+def test_what_of_a_stream_does_not_fit_is_named_and_the_bundle_that_does():
     bundle = load_bundle("thesis")
-    bundle.check_stream(AXIS, 60)
-    bundle.check_stream(replace(AXIS, bandwidth_hz=0), 60)
+    for axis in (AXIS, replace(AXIS, bandwidth_hz=0)):
+        bundle.check_stream(axis, 60)
     with pytest.raises(ModelMismatch, match=r"frame_rate_hz is 17\.06.*bin_length_m is 0\.0514"):
         bundle.check_stream(replace(AXIS, bin_length_m=0.0514), 17.06)
+    upper = {"carrier_hz": 8.748e9, "bandwidth_hz": 1.4e9, "sample_rate_hz": 23.328e9}
+    upper = axis_with("baseband", 150, 0.0514, 0.4, **upper)
+    with pytest.raises(ModelMismatch, match=r"carrier_hz is 8\.748e\+09.*take it: x4m03$"):
+        load_bundle("balanced").check_stream(upper, 60.0)
+    with pytest.raises(ModelMismatch, match=r"it takes 14\.5 to 210$"):
+        load_bundle("balanced").check_stream(replace(upper, carrier_hz=7.29e9), 300.0)
 
 
 @pytest.mark.parametrize(

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from radard.stream.clock_drift import ClockDrift, Drift
+from radard.stream.clock_drift import ClockDrift
 from radard.stream.frame_timing import RateWatch
-from radard.web.metrics import Metrics, exposition
 
 
 def followed(drift, seconds, *, seed=0, stalls=0.01):
@@ -55,13 +54,3 @@ def test_frames_whose_arrival_is_not_known_tell_nothing():
     for t_s in range(1000):
         clock.note(float(t_s), 0.0)
     assert clock.estimate is None
-
-
-def test_metrics_tell_it_with_its_uncertainty_or_not_at_all():
-    metrics = Metrics()
-    metrics.refresh(state="online", is_armed=True)
-    assert "drift" not in exposition([metrics])
-    metrics.refresh(state="online", is_armed=True, drift=Drift(2e-5, 1e-6))
-    text = exposition([metrics])
-    assert "radard_module_clock_drift_ratio 2e-05" in text
-    assert "radard_module_clock_drift_uncertainty_ratio 1e-06" in text

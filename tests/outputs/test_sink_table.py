@@ -6,10 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from radard.config.config import load_config
 from radard.config.redact import redact
 from radard.config.sink_table import SINKS, SinkOptions, find_row
-from radard.errors import ConfigError
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = {
@@ -55,10 +53,3 @@ def test_a_row_is_found_opened_and_redacted(row):
 )
 def test_incomplete_values_have_no_row(output):
     assert find_row(output) is None
-
-
-def test_the_section_that_became_the_log_is_refused_by_its_name(tmp_path):
-    file = tmp_path / "config.yaml"
-    file.write_text("outbox:\n  attempts: 3\n")
-    with pytest.raises(ConfigError, match=r"config\.yaml:1: outbox: is the section 'log' now"):
-        load_config(file, environ={})

@@ -82,6 +82,7 @@ def test_named_file_wins_over_the_one_that_lies_here():
             "sensors:\n  hall: {port: sim:dog}\n  hall: {port: sim:cat}\n",
             "config.yaml:3: not YAML: the key 'hall' stands twice, in lines 2 and 3",
         ),
+        ("outbox:\n  attempts: 3\n", "config.yaml:1: outbox: is the section 'log' now"),
         ("alarm: {}\ngate: {}\nalarm: {}\n", "the key 'alarm' stands twice, in lines 1 and 3"),
         # All at once.
         ("gate: {false_alarm_per_day: 1}\nmodle: {}\n", "gate.false_alarm_per_day"),

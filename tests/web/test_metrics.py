@@ -4,6 +4,7 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from radard.pipeline import Pipeline
+from radard.stream.clock_drift import Drift
 from radard.web.metrics import HELP, Metrics, exposition
 from tests.sink_helpers import decision, event, hello
 from tests.waiting import free_port, wait_for
@@ -89,7 +90,9 @@ def test_sensors_are_told_apart_by_a_label():
         metrics = Metrics(name)
         for record in (hello(sensor=name), decision(1), event(1)):
             metrics.on_record(record)
-        metrics.refresh(state="online", is_armed=name == "hall", driver={"frames": 7, "odd": 1})
+        drift = Drift(2e-5, 1e-6) if name == "hall" else None
+        told = {"driver": {"frames": 7, "odd": 1}, "drift": drift}
+        metrics.refresh(state="online", is_armed=name == "hall", **told)
         both.append(metrics)
     text = exposition(both)
     found = samples(text)
@@ -101,6 +104,11 @@ def test_sensors_are_told_apart_by_a_label():
         assert found["radard_decision_latency_seconds_count", label] == 1
         assert found["radard_decision_latency_seconds_bucket", ("le", "+Inf"), label] == 1
     assert text.count("# TYPE radard_up ") == 1
+    drifts = {key: value for key, value in found.items() if "clock_drift" in key[0]}
+    assert drifts == {
+        ("radard_module_clock_drift_ratio", ("sensor", "hall")): 2e-5,
+        ("radard_module_clock_drift_uncertainty_ratio", ("sensor", "hall")): 1e-6,
+    }
     assert "odd" not in text
 
 

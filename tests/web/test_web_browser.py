@@ -232,14 +232,15 @@ def test_a_lost_connection_says_so_and_recovers(browser, tmp_path):
         second.end()
 
 
-def test_a_replay_has_controls(tab, tmp_path):
+def test_a_replay_has_controls_and_does_not_look_live(tab, tmp_path):
     path = tmp_path / "r.h5"
     write_recording(path, noise(60 * 120))
-    running = Running(
-        tmp_path, "--port", f"replay:{path}", "--speed", "1", "--model", "none"
-    ).wait_online()
+    argv = ("--port", f"replay:{path}", "--speed", "1", "--model", "none")
+    running = Running(tmp_path, *argv).wait_online()
     try:
         one = tab(running).open()
+        one.until("document.querySelector('#badge').textContent === 'Replayed'")
+        assert "no model" in one.page.inner_text("header")
         one.page.get_by_role("button", name="Pause").click()
         one.page.wait_for_selector("button[aria-label=Play]")
         one.page.get_by_label("Position in the recording").fill("90")

@@ -2,10 +2,7 @@
 
 import pytest
 
-from tests.alarm_helpers import write_recording
-from tests.browser_helpers import MARKS, Tab
-from tests.radar_helpers import noise
-from tests.web_helpers import Running
+from tests.browser_helpers import MARKS
 
 pytestmark = MARKS
 SHOWN = "[...document.querySelectorAll('{}')].filter(e => e.checkVisibility()).length"
@@ -23,20 +20,6 @@ def test_a_simulated_module_does_not_look_real(tab, radard):
     assert "Simulated alarm" in one.page.inner_text(".banner.alarm")
     one.page.goto(f"{radard.base}/#/events")
     one.page.wait_for_selector(".event .mark-unreal")
-
-
-def test_a_replay_does_not_look_live(browser, tmp_path):
-    path = tmp_path / "r.h5"
-    write_recording(path, noise(60 * 60))
-    argv = ("--port", f"replay:{path}", "--speed", "1", "--model", "none")
-    running = Running(tmp_path, *argv).wait_online()
-    try:
-        one = Tab(browser, running).open()
-        one.until("document.querySelector('#badge').textContent === 'Replayed'")
-        assert "no model" in one.page.inner_text("header")
-        one.page.close()
-    finally:
-        running.end()
 
 
 def test_details_are_for_those_who_ask(tab):

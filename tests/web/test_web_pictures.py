@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from radard.dsp.pictures import GAIT_S, SPANS_DB, Spectrograms
-from radard.stream.ring import DwellShape, FrameRing
 from radard.web.pictures.picture_thread import PictureThread
 from radard.web.pictures.wire import TIMED, axes, encode_columns, encode_gait
-from tests.radar_helpers import BASEBAND, frames_of, noise, walker
+from tests.radar_helpers import BASEBAND, copy_ring, frames_of, noise, walker
 from tests.waiting import wait_for
 
 RATE_HZ = 60.0
@@ -143,10 +142,9 @@ def test_axes_name_units_and_spans():
 # The ring and the picture thread ----------------------------------------------------------------
 
 
-def ring_of(samples, *, n_slow=60):
+def ring_of(samples):
     """A ring that nobody takes dwells from, full of frames, with what was put into it."""
-    shape = DwellShape(n_slow=n_slow, hop_s=1.0, frame_rate_hz=RATE_HZ)
-    ring = FrameRing(BASEBAND, lambda row, out: np.copyto(out, row), shape)
+    ring = copy_ring(60, RATE_HZ)
     taken = threading.Thread(target=lambda: [None for _ in iter(ring.next_item, None)])
     taken.start()
     for frame in frames_of(samples):
@@ -160,8 +158,7 @@ def test_recent_never_hands_out_torn_rows():
     """While a reader writes as fast as it can, rows seen are rows written, in their order."""
     n = 30_000
     samples = np.repeat(np.arange(1, n + 1, dtype=np.complex64)[:, None], 64, axis=1)
-    shape = DwellShape(n_slow=60, hop_s=1.0, frame_rate_hz=RATE_HZ)
-    ring = FrameRing(BASEBAND, lambda row, out: np.copyto(out, row), shape)
+    ring = copy_ring(60, RATE_HZ)
     taker = threading.Thread(target=lambda: [None for _ in iter(ring.next_item, None)])
     writer = threading.Thread(target=lambda: [ring.push(f) for f in frames_of(samples)])
     taker.start()
@@ -204,8 +201,7 @@ def picture_thread():
 
 
 def test_a_page_gets_the_last_half_minute_and_nobody_gets_pictures(picture_thread):
-    shape = DwellShape(n_slow=60, hop_s=1.0, frame_rate_hz=RATE_HZ)
-    ring = FrameRing(BASEBAND, lambda row, out: np.copyto(out, row), shape)
+    ring = copy_ring(60, RATE_HZ)
     take = threading.Thread(target=lambda: [*iter(ring.next_item, None)], daemon=True)
     take.start()
     one, told = picture_thread(lambda: ring)
