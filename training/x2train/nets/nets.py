@@ -11,11 +11,10 @@ class MapNet(nn.Module):
     """Strided convolutional branches over maps: two of the same time, others of their own.
 
     Each branch halves velocity or range four times and time twice. Those of the velocity-time and
-    the range-time map (of so many rows; 0 leaves one out) are joined time by time, and a
-    convolution over time mixes them; maps with longer CPIs (`n_long`, rows of each) have fewer
-    columns of time and are joined after it. Mean and maximum over time decide, with `n_known`
-    numbers that are known besides (`radard.judge.installation`). Strides instead of pooling: three
-    times as fast on one core.
+    the range-time map (of so many rows) are joined time by time, and a convolution over time mixes
+    them; maps with longer CPIs (`n_long`, rows of each) have fewer columns of time and are joined
+    after it. Mean and maximum over time decide, with `n_known` numbers that are known besides
+    (`radard.judge.installation`). Strides instead of pooling: three times as fast on one core.
 
     `widths` and `long_widths` are channels of a branch's four convolutions, `hidden` those behind
     the junction, half as many for every longer CPI.
@@ -25,18 +24,18 @@ class MapNet(nn.Module):
         self,
         n_velocity: int,
         n_range: int,
-        n_long: tuple[int, ...] = (),
+        n_long: tuple[int, ...],
         *,
-        n_known: int = 0,
-        widths: Widths = (12, 16, 20, 20),
-        long_widths: Widths = (12, 16, 20, 20),
-        hidden: int = 40,
-        dropout: float = 0.05,
+        n_known: int,
+        widths: Widths,
+        long_widths: Widths,
+        hidden: int,
+        dropout: float,
     ) -> None:
         super().__init__()
-        self.velocity = _branch(widths) if n_velocity else None
-        self.range = _branch(widths) if n_range else None
-        rows = sum(_strided(n) for n in (n_velocity, n_range) if n)
+        self.velocity = _branch(widths)
+        self.range = _branch(widths)
+        rows = _strided(n_velocity) + _strided(n_range)
         self.junction = _block(nn.Conv1d(widths[-1] * rows, hidden, 1, bias=False))
         self.mix = _block(nn.Conv1d(hidden, hidden, 3, padding=1, bias=False))
         self.long = nn.ModuleList(_branch(long_widths) for _ in n_long)
@@ -44,30 +43,26 @@ class MapNet(nn.Module):
             _block(nn.Conv1d(long_widths[-1] * _strided(n), hidden // 2, 1, bias=False))
             for n in n_long
         )
-        self.known = nn.Sequential(nn.Linear(n_known, _KNOWN), nn.ReLU()) if n_known else None
-        n_deciding = 2 * hidden + len(n_long) * 2 * (hidden // 2) + bool(n_known) * _KNOWN
+        self.known = nn.Sequential(nn.Linear(n_known, _KNOWN), nn.ReLU())
+        n_deciding = 2 * hidden + len(n_long) * 2 * (hidden // 2) + _KNOWN
         self.out = nn.Sequential(nn.Dropout(dropout), nn.Linear(n_deciding, 3))
 
-    def forward(self, *maps: torch.Tensor) -> torch.Tensor:
+    def forward(self, *given: torch.Tensor) -> torch.Tensor:
         """Return logits, shape (n, 3), of maps, each of shape (n, rows, n_cells).
 
         Velocity-time, range-time, then those with longer CPIs; and what is known, (n, n_known).
         """
-        known: list[torch.Tensor] = []
-        if self.known is not None:
-            *given, last = maps
-            maps, known = tuple(given), [self.known(last)]
-        branches = [branch for branch in (self.velocity, self.range) if branch is not None]
-        seen = [
+        *maps, last = given
+        known = self.known(last)
+        first, second, *longer = (
             branch(each[:, None]).flatten(1, 2)
-            for branch, each in zip((*branches, *self.long), maps, strict=True)
-        ]
-        n = len(branches)
-        joined = self.junction(torch.cat(seen[:n], 1))
+            for branch, each in zip((self.velocity, self.range, *self.long), maps, strict=True)
+        )
+        joined = self.junction(torch.cat([first, second], 1))
         deciding = [joined + self.mix(joined)]
-        deciding += [join(each) for join, each in zip(self.long_junctions, seen[n:], strict=True)]
+        deciding += [join(each) for join, each in zip(self.long_junctions, longer, strict=True)]
         pooled = [pool for each in deciding for pool in (each.mean(2), each.amax(2))]
-        logits: torch.Tensor = self.out(torch.cat([*pooled, *known], 1))
+        logits: torch.Tensor = self.out(torch.cat([*pooled, known], 1))
         return logits
 
 
