@@ -107,7 +107,7 @@ class EventLog:
         return self._told
 
     def cursor(self, name: str, wants: Wants, after: int | None = None) -> Cursor:
-        """Return the cursor of an output, which goes on where it was, or behind `after`."""
+        """Return an output's cursor over what it `wants`, from where it was, or behind `after`."""
         with self._changed:
             before = self._cursors.get(name)
             cursor = self._cursors[name] = Cursor(name, wants, self._changed, self._has_moved)

@@ -48,7 +48,7 @@ def test_bodies_echo_through_every_skin(folder, skin, who):
     options = {"skin": skin, "near_m": 0.6, "far_m": 3.4}
     for seed in range(3):
         one, two = (
-            draw_recorded_body(np.random.default_rng(seed), individual, options, "here")
+            draw_recorded_body(individual, np.random.default_rng(seed), options, "here")
             for _ in range(2)
         )
         assert one.label == individual.label

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 
 def count_by_stamps(stamp_s: NDArray[np.float64]) -> tuple[NDArray[np.uint32], float]:
-    """Return counters, from 1, with the losses that stamps, in seconds, show, and the period."""
+    """Return counters, from 1, with the losses that stamps show, (n,), n >= 2, and the period."""
     stamp = stamp_s - stamp_s[0]
     gaps = np.diff(stamp)
     period_s = float(np.median(gaps))

@@ -122,7 +122,7 @@ class EventTracker:
     def on_decision(
         self, decision: Decision, dwell: Dwell, *, is_quiet: bool = False, fault: str = ""
     ) -> list[Event]:
-        """Take a decision on a dwell, whose frames name new events; return the events in order."""
+        """Take a decision on a dwell, `fault` what else is wrong; return the events in order."""
         is_invalid = decision.gate == "invalid"
         t_s = decision.t_s
         why = decision.fault or ("" if is_invalid else fault) or None

@@ -46,7 +46,7 @@ class ClutterMap:
     def update(
         self, block_mean: NDArray[np.complex128], n: int, motion: NDArray[np.float64]
     ) -> None:
-        """Learn from a block: the mean of its `n` usable frames, complex128, shape (n_range,)."""
+        """Learn from `n` frames: their mean and their power over the noise, shape (n_range,)."""
         if n == 0:
             return
         weight = n * np.clip(_STILL / np.maximum(motion, _STILL), self._least, 1.0)

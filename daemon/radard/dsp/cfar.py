@@ -159,7 +159,7 @@ def _gamma(shape: float) -> tuple[Array, Array, Array]:
 
 
 def find_peaks(chart: PowerMap, least_db: float) -> list[list[Peak]]:
-    """Return what stands out, one list a block, strongest first, at most eight, 0.3 m apart."""
+    """Return each block's peaks, `least_db` over the floor, strongest first, at most eight."""
     ratio, cell_m = chart.ratio, chart.cell_m
     guard = max(1, round(GUARD_M / cell_m))
     reach = max(guard + 2, round(WINDOW_M / cell_m))

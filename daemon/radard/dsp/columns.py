@@ -58,7 +58,7 @@ class ColumnStore:
 
 
 class ColumnStream(ABC):
-    """A map of `n_rows` rows and `n_keep` columns, made column by column from its steps."""
+    """A map whose columns need `n_history` earlier steps; `n_keep` of `n_rows` rows are kept."""
 
     def __init__(self, n_history: int, n_block: int, n_keep: int, n_rows: int) -> None:
         self.n_history = n_history
@@ -91,7 +91,7 @@ class ColumnStream(ABC):
         """Make and return the columns that the newest `n_new` frames complete."""
 
     def columns(self, n: int | None = None) -> Reals:
-        """Return a copy of the last `n` columns, or all, oldest first, (n_rows, n), float64."""
+        """Return a copy of the last `n` columns, or all: linear power, (n_rows, n), float64."""
         columns, _ = self._store.last(n)
         return columns.T.copy() if self._store else np.zeros((self._n_rows, 0))
 

@@ -182,7 +182,7 @@ class FeatureStream:
         self._plugged = {name: plugin for name, plugin in found if plugin is not None}
 
     def extract(self, dwell: Dwell, known: NDArray[np.float32] | None = None) -> Features:
-        """Return one dwell's features, in own arrays; FeatureError if it is too short."""
+        """Return one dwell's features, `known` of the installation; FeatureError if too short."""
         settings = self._settings
         n_slow = len(dwell.frames)
         n_columns = n_slow - settings.n_cpi + 1

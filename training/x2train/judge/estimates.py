@@ -107,7 +107,7 @@ class Ranking:
         object.__setattr__(self, "_level", level)
 
     def auc(self, weight: _Float | None = None) -> float:
-        """Return the area under the ROC curve (Mann and Whitney 1947); ties count half."""
+        """Return the ROC curve's area (Mann and Whitney 1947), ties half; NaN of one class."""
         positive, negative = self._counts(weight)
         total = positive.sum() * negative.sum()
         if total == 0:

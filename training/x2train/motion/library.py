@@ -73,7 +73,7 @@ def read_library(folder: Path) -> tuple[Individual, ...]:
 
 
 def draw_recorded_body(
-    rng: np.random.Generator, individual: Individual, options: Mapping[str, Any], where: str
+    individual: Individual, rng: np.random.Generator, options: Mapping[str, Any], where: str
 ) -> Body:
     """Draw a body that moves as an individual did: clips, size, tempo, mirror, course, skin."""
     label = individual.label

@@ -28,7 +28,8 @@ class Answers:
 
     def p(self, temperature: float) -> Array:
         """Return the probabilities of every window alone."""
-        return _softmax(self.logits / temperature)
+        rows = self.logits / temperature
+        return np.stack([softmax(row) for row in rows]) if len(rows) else rows
 
     def fused_log_p(self) -> Array | None:
         """Return the head's log-probabilities, shape (n, n_classes); None without a head."""
@@ -43,7 +44,7 @@ def outputs_of(
     *,
     is_first: NDArray[np.bool_] | None = None,
 ) -> Answers:
-    """Return a network's answers to windows; `is_first` where the gate has opened, in order."""
+    """Return the answers to windows, floats or bytes; `is_first` where the gate has opened."""
     return _run(onnx_bytes, inputs, is_first, "")[0]
 
 
@@ -96,10 +97,6 @@ def _in_turn(is_first: NDArray[np.bool_]) -> Iterator[NDArray[np.int64]]:
         rows = np.flatnonzero(at == k)
         for first in range(0, len(rows), _AT_ONCE):
             yield rows[first : first + _AT_ONCE]
-
-
-def _softmax(logits: Array) -> Array:
-    return np.stack([softmax(row) for row in logits]) if len(logits) else logits
 
 
 def _as_float(values: NDArray[Any]) -> NDArray[np.float32]:

@@ -41,7 +41,7 @@ def taught_error(
     share: float,
     weight: torch.Tensor,
 ) -> torch.Tensor:
-    """Return the cross-entropy with labels and, by `share`, teacher; classes weigh `weight`."""
+    """Return the cross-entropy of logits, (n, 3), with labels and, by `share`, a teacher."""
     wanted = share * taught
     wanted[torch.arange(len(labels)), labels] += 1 - share
     each = -(wanted * answers.log_softmax(1)).sum(1)

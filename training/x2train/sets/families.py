@@ -15,9 +15,9 @@ import numpy as np
 from x2radar import plugins
 from x2radar.errors import SettingsError
 from x2radar.sim.bodies.skeleton.species import SPECIES
-from x2radar.sim.points import Label, Mover
+from x2radar.sim.points import Label
 from x2radar.sim.scene.cast import BodyKind, plugged_body
-from x2train.motion.library import Individual, draw_recorded_body, read_library
+from x2train.motion.library import draw_recorded_body, read_library
 
 CLIPS = "clips:"  # begins a use that names a folder of clips: bodies of recorded motion
 RECORDED = "recorded"  # kind of such bodies
@@ -143,18 +143,14 @@ def recorded_families(folder: str) -> tuple[Family, ...]:
             each.label,
             RECORDED,
             weight=each.weight,
-            plugged=BodyKind("Somebody whose motion was recorded.", partial(_recorded, each)),
+            plugged=BodyKind(
+                "Somebody whose motion was recorded.", partial(draw_recorded_body, each)
+            ),
             is_still=not each.goes,
             individual=k,
         )
         for k, each in enumerate(read_library(Path(folder)))
     )
-
-
-def _recorded(
-    individual: Individual, rng: np.random.Generator, options: Mapping[str, Any], where: str
-) -> Mover:
-    return draw_recorded_body(rng, individual, options, where)
 
 
 def draw_family(rng: np.random.Generator, label: Label, use: Use) -> Family:

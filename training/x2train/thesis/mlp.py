@@ -74,7 +74,7 @@ def probabilities(logits: torch.Tensor) -> torch.Tensor:
 
 
 def output_error(logits: torch.Tensor, y: torch.Tensor, kind: str) -> torch.Tensor:
-    """Return the mean error over n, summed over repeats, 'cross-entropy' or 'mse'."""
+    """Return the mean error of logits, (n_repeats, n, n_outputs), summed over repeats."""
     n = len(y)
     if kind == "mse":
         wanted = functional.one_hot(y, 2).to(logits.dtype)

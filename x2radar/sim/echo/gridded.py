@@ -130,9 +130,11 @@ def design_for(axis: FastTimeAxis, error_db: float) -> Design:
         n_touched=touched,
     )
     is_rf = axis.kind == "rf"
+    # Without a carrier, real and imaginary parts in turn, on both sides.
+    bins = _rf_matrix(matrix, axis) if is_rf else np.kron(matrix, np.eye(2)).astype(np.float32)
     return Design(
         grid=grid,
-        matrix=_rf_matrix(matrix, axis) if is_rf else _complex_matrix(matrix),
+        matrix=bins,
         n_block=n_block,
         n_blocks=n_blocks,
         n_step=n_step,
@@ -211,11 +213,6 @@ def _fit(shape: _Shape, bin_sigma: float) -> tuple[Array, float]:
     matrix = np.asarray(np.linalg.lstsq(weights, wanted, rcond=1e-10)[0], np.float64)
     worst = float(np.abs(weights @ matrix - wanted).max())
     return matrix, worst
-
-
-def _complex_matrix(matrix: Array) -> NDArray[np.float32]:
-    """Return the matrix for real and imaginary parts in turn, on both sides."""
-    return np.kron(matrix, np.eye(2)).astype(np.float32)
 
 
 def _rf_matrix(matrix: Array, axis: FastTimeAxis) -> NDArray[np.float32]:

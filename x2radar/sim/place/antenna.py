@@ -84,7 +84,7 @@ class Antenna(Checked):
         return np.maximum(gain, 10 ** (self.floor_db / 10))
 
     def direct(self, points: Points, offset_m: Array | None = None) -> EchoRows:
-        """Return the echoes that come straight back, one row a point, in their order."""
+        """Return the echoes straight back, a row a point; the mount is off by (n_slow, 3)."""
         towards_m = points.position_m - self.position_m
         if offset_m is not None:
             towards_m = towards_m - offset_m[:, None]

@@ -40,7 +40,7 @@ class LinkBudget:
     noise_sigma: float = 0.04
 
     def amplitude(self, range_m: Array, rcs_m2: Array, axis: FastTimeAxis) -> Array:
-        """Return the peak amplitude of RF echoes in the module's unit (2.11, 2.13)."""
+        """Return RF peak amplitudes, (..., n_scatterers), in the module's unit (2.11, 2.13)."""
         wavelength_m = SPEED_OF_LIGHT_MPS / axis.carrier_hz
         r = np.maximum(range_m, NEAREST_M)
         sent = self.tx_power_w * self.antenna_gain**2 * wavelength_m**2

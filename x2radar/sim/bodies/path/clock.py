@@ -42,7 +42,7 @@ class Clock:
         arm_m: float,
         ahead_s: float,
     ) -> Self:
-        """Return the clock of a body on a path, counted from 0 at the first step."""
+        """Return the clock on a path; feet are `arm_m` off and start `ahead_s` before the body."""
         first = path.start_s - ahead_s - _NEAR_S
         n = int((path.end_s + _TAIL_S - first) / STEP_S) + 2
         state = path.at(first + STEP_S * np.arange(n, dtype=np.float64))

@@ -159,7 +159,7 @@ class Path:
         agility: Agility | None = None,
         start_s: float = 0.0,
     ) -> Self:
-        """Return a path through waypoints (x, y), from rest to rest; SceneError as `bends`."""
+        """Return a path through waypoints with stops: metres since the last, and seconds."""
         begin, course = bends(waypoints_m, turn_radius_m)
         limits = agility or Agility()
         return cls(timetable(begin, course, speed_mps, stops, limits, start_s=start_s))

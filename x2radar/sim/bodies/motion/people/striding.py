@@ -64,7 +64,7 @@ class Torso:
     def up(
         self, t_s: Array, facing_rad: Array, lean_rad: Array, phase: Array, vigour: Array
     ) -> Array:
-        """Return unit vectors from the hips to the neck, shape (n_slow, 3)."""
+        """Return unit vectors from hips to neck, (n_slow, 3), about a forward lean (n_slow,)."""
         wander = self.wander.at(t_s)
         pitch = self.pitch_rad * vigour * np.sin(2 * np.pi * (2 * phase - self.pitch_lag))
         roll = self.roll_rad * vigour * np.sin(2 * np.pi * (phase - self.roll_lag)) + wander[:, 1]

@@ -68,7 +68,7 @@ def stride_m(speed_mps: Array, hip_m: float, species: Species) -> Array:
 
 
 def duty(speed_mps: Array, hip_m: float) -> Array:
-    """Return the share of a stride that a foot is on the floor (recalled), at any speeds."""
+    """Return the share of a stride that a foot stands, by symmetric and other gaits (recalled)."""
     fr = np.maximum(froude(speed_mps, hip_m), 1e-6)
     share = smooth_step(fr - 2.0)
     free = (0.52 * fr**-0.14) ** (1.0 - share) * (0.53 * fr**-0.28) ** share
