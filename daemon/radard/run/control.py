@@ -101,6 +101,8 @@ class ControlServer:
                     self._serve(key.fileobj, key.data)  # type: ignore[arg-type]
                 except OSError as err:
                     log.warning("a command was not answered: %s", err.strerror or err)
+                    # One that cannot even be accepted is there again at once.
+                    self._halt.wait(_LOOK_S)
             if not self._open:
                 # A radar may be added later.
                 self._halt.wait(_REQUEST_S)

@@ -4,7 +4,9 @@ The main thread supervises and never waits for a disk, a port or a reader of std
 run, so signals are always heard.
 """
 
+import contextlib
 import logging
+import resource
 import threading
 import time
 
@@ -28,13 +30,24 @@ log = logging.getLogger("radard")
 _ENDS_WITH_IT = "a simulation's clips, labels and settings end with it; --state DIR keeps them"
 _BEAT_S = 1.0  # so late outputs in trouble, and silence, are noticed
 _DEADLINE_S = 4.5  # from the first signal to a forced end: service managers allow no less than 5 s
+_MAX_FILES = 8192  # a hundred radars, their outputs and 256 pages need a tenth of it
 _JOIN_S = 4.0  # for all radars together: below the deadline
 
 
 def run(config: Config, options: RunOptions) -> int:
     """Run the daemon; return the exit code, or raise RadardError, X2RadarError with it."""
+    _allow_many_files()
     with state_lock(config):
         return Process(config, options).go()
+
+
+def _allow_many_files() -> None:
+    """Let many radars, pages and outputs be open at once; the usual limit is 1024, or 256."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    most = _MAX_FILES if hard == resource.RLIM_INFINITY else min(hard, _MAX_FILES)
+    if soft != resource.RLIM_INFINITY and soft < most:
+        with contextlib.suppress(OSError, ValueError):
+            resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
 
 
 class Process:

@@ -29,6 +29,9 @@ _MAX_OF_ONE_ADDRESS = 64  # a browser opens seven; loopback may stand for a whol
 _HEADER_S = 10.0  # for each request's header
 _MAX_HEADER = 16_384  # bytes
 _RETRY_S = 5.0
+_BACKLOG = 128  # connections that wait to be taken
+_TOO_MANY = {errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM}
+_SAID_S = 60.0  # how often that is said
 _LAST_WORDS_S = 0.5  # for pages that do not read
 _SEND_BUFFER = 65_536  # bytes; what a slow page cannot take shall not pile up in the kernel
 
@@ -140,6 +143,7 @@ class WebServer:
         self._stop = threading.Event()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._stopping = asyncio.Event()
+        self._quiet_until_s = 0.0
         self._thread: threading.Thread | None = None
         self.address: tuple[str, int] | None = None  # where it listens; None while it does not
 
@@ -173,7 +177,7 @@ class WebServer:
             sock = socket.socket(family, kind, proto)
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             sock.bind(address)
-            sock.listen(128)
+            sock.listen(_BACKLOG)
         except OSError as err:
             if sock is not None:
                 sock.close()
@@ -213,9 +217,11 @@ class WebServer:
             timeout_keep_alive=15,
             timeout_graceful_shutdown=1,
             h11_max_incomplete_event_size=_MAX_HEADER,
+            backlog=_BACKLOG,
         )
         server = uvicorn.Server(config)
         self._loop = asyncio.get_running_loop()
+        self._loop.set_exception_handler(self._fault)
         beside = [
             asyncio.create_task(self._beside(self._loop)),
             asyncio.create_task(self._until_stopped(server)),
@@ -228,6 +234,15 @@ class WebServer:
             for task in beside:
                 task.cancel()
             await asyncio.gather(*beside, return_exceptions=True)
+
+    def _fault(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        """Say once a minute that no page can be taken, which asyncio says many times a second."""
+        err = context.get("exception")
+        if not isinstance(err, OSError) or err.errno not in _TOO_MANY:
+            loop.default_exception_handler(context)
+        elif loop.time() >= self._quiet_until_s:
+            self._quiet_until_s = loop.time() + _SAID_S
+            log.warning("no further page can be opened: %s", err.strerror)
 
     async def _until_stopped(self, server: uvicorn.Server) -> None:
         await self._stopping.wait()
