@@ -12,8 +12,6 @@ from x2radar.device.assemble import FrameAssembler
 from x2radar.errors import SettingsError, X2RadarError
 from x2radar.modules.x2 import PRF_HZ, PULSE_GENERATORS, RadarSettings
 from x2radar.modules.x4 import X4Settings
-from x2radar.ports import parse_port
-from x2radar.radars import make_radar
 from x2radar.wire.codec import decode_response, encode
 from x2radar.wire.messages import (
     BasebandIq,
@@ -209,16 +207,6 @@ def test_frames_of_an_x4_off_the_wire_with_a_gap():
     own = BasebandIq(1, 0.05144033, 2.916e9, 7.29e9, 0.334321, ones, ones)
     axis = rf.frame(own, 0.0).axis
     assert (axis.kind, axis.n_range, axis.range_offset_m) == ("baseband", 4, 0.334321)
-
-
-def test_port_key_device():
-    radar = make_radar(parse_port("/dev/ttyX?device=x4m03&rate=20"))
-    assert radar.settings == X4Settings.for_frame_rate(20)
-    assert isinstance(make_radar(parse_port("/dev/ttyX?device=x2raw")).settings, RadarSettings)
-    with pytest.raises(SettingsError, match="known are auto, x2raw, x2m200, x4m03"):
-        make_radar(parse_port("/dev/ttyX?device=x9"))
-    with pytest.raises(SettingsError, match="known are x2raw, x2m200, x4m03"):
-        make_radar(parse_port("sim:human?device=auto"))
 
 
 @pytest.mark.parametrize(

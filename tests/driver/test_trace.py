@@ -131,25 +131,17 @@ def test_unknown_packets_are_shown_as_hex():
 # ---------------------------------------------------------------- damage
 
 
-def test_damaged_packets_are_reported_in_place():
+def test_what_is_no_sound_packet_is_reported_in_place():
     broken = bytearray(PING)
     broken[2] ^= 1
-    items = list(describe(PONG + bytes(broken) + PONG))
-    assert [i.get("message") for i in items] == ["Pong", None, "Pong"]
+    senseless = framing.encode(b"\x90\x51\x01")
+    items = list(describe(PONG + bytes(broken) + b"\x00\x01\x02" + PING + senseless + PONG[:-2]))
+    assert [i.get("message") for i in items] == ["Pong", None, None, "Ping", None, None]
     assert items[1] == {"fault": "crc error", "n_bytes": len(PING)}
-
-
-def test_junk_and_a_cut_end_are_reported():
-    items = list(describe(b"\x00\x01\x02" + PING + PONG[:-2]))
-    assert items[0] == {"fault": "junk between packets", "n_bytes": 3}
-    assert items[1]["message"] == "Ping"
-    assert items[2] == {"fault": "incomplete packet at the end", "n_bytes": len(PONG) - 2}
-
-
-def test_sound_packets_without_sense_are_reported():
-    [item] = describe(framing.encode(b"\x90\x51\x01"))
-    assert item["n_bytes"] == 3
-    assert "SetSysInt" in item["fault"]
+    assert items[2] == {"fault": "junk between packets", "n_bytes": 3}
+    assert items[4]["n_bytes"] == 3
+    assert "SetSysInt" in items[4]["fault"]
+    assert items[5] == {"fault": "incomplete packet at the end", "n_bytes": len(PONG) - 2}
 
 
 @given(st.binary(max_size=400))

@@ -145,8 +145,11 @@ def test_a_row_and_its_firmware_are_all_that_a_module_needs(monkeypatch):
     frames, stream = opened("sim:human?device=mine&rate=20", 3)
     assert (len(frames), stream.frame_rate_hz, stream.axis.carrier_hz) == (3, 20, 7.29e9)
     assert module_for("X4M03") is row
-    with pytest.raises(SettingsError, match="known are auto, x2raw, x2m200, x4m03, mine"):
-        make_radar(parse_port("/dev/ttyX?device=x9"))
+    known = "x2raw, x2m200, x4m03, mine"
+    for port, words in ("/dev/ttyX?device=x9", f"auto, {known}"), ("sim:human?device=auto", known):
+        with pytest.raises(SettingsError, match=f"known are {words}"):
+            make_radar(parse_port(port))
+    assert make_radar(parse_port("/dev/ttyX?device=x2raw")).settings == RadarSettings()
 
 
 @pytest.mark.parametrize("device", MODULES)

@@ -148,10 +148,13 @@ def test_at_home_is_offered_where_it_differs(empty, tab):
     one = tab(empty).open()
     assert one.page.locator("#arm-home").count() == 0
     empty.post("/api/v1/zones", {"include": [], "exclude": [], "away": [[0.5, 1.0]]})
-    empty.post("/api/v1/settings", {"alarm": {"exit_delay_s": 300}})
     empty.post("/api/v1/command", {"command": "disarm"})
     one.page.locator("#arm-home").click()
     one.until("document.querySelector('#arm').textContent === 'Armed at home'")
+    empty.post("/api/v1/settings", {"alarm": {"exit_delay_s": 300}})
+    empty.post("/api/v1/command", {"command": "disarm"})
+    one.page.locator("#arm-home").click()
+    one.until("document.querySelector('#arm').textContent === 'Arming'")
     one.page.wait_for_selector(".banner.calm")
     assert re.search(r"Armed in \d+ s", one.page.inner_text(".banner.calm"))
 
