@@ -207,6 +207,8 @@ class ClipKeeper:
         from radard.clips.clip_file import ClipFile  # noqa: PLC0415
 
         stream = self._stream
+        # A simulated stream that begins again has the events of the last time.
+        path.unlink(missing_ok=True)
         self._file = ClipFile(path, stream, first_index=first, started_utc=utc, attributes=about)
 
     def _write(self, frames: list[Frame]) -> None:
