@@ -134,15 +134,19 @@ def test_off_nothing_is_kept(tmp_path, monkeypatch, argv):
     assert not list(tmp_path.rglob("*.h5"))
 
 
-def test_a_simulated_stream_that_begins_again_makes_its_clips_again(tmp_path):
-    _, (clip,) = run_with_clips(tmp_path, "sim:human?run=again", 6)
+def test_a_simulated_stream_that_begins_again_keeps_its_clips(tmp_path, monkeypatch):
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
+    argv = ("--port", "sim:human?run=again", "--speed", "max", "--duration", "6", "-o", "json")
+    run_radard(*argv)
+    (clip,) = tmp_path.glob("clips/*.h5")
     before_ns = clip.stat().st_mtime_ns
     # Else the alarm that is on stays on, and none begins.
     (tmp_path / "log.db").unlink()
-    records, clips = run_with_clips(tmp_path, "sim:human?run=again", 6)
-    assert clips == [clip]
-    assert clip.stat().st_mtime_ns > before_ns
-    assert str(clip) in {r["clip"] for r in records if r["type"] == "event"}
+    code, records, err = run_radard(*argv)
+    assert code == 0
+    assert "clip" not in err
+    assert {r["clip"] for r in records if r["type"] == "event"} == {str(clip)}
+    assert clip.stat().st_mtime_ns == before_ns
 
 
 def test_a_replay_makes_no_clips(tmp_path):

@@ -201,14 +201,13 @@ class ClipKeeper:
                 self._complain(OutputError(f"{of}the disk is too slow, or hangs"))
 
     def _open(self, path: Path, first: int, utc: str, about: Mapping[str, str]) -> None:
-        if self.complaint:
+        # A named simulated stream that begins again has the events and clips of the last time.
+        if self.complaint or path.exists():
             return
         # Late, so that a run without alarms never loads h5py.
         from radard.clips.clip_file import ClipFile  # noqa: PLC0415
 
         stream = self._stream
-        # A simulated stream that begins again has the events of the last time.
-        path.unlink(missing_ok=True)
         self._file = ClipFile(path, stream, first_index=first, started_utc=utc, attributes=about)
 
     def _write(self, frames: list[Frame]) -> None:
