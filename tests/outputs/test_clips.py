@@ -139,14 +139,18 @@ def test_a_simulated_stream_that_begins_again_keeps_its_clips(tmp_path, monkeypa
     argv = ("--port", "sim:human?run=again", "--speed", "max", "--duration", "6", "-o", "json")
     run_radard(*argv)
     (clip,) = tmp_path.glob("clips/*.h5")
-    before_ns = clip.stat().st_mtime_ns
+    before = clip.read_bytes()
+    # As one of another stream would be, which came in between.
+    later_ns = clip.stat().st_mtime_ns + 10**12
+    os.utime(clip_of(clip.parent, 7), ns=(later_ns, later_ns))
     # Else the alarm that is on stays on, and none begins.
     (tmp_path / "log.db").unlink()
     code, records, err = run_radard(*argv)
     assert code == 0
     assert "clip" not in err
     assert {r["clip"] for r in records if r["type"] == "event"} == {str(clip)}
-    assert clip.stat().st_mtime_ns == before_ns
+    assert clip.read_bytes() == before
+    assert clip.stat().st_mtime_ns > later_ns
 
 
 def test_a_replay_makes_no_clips(tmp_path):

@@ -16,7 +16,7 @@ from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from radard.clips.room import limit_size, prepare_folder
+from radard.clips.room import date_last, limit_size, prepare_folder
 from radard.config.sections import ClipsSection
 from radard.errors import FeatureError, OutputError
 from x2radar import wall_clock
@@ -201,8 +201,11 @@ class ClipKeeper:
                 self._complain(OutputError(f"{of}the disk is too slow, or hangs"))
 
     def _open(self, path: Path, first: int, utc: str, about: Mapping[str, str]) -> None:
-        # A named simulated stream that begins again has the events and clips of the last time.
-        if self.complaint or path.exists():
+        if self.complaint:
+            return
+        if path.exists():
+            # A named simulated stream that begins again has the events and clips of the last time.
+            date_last(path)
             return
         # Late, so that a run without alarms never loads h5py.
         from radard.clips.clip_file import ClipFile  # noqa: PLC0415
