@@ -85,7 +85,6 @@ class StoreSink(DirectSink):
 
     def _opened(self) -> sqlite3.Connection:
         if self._db is not None and files_of(self._path) != self._files:
-            self._keeper.remark("the file was taken away")
             self._let_go()
         if self._db is None:
             self._db = db = open_log_file(self._path, _DECISIONS)
@@ -156,6 +155,8 @@ class StoreSink(DirectSink):
         """Close the file; what is not committed is lost: decisions of ten seconds at most."""
         db, self._db = self._db, None
         if db is not None:
+            if files_of(self._path) != self._files:
+                self._keeper.remark("the file was taken away")
             with contextlib.suppress(sqlite3.Error):
                 db.close()
         self._keeper.dropped(self._n_open, "the store takes nothing")
