@@ -109,7 +109,8 @@ class Clock:
         for path in self._home.rglob("*"):
             try:
                 about = path.stat()
-                os.utime(path, (about.st_atime - step_s, about.st_mtime - step_s))
+                step_ns = round(step_s * 1e9)
+                os.utime(path, ns=(about.st_atime_ns - step_ns, about.st_mtime_ns - step_ns))
             except FileNotFoundError:
                 continue
 

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from radard.errors import OutputError
 
+_STEP_NS = 2_000_000_000  # FAT keeps times to 2 s
 _NAME = re.compile(r"[0-9A-HJKMNP-TV-Z]{26}\.(h5|png)")
 
 
@@ -47,7 +48,8 @@ def date_last(path: Path) -> None:
     """Date a file of a clip behind those of all others, where the clock has not done so."""
     newest = max((_time_ns(c) for c in _oldest_first(path.parent) if path not in c), default=0)
     if path.stat().st_mtime_ns <= newest:
-        os.utime(path, ns=(newest + 1, newest + 1))
+        later_ns = newest + _STEP_NS
+        os.utime(path, ns=(later_ns, later_ns))
 
 
 def _oldest_first(folder: Path) -> list[tuple[Path, ...]]:
