@@ -125,9 +125,9 @@ class Health:
     def on_end(self, reason: str) -> Status | None:
         """Note that the run is over."""
         with self._lock:
-            status = self._say(Status("offline", reason))
-            self._is_over = True
-            return status if status is not None else self._changed()
+            if not self._is_over:
+                self._base, self._is_over = Status("offline", reason), True
+            return self._changed()
 
     def complain(self, source: str, reason: str) -> Status | None:
         """Note what is wrong beside the stream, an output say; an empty reason takes it back."""
