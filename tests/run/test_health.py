@@ -177,7 +177,6 @@ def test_several_states_make_one(states, whole, reason):
 
 def test_an_output_in_trouble_does_not_hide_that_a_run_is_over(health):
     """100,000 steps of the machine found it: a run that ended was told as degraded."""
-    health.on_decision(decision(1, t_mono_s=100.0))
     health.complain("clips", "full")
     assert health.on_end("over") == Status("offline", "over")
     assert health.on_end("again") is None
