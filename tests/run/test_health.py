@@ -11,7 +11,7 @@ from radard.stream.ring import Notice
 from tests.alarm_helpers import decision
 from tests.machine_helpers import machine_settings
 
-STALE_S = 5.0
+STALE_S, LATEST_S = 5.0, 7.0
 
 
 class Clock:
@@ -56,7 +56,9 @@ class HealthMachine(RuleBasedStateMachine):
             self.past.append((kind, self.clock.now_s, reason))
         self.hear(status_of())
 
-    @rule(late_s=st.sampled_from([0.0, 0.3, 4.0, 7.0]), fault=st.sampled_from(["", "9 missing"]))
+    @rule(
+        late_s=st.sampled_from([0.0, 0.3, 4.0, LATEST_S]), fault=st.sampled_from(["", "9 missing"])
+    )
     def decide(self, late_s, fault):
         made = decision(1, fault=fault, t_mono_s=self.clock.now_s - late_s)
         kind = "invalid" if fault else "decision"
@@ -147,7 +149,8 @@ class HealthMachine(RuleBasedStateMachine):
         last_s = decided[-1] if decided else self.past[0][1]
         assert self.health.age_s == pytest.approx(self.clock.now_s - last_s, abs=1e-6)
         if not any(kind in {"found", "paused"} for kind, _, _ in self.past):
-            longest_s = max(START_S, self.stale_s)
+            # From a start on, which may come when the newest frame is as old as any.
+            longest_s = max(START_S, self.stale_s) + LATEST_S
             assert not self.health.status.is_well or self.health.age_s <= longest_s
 
 
