@@ -11,7 +11,12 @@ from radard.stream.ring import Notice
 from tests.alarm_helpers import decision
 from tests.machine_helpers import machine_settings
 
-STALE_S, LATEST_S = 5.0, 7.0
+STALE_S = 5.0
+# Only a decision, or a device that is back, ends a start or an absence.
+CHANGES_NOTHING = {
+    *(("start", "restart"), ("start", "found")),
+    *(("lost", "restart"), ("failed", "restart")),
+}
 
 
 class Clock:
@@ -56,9 +61,7 @@ class HealthMachine(RuleBasedStateMachine):
             self.past.append((kind, self.clock.now_s, reason))
         self.hear(status_of())
 
-    @rule(
-        late_s=st.sampled_from([0.0, 0.3, 4.0, LATEST_S]), fault=st.sampled_from(["", "9 missing"])
-    )
+    @rule(late_s=st.sampled_from([0.0, 0.3, 4.0, 7.0]), fault=st.sampled_from(["", "9 missing"]))
     def decide(self, late_s, fault):
         made = decision(1, fault=fault, t_mono_s=self.clock.now_s - late_s)
         kind = "invalid" if fault else "decision"
@@ -68,7 +71,12 @@ class HealthMachine(RuleBasedStateMachine):
 
     @rule(kind=st.sampled_from(["lost", "found", "restart", "paused"]))
     def notice(self, kind):
-        self.happened(kind, lambda: self.health.on_notice(Notice(kind, f"it {kind}", 1.0)), kind)
+        before, _, _ = self.past[-1]
+        status = self.health.on_notice(Notice(kind, f"it {kind}", 1.0))
+        if (before, kind) in CHANGES_NOTHING:
+            self.hear(status)
+        else:
+            self.happened(kind, lambda: status, kind)
 
     @rule()
     def fail(self):
@@ -149,8 +157,7 @@ class HealthMachine(RuleBasedStateMachine):
         last_s = decided[-1] if decided else self.past[0][1]
         assert self.health.age_s == pytest.approx(self.clock.now_s - last_s, abs=1e-6)
         if not any(kind in {"found", "paused"} for kind, _, _ in self.past):
-            # From a start on, which may come when the newest frame is as old as any.
-            longest_s = max(START_S, self.stale_s) + LATEST_S
+            longest_s = max(START_S, self.stale_s)
             assert not self.health.status.is_well or self.health.age_s <= longest_s
 
 

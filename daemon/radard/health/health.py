@@ -109,6 +109,9 @@ class Health:
             elif notice.kind == "paused":
                 # A replay that is held on purpose says so all the while, and guards nobody.
                 self._due_s = self._clock() + self._stale_s
+            elif not self._base.is_well:
+                # A module that restarts in a loop before any decision looks after nobody.
+                return self._changed()
             return self._say(Status("degraded", notice.reason))
 
     def on_start(self) -> Status | None:
