@@ -12,7 +12,10 @@ from x2radar.errors import WriteError
 def write_atomically(
     path: Path, content: str | bytes, *, sync: bool = True, mode: int = 0o644
 ) -> None:
-    """Write a file whole or not at all, `sync` over a power failure; raises OSError."""
+    """Write a file whole or not at all, `sync` over a power failure; text as UTF-8.
+
+    A missing folder is made for its owner alone. Raises OSError; the old file is then as it was.
+    """
     made = path.with_name(f".{path.name}.{os.getpid()}.new")
     try:
         with _opened(made) as file:

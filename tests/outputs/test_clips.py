@@ -1,10 +1,8 @@
 """Clips: the frames around an alarm, kept whole, replayed alike, and never too many."""
 
-import contextlib
 import fcntl
 import json
 import os
-import shutil
 import struct
 import threading
 import zlib
@@ -17,10 +15,8 @@ import pytest
 
 from radard.clips.clip_file import ClipFile
 from radard.clips.keeper import ClipKeeper
-from radard.clips.room import date_last, limit_size, prepare_folder
 from radard.clips.spectrogram_png import PictureMaker, decode_png, encode_png
 from radard.config.sections import ClipsSection
-from radard.errors import OutputError
 from tests.processes import ran
 from tests.radar_helpers import BASEBAND, noise, run_radard
 from x2radar.frame import Frame, StreamInfo
@@ -142,7 +138,9 @@ def test_a_simulated_stream_that_begins_again_keeps_its_clips(tmp_path, monkeypa
     before = clip.read_bytes()
     # As one of another stream would be, which came in between.
     later_ns = clip.stat().st_mtime_ns + 10**12
-    os.utime(clip_of(clip.parent, 7), ns=(later_ns, later_ns))
+    other = clip.with_name(f"{'7' * 26}.h5")
+    other.touch()
+    os.utime(other, ns=(later_ns, later_ns))
     # Else the alarm that is on stays on, and none begins.
     (tmp_path / "log.db").unlink()
     code, records, err = run_radard(*argv)
@@ -299,7 +297,8 @@ def test_a_reader_keeps_no_decision_out_of_a_clip(tmp_path):
 
 
 FULL_AT_ITS_END = """
-import gc, resource, signal
+import contextlib, gc, resource, signal
+from radard.errors import OutputError
 from tests.outputs.test_clips import *
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 for extra in range(0, 40_000, 1_000):
@@ -328,77 +327,6 @@ def test_a_disk_that_fills_as_a_clip_ends_costs_its_decisions_and_not_the_daemon
     """A limit on a file's size stands for the disk's end; HDF5 could crash the process there."""
     done = ran("-c", FULL_AT_ITS_END, cwd=tmp_path, timeout=120)
     assert (done.returncode, done.stdout, done.stderr) == (0, "all are whole\n", "")
-
-
-def clip_of(folder, k, at_s=None):
-    """The two files of a clip, of a thousand bytes each."""
-    for suffix in ("h5", "png"):
-        path = folder / f"{str(k) * 26}.{suffix}"
-        path.write_bytes(b"x" * 1000)
-        if at_s is not None:
-            os.utime(path, (at_s, at_s))
-    return path
-
-
-def kept(folder):
-    return "".join(sorted({path.name[0] for path in folder.iterdir()}))
-
-
-def test_retention_takes_the_oldest_clips_and_nothing_else(tmp_path):
-    for k in range(5):
-        clip_of(tmp_path, k, 1000 + k)
-    (tmp_path / "holiday.h5").write_bytes(b"x" * 10_000)
-    limit_size(tmp_path, keep_bytes=6000)
-    assert kept(tmp_path) == "234h"
-    limit_size(tmp_path, keep_bytes=0)
-    assert kept(tmp_path) == "4h"
-
-
-@pytest.mark.parametrize(
-    ("free", "floor", "left"), [(5000, 5000, "012"), (5000, 7000, "12"), (0, 6001, "012")]
-)
-def test_nothing_is_deleted_unless_that_makes_the_room(tmp_path, monkeypatch, free, floor, left):
-    for k in range(3):
-        clip_of(tmp_path, k, 1000 + k)
-    whole = 6000 + free
-
-    def usage(folder):
-        used = sum(path.stat().st_size for path in folder.iterdir())
-        return shutil._ntuple_diskusage(whole, used, whole - used)
-
-    monkeypatch.setattr("radard.clips.room.shutil.disk_usage", usage)
-    with contextlib.nullcontext() if left != "012" or free else pytest.raises(OutputError):
-        prepare_folder(tmp_path, free_bytes=floor)
-    assert kept(tmp_path) == left
-
-
-def test_a_clip_that_a_backup_has_too_makes_no_room_and_stays(tmp_path, monkeypatch):
-    folder = tmp_path / "clips"
-    folder.mkdir()
-    for k in range(3):
-        clip_of(folder, k, 1e9 + k)
-    for path in folder.iterdir():
-        (tmp_path / path.name).hardlink_to(path)
-    monkeypatch.setattr(
-        "radard.clips.room.shutil.disk_usage", lambda _: shutil._ntuple_diskusage(9000, 9000, 0)
-    )
-    with pytest.raises(OutputError, match="are free"):
-        prepare_folder(folder, free_bytes=1000)
-    assert kept(folder) == "012"
-
-
-@pytest.mark.parametrize("grain_ns", [1, 2 * 10**9], ids=["ext4", "FAT"])
-def test_a_clock_that_was_ahead_takes_no_later_clip(tmp_path, grain_ns):
-    """Names tell nothing of the order, and a card may keep times to 2 s."""
-    for k in (9, 8, 7):
-        clip_of(tmp_path, k, 4e9 - 2 * k)
-    for k in (6, 5, 4):
-        date_last(clip_of(tmp_path, k))
-        for path in tmp_path.iterdir():
-            kept_ns = path.stat().st_mtime_ns // grain_ns * grain_ns
-            os.utime(path, ns=(kept_ns, kept_ns))
-        limit_size(tmp_path, keep_bytes=6000)
-    assert kept(tmp_path) == "456"
 
 
 def test_a_png_holds_the_picture():

@@ -156,7 +156,7 @@ PASSAGES = {
 @pytest.mark.nightly
 @pytest.mark.parametrize("place", PASSAGES, ids=str)
 def test_passages_of_the_version_are_what_they_were(place):
-    """Whoever changes the simulator so that they differ gives the test another version."""
+    """A change of the simulator by which they differ is another version of the test."""
     spec = AcceptSpec(model="fast")
     number = sum(e.count for e in ENTRIES[: place[0]]) + place[1]
     assert spec.entry(number) == place

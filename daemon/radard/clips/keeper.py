@@ -95,7 +95,10 @@ class ClipKeeper:
             self._take(self._running, end)
 
     def begin(self, event: Mapping[str, Any], t_s: float) -> str | None:
-        """Begin a clip of an event; return its path, None without room or while one is made."""
+        """Begin a clip of an event; return its path, None without room or while one is made.
+
+        Also None while a slow disk has not answered: `named_of` tells the path then.
+        """
         if self._running is not None:
             return None
         self._room = room = self._ask_for_room()

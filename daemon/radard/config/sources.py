@@ -57,7 +57,11 @@ def read_yaml(path: Path) -> tuple[dict[str, Any], Places]:
 def read_environment(
     environ: Mapping[str, str], root: type[BaseModel]
 ) -> Iterator[tuple[tuple[str, str | None], Any, str]]:
-    """Yield ((section, key), value, name) of RADARD_SECTION__KEY; ConfigError if twice."""
+    """Yield ((section, key), value, name) of RADARD_SECTION__KEY; ConfigError if twice.
+
+    One without `__` that names no section is another program's, as the RADARD_PORT of a container
+    platform, and left out with a warning.
+    """
     names: dict[str, str] = {}
     for name in sorted(environ):
         if not name.startswith(ENV_PREFIX):

@@ -72,9 +72,6 @@ def _run(words: list[str], record: Record, timeout_s: float) -> None:
         raise DeliveryError(f"killed after {timeout_s:g} s", is_refusal=is_refusal) from err
     code = process.returncode
     if code != 0:
-        how = (
-            f"ended by {_SIGNALS.get(-code, f'signal {-code}')}"
-            if code < 0
-            else f"exit status {code}"
-        )
+        name = _SIGNALS.get(-code, f"signal {-code}")
+        how = f"ended by {name}" if code < 0 else f"exit status {code}"
         raise DeliveryError(how, is_refusal=is_refusal)

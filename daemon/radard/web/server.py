@@ -123,7 +123,10 @@ def _drop_idle(connections: list[Any]) -> bool:
 
 
 class WebServer:
-    """Serve an application; port 0 is any free one. `on_trouble` hears why it cannot."""
+    """Serve an application; port 0 is any free one. `on_trouble` hears why it cannot.
+
+    `beside` returns what runs beside it in its loop; `last_words` is waited for before the end.
+    """
 
     def __init__(
         self,
