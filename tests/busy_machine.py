@@ -37,7 +37,7 @@ def allow_for_it(patch):
     patch.setattr("radard.run.sensor.STALE_S", 60.0)
     patch.setattr("radard.run.running._JOIN_S", 60.0)
     patch.setattr("radard.run.process._JOIN_S", 60.0)
-    patch.setattr("radard.health.thread_dump.os", SimpleNamespace(_exit=lambda _code: None))
+    patch.setattr("radard.run.os_signals.os", SimpleNamespace(_exit=lambda _code: None))
 
 
 if __name__ == "__main__":

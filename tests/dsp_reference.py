@@ -2,10 +2,9 @@
 
 import numpy as np
 
-from radard.dsp.clutter import block_power, sound_rows
+from radard.dsp.clutter import block_power, noise_of, second_differences, sound_rows
 from radard.dsp.gram import gaussian_taper
 from radard.dsp.jitter import take_out_jitter
-from radard.dsp.noise import noise_of, second_differences
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 
 

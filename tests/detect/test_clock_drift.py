@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from radard.stream.clock_drift import ClockDrift
-from radard.stream.frame_timing import RateWatch
+from radard.stream.frame_timing import ClockDrift, RateWatch
 
 
 def followed(drift, seconds, *, seed=0, stalls=0.01):

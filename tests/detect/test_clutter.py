@@ -8,12 +8,14 @@ from radard.dsp.clutter import (
     block_power,
     centre_spread_m,
     median,
+    noise_of,
+    noise_profile,
     part_edges,
+    second_differences,
     sound_rows,
     spike_rows,
 )
 from radard.dsp.downconvert import DownConverter
-from radard.dsp.noise import noise_of, noise_profile, second_differences
 from tests.clutter_helpers import AXIS, body, db, room
 from tests.dsp_reference import noise_power, residual_power
 from tests.radar_helpers import dwell_of, noise, walker

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from radard.judge.display_db import WEAKEST_COLUMN_DB, shown
 from radard.judge.features import FeatureSettings, extract
+from radard.judge.velocity_map import WEAKEST_COLUMN_DB, shown
 from radard.stream.ring import Dwell
 from tests.radar_helpers import BASEBAND, dwell_of, noise, walker
 

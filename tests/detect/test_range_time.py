@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from radard.dsp.grid import overlap, time_cells
-from radard.dsp.range_time import RangeTimeMap
+from radard.dsp.range_time import RangeTimeMap, overlap, time_cells
 from tests.dsp_helpers import P4XX, X2, X4, error, point
 from tests.radar_helpers import noise
 

@@ -10,7 +10,7 @@ import pytest
 from radard.config.sink_table import MqttSection, SinkOptions
 from radard.outputs.base import DeliveryError
 from radard.outputs.mqtt.link import Broker, MqttLink, Publication
-from radard.outputs.trial import tried
+from radard.outputs.registry import tried
 from tests.sink_helpers import QUICK, decision, event, hello, open_sink
 from tests.waiting import wait_for
 from x2radar.backoff import Backoff
@@ -239,7 +239,7 @@ def test_commands_that_nobody_can_send_are_said(strict):
 
 
 def test_a_test_alarm_is_taken_once_it_is_confirmed_and_not_by_decisions(strict, monkeypatch):
-    monkeypatch.setattr("radard.outputs.trial.ANSWERED_S", 0.5)
+    monkeypatch.setattr("radard.outputs.registry.ANSWERED_S", 0.5)
     made = strict(answers=False)
     sink = open_sink(f"mqtt://127.0.0.1:{made.port}", SinkOptions(log=QUICK), sensor="hall")
     try:

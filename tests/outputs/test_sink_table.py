@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from radard.config.redact import redact
+from radard.config.credentials import redact
 from radard.config.sink_table import SINKS, SinkOptions, find_row
 
 ROOT = Path(__file__).parents[2]

@@ -61,7 +61,7 @@ def test_a_thread_that_never_comes_back_does_not_hold_up_the_end(monkeypatch, la
     gate.before(monkeypatch, Pipeline, "decide")
     monkeypatch.setattr("radard.run.running._JOIN_S", 0.2)
     monkeypatch.setattr("radard.run.process._DEADLINE_S", 0.6)
-    monkeypatch.setattr("radard.health.thread_dump.os._exit", forced.append)
+    monkeypatch.setattr("radard.run.os_signals.os._exit", forced.append)
     daemon = launch()
     daemon.far.wait_for("READY")
     gate.shut()

@@ -9,9 +9,8 @@ import pytest
 
 from radard import cli
 from radard.config.config import load_config
-from radard.config.directories import runtime_dir
-from radard.config.redact import redact
-from radard.config.state_lock import state_lock
+from radard.config.credentials import redact
+from radard.config.directories import runtime_dir, state_lock
 from radard.errors import ConfigError
 
 
@@ -38,7 +37,7 @@ def test_a_second_daemon_on_one_state_directory_says_so(tmp_path, capsys, monkey
 def test_the_lock_ends_with_a_process_that_is_killed(tmp_path):
     code = (
         "import sys, time; from pathlib import Path; from radard.config.config import load_config;"
-        "from radard.config.state_lock import state_lock\n"
+        "from radard.config.directories import state_lock\n"
         "options = {'sensor': {'port': '/dev/x'}, 'service': {'state_dir': Path(sys.argv[1])}}\n"
         "with state_lock(load_config(environ={}, options=options)):\n"
         "    print('held', flush=True); time.sleep(600)\n"
@@ -74,7 +73,7 @@ def test_a_folder_that_cannot_be_locked_ends_no_start(tmp_path, caplog, monkeypa
     def flock(*_):
         raise OSError(errno.EROFS, os.strerror(errno.EROFS))
 
-    monkeypatch.setattr("radard.config.state_lock.fcntl.flock", flock)
+    monkeypatch.setattr("radard.config.directories.fcntl.flock", flock)
     with state_lock(configured(tmp_path)):
         pass
     assert "Read-only file system" in caplog.text

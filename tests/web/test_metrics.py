@@ -4,7 +4,7 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from radard.pipeline import Pipeline
-from radard.stream.clock_drift import Drift
+from radard.stream.frame_timing import Drift
 from radard.web.metrics import HELP, Metrics, exposition
 from tests.sink_helpers import decision, event, hello
 from tests.waiting import free_port, wait_for

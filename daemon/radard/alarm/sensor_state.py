@@ -9,7 +9,7 @@ from typing import Any
 
 from radard.alarm.panel import ArmMode, PanelState
 from radard.judge.decision import GateState, Label
-from radard.stream.clock_drift import Drift
+from radard.stream.frame_timing import Drift
 
 
 @dataclass(frozen=True, slots=True)

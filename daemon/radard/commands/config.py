@@ -10,8 +10,8 @@ from typing import Any
 import yaml
 
 from radard.config.config import Config, Loaded, load_with_origins
+from radard.config.credentials import redact_value
 from radard.config.options import add_options, config_options
-from radard.config.redact import redact_value
 from radard.errors import RadardError
 from radard.judge.bundle import load_bundle
 from radard.judge.model_choice import hop_warning, model_for

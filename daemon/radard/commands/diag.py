@@ -24,8 +24,8 @@ from typing import Any
 
 from radard.commands.config import shown
 from radard.config.config import DEFAULT_FILES, Config, load_with_origins
+from radard.config.credentials import MASK, redact, redact_value
 from radard.config.directories import calibration_file, state_dir, status_dirs
-from radard.config.redact import MASK, redact, redact_value
 from radard.config.sources import ENV_PREFIX
 from radard.detect.calibration import load_calibration
 from radard.errors import RadardError

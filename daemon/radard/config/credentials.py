@@ -1,12 +1,17 @@
-"""Credentials: the configuration names a file or an environment variable, never the value.
+"""Secrets: read from the file or variable that the configuration names, and never printed.
 
-So no printed configuration, and no `repr`, can hold one, and a renewed file counts from the
-next connection on.
+The configuration never holds a credential itself, so no printed one, and no `repr`, can; and a
+renewed file counts from the next connection on. What is printed loses passwords in URLs, tokens
+in paths and arguments of programs.
 """
 
 import os
+import re
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
+from radard.config.sink_table import find_row
 from radard.errors import ConfigError
 
 
@@ -29,3 +34,39 @@ def read_secret(what: str, file: Path | None, variable: str | None) -> str | Non
     if not lines or not lines[0].strip():
         raise ConfigError(f"{what}_file: {file}: the first line is empty")
     return lines[0].strip()
+
+
+MASK = "***"
+_USERINFO = re.compile(r"(//[^:\s]*):\S*@")  # up to the last @: a password may hold /, @, :
+_QUERY = re.compile(r"([?&][^=&\s]*(?:pass|secret|token|key|auth)[^=&\s]*)=[^&\s]*", re.IGNORECASE)
+_KEY = re.compile(r"pass(word)?|secret|token|api_?key", re.IGNORECASE)
+
+
+def redact(text: str) -> str:
+    """Return a port, output or error text without its secrets, see `SinkRow.shows`."""
+    scheme, _, rest = text.partition(":")
+    row = find_row(text)
+    if row is not None and row.shows == "host":
+        # After an @ nobody knows what is the host, and what a password.
+        url = None if "@" in rest else re.match(r"\w+://[^/?#\s]*", rest)
+        host = url.group() if url else ""
+        return f"{scheme}:{host}" + ("" if host == rest else f"/{MASK}")
+    if row is not None and row.shows == "service":
+        # Of which any part may be a token; a file's name is none.
+        service, found, _ = rest.partition("://")
+        return text if rest.startswith("@") else f"{scheme}:{service if found else ''}://{MASK}"
+    if row is not None and row.shows == "program":
+        program, _, arguments = rest.strip().partition(" ")
+        return f"{scheme}:{program}" + (f" {MASK}" if arguments else "")
+    return _QUERY.sub(rf"\1={MASK}", _USERINFO.sub(rf"\1:{MASK}@", text))
+
+
+def redact_value(key: str, value: Any) -> Any:
+    """Return a configuration value, or tree of them, without its secrets."""
+    if isinstance(value, Mapping):
+        return {k: redact_value(str(k), v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [redact_value(key, v) for v in value]
+    if value is not None and _KEY.search(key) and not key.endswith(("_file", "_env")):
+        return MASK
+    return redact(value) if isinstance(value, str) else value

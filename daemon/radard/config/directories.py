@@ -6,16 +6,19 @@ Clips, large and private, are made only where a folder was named.
 
 import atexit
 import contextlib
+import fcntl
+import logging
 import os
 import secrets
 import shutil
 import stat
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from radard.config.config import Config
 from radard.config.saved import Kind
 from radard.errors import ConfigError, NotAllowed
 from x2radar.ports import parse_port
@@ -157,3 +160,42 @@ def _temporary_dir() -> Path | None:
         return None
     is_own = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid()
     return folder if is_own and not found.st_mode & 0o077 else None
+
+
+log = logging.getLogger("radard")
+
+
+@contextlib.contextmanager
+def state_lock(config: "Config", environ: Mapping[str, str] = os.environ) -> Iterator[None]:
+    """Hold the state directory, if one is used; ConfigError while another daemon does.
+
+    The lock ends with the process.
+    """
+    path = log_path(config, environ)
+    if path is None:
+        yield
+        return
+    folder = path.parent
+    with contextlib.ExitStack() as stack:
+        try:
+            fd = _locked(folder)
+        except BlockingIOError as err:
+            msg = f"{folder}: another radard uses this state directory; stop it, or name another "
+            msg += "folder in service.state_dir (RADARD_SERVICE__STATE_DIR)"
+            raise ConfigError(msg) from err
+        except OSError as err:
+            log.warning("%s: not locked against a second radard: %s", folder, err.strerror or err)
+        else:
+            stack.callback(os.close, fd)
+        yield
+
+
+def _locked(folder: Path) -> int:
+    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(fd)
+        raise
+    return fd

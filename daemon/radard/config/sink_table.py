@@ -158,7 +158,7 @@ class SinkRow:
     value: Literal["none", "optional", "required"] = "required"  # none: not even a colon
     sections: tuple[str, ...] = ()  # of `SinkOptions`: a reload that changes one reopens it
     is_per_sensor: bool = False  # of several radars in one process each has its own
-    # What is printed of its value; passwords in URLs never are (`radard.config.redact`).
+    # What is printed of its value; passwords in URLs never are (`radard.config.credentials`).
     shows: Literal["all", "host", "program", "service"] = "all"
 
     @property

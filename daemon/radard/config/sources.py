@@ -12,7 +12,7 @@ from typing import Annotated, Any, Union, get_args, get_origin
 import yaml
 from pydantic import BaseModel
 
-from radard.config.redact import redact_value
+from radard.config.credentials import redact_value
 from radard.errors import ConfigError
 from x2radar.bounded_yaml import YamlError, compose_yaml, construct
 

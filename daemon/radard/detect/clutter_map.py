@@ -9,9 +9,15 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.dsp.clutter import Flags, repeat_usable, sound_rows, spike_rows
+from radard.dsp.clutter import (
+    Flags,
+    noise_of,
+    repeat_usable,
+    second_differences,
+    sound_rows,
+    spike_rows,
+)
 from radard.dsp.jitter import take_out_jitter
-from radard.dsp.noise import noise_of, second_differences
 from radard.stream.ring import Dwell
 
 _STILL = 2.0  # power over the noise up to which a bin is still

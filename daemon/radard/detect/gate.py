@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from radard.config.sections import GateSettings
 from radard.detect.calibration import Calibration
 from radard.detect.noise_floor import NoiseFloor
-from radard.dsp.clutter import centre_spread_m, median, sound_rows
-from radard.dsp.noise import second_differences
+from radard.dsp.clutter import centre_spread_m, median, second_differences, sound_rows
 from radard.dsp.range_doppler import (
     MAX_RESIDUE,
     cell_factor,

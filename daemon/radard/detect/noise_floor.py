@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.dsp.noise import noise_of, noise_profile
+from radard.dsp.clutter import noise_of, noise_profile
 
 _GAIN = 0.2  # of a step towards what a dwell shows: five dwells' memory
 _SIGMAS = 4.0  # of a CPI's power, within which a bin counts as noise

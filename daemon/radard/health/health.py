@@ -30,6 +30,9 @@ class Status:
     state: State
     reason: str
 
+    def __str__(self) -> str:
+        return f"{self.state}: {self.reason}" if self.reason else self.state
+
     @property
     def is_well(self) -> bool:
         """Whether people are looked after: online or degraded."""
@@ -181,11 +184,7 @@ def overall(healths: Mapping[str, Health]) -> Status:
     states = {name: health.status for name, health in healths.items()}
     if len(states) == 1:
         return next(iter(states.values()))
-    reason = "; ".join(
-        f"{name}: {status.state}" + (f": {status.reason}" if status.reason else "")
-        for name, status in states.items()
-        if status.state != "online"
-    )
+    reason = "; ".join(f"{n}: {now}" for n, now in states.items() if now.state != "online")
     if not reason:
         return Status("online", "")
     if any(status.is_well for status in states.values()):

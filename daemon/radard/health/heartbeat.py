@@ -7,6 +7,7 @@ only while `Health` allows it and the main thread has been heard. It has no opin
 import contextlib
 import logging
 import os
+import socket
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -16,9 +17,53 @@ from typing import Any
 
 from radard.health.health import Health, Status, may_feed_all, overall
 from radard.health.status_file import read_status, write_status
-from radard.health.systemd import Notifier
 
 log = logging.getLogger("radard")
+
+
+class Notifier:
+    """Send messages to the service manager that `environ` names, if there is one."""
+
+    def __init__(self, environ: Mapping[str, str] = os.environ) -> None:
+        name = environ.get("NOTIFY_SOCKET", "")
+        self._address = f"\0{name[1:]}" if name.startswith("@") else name
+        usec = environ.get("WATCHDOG_USEC", "")
+        mine = environ.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
+        self.every_s = int(usec) / 2e6 if usec.isdecimal() and mine else None
+        """Longest time between two `watchdog` messages, in seconds; None if none is wanted."""
+        self._fed_s = 0.0
+
+    def send(self, *lines: str) -> None:
+        """Send lines as one message; a manager that does not listen is no fault of ours."""
+        if not self._address:
+            return
+        with (
+            contextlib.suppress(OSError),
+            socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as out,
+        ):
+            # A full queue must not stop the supervisor.
+            out.setblocking(False)
+            out.sendto("\n".join(lines).encode(), self._address)
+
+    def ready(self, status: str) -> None:
+        """Say that start or reload is over."""
+        self.send("READY=1", f"STATUS={status}")
+
+    def reloading(self) -> None:
+        """Say that a reload begins; `ready` ends it."""
+        self.send("RELOADING=1", f"MONOTONIC_USEC={time.monotonic_ns() // 1000}")
+
+    def stopping(self, status: str) -> None:
+        """Say that the end has begun."""
+        self.send("STOPPING=1", f"STATUS={status}")
+
+    def feed(self, status: str, now_s: float) -> None:
+        """Feed the watchdog, four times as often as it must be."""
+        if self.every_s is not None and now_s - self._fed_s >= self.every_s / 2:
+            self._fed_s = now_s
+            self.send("WATCHDOG=1", f"STATUS={status}")
+
+
 _EVERY_S = 1.0  # `radard health` calls a file of 10 s stale
 _MAIN_LATE_S = 5.0  # the main thread comes by once a second
 
@@ -93,7 +138,7 @@ class Heartbeat:
         if is_late or not may_feed_all(each.health for each in self._watched):
             return
         status = self.status
-        text = f"{status.state}: {status.reason}" if status.reason else status.state
+        text = str(status)
         if not self._is_ready:
             # Ready means: the first decision is there, or there is nothing to decide on.
             self._is_ready = True
@@ -111,9 +156,8 @@ class Heartbeat:
             if each.path is None:
                 continue
             self._written.add(each.path)
-            more = {**each.panel(), "decision_age_s": round(each.health.age_s, 1)}
             try:
-                write_status(each.path, each.health.status, more)
+                write_status(each.path, each.health.status, each.panel())
             except OSError as err:
                 # Once; the next beat tries again, because a full disk is not full for ever.
                 if not each.is_failing:

@@ -7,6 +7,7 @@ counts only while it is fresh, by the clock that all processes of one boot share
 import json
 import os
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -33,7 +34,7 @@ def status_path(folder: Path, sensor: str) -> Path:
     return folder / f"{sensor}.status.json"
 
 
-def write_status(path: Path, status: Status, more: dict[str, Any]) -> None:
+def write_status(path: Path, status: Status, more: Mapping[str, Any]) -> None:
     """Write the file, for everybody who can see the folder to read; raises OSError."""
     content = {
         "state": status.state,
@@ -60,8 +61,7 @@ def read_status(path: Path, *, stale_s: float = STALE_S) -> StatusReport:
         return StatusReport(False, f"{path}: left over from before the last boot", content)
     if age_s > stale_s and status.state != "offline":
         return StatusReport(False, f"stuck or killed: silent for {age_s:.0f} s", content)
-    line = f"{status.state}: {status.reason}" if status.reason else status.state
-    return StatusReport(status.is_well, line, content)
+    return StatusReport(status.is_well, str(status), content)
 
 
 @cache

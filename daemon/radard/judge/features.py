@@ -21,9 +21,8 @@ from radard.dsp.doppler import StreamingDoppler
 from radard.dsp.range_time import RangeTimeMap
 from radard.dsp.velocity import CPI_S, VelocityTransform
 from radard.errors import FeatureError, ModelMismatch
-from radard.judge.display_db import busiest_rows, shown
 from radard.judge.installation import INSTALLATION, N_INSTALLATION, installation
-from radard.judge.velocity_map import VelocityGrid
+from radard.judge.velocity_map import VelocityGrid, busiest_rows, shown
 from radard.stream.ring import Dwell
 from x2radar.frame import FastTimeAxis
 
@@ -58,12 +57,12 @@ class FeatureSettings:
     long_cell_s: float = 0.1
     long_sampling: float = 0.0  # of the maps with longer CPIs, see `VelocityGrid.sampling`
     # The range-time map shows `near_m` to `far_m`; or 'target': as many metres of the swath where
-    # most moves, wherever that is (`radard.judge.display_db.busiest_rows`).
+    # most moves, wherever that is (`radard.judge.velocity_map.busiest_rows`).
     range_window: Literal["fixed", "target"] = "fixed"
     near_m: float = 0.4
     far_m: float = 4.4
     cell_m: float = 0.1  # cells outside the swath stay empty
-    velocity_depth_db: float = 25.0  # what is shown, see `radard.judge.display_db`
+    velocity_depth_db: float = 25.0  # what is shown, see `radard.judge.velocity_map`
     long_depth_db: float = 30.0  # of both maps with longer CPIs
     range_depth_db: float = 30.0
 

@@ -1,4 +1,7 @@
-"""Velocity-time maps with CPIs of several lengths: what a short one blurs a long one resolves.
+"""Maps as networks see them, in decibels; velocity-time ones with CPIs of several lengths.
+
+What is shown is shape, not strength: every column of time is set against its own maximum, or
+against a level under the dwell's maximum where it is weaker than that.
 
 A CPI of T seconds resolves c / (2 f T) of velocity. In 0.2 s that is 0.1 m/s, and the swing of
 a leg is seen as it goes; in 0.6 s, 0.04 m/s, which parts the slow limbs of somebody who hardly
@@ -11,11 +14,52 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.dsp.grid import time_cells
+from radard.dsp.range_time import time_cells
 from radard.dsp.velocity import VelocityTransform
-from radard.judge.display_db import shown
 from radard.stream.ring import Dwell
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
+
+WEAKEST_COLUMN_DB = 25.0  # weaker columns stay dark: the maps' own depth
+
+Map = NDArray[np.float32]
+
+
+def shown(power: NDArray[np.float64], valid: NDArray[np.bool_], depth_db: float) -> Map:
+    """Return a map of power as a picture with values from 0 to 1, same shape, float32.
+
+    `power` is linear, shape (n_rows, n_cells); columns that are not `valid` are 0 in the result. 1
+    is the reference, 0 `depth_db` under it and less. All zero where there is no power, or none
+    that is finite. Error at most 1e-6 against extended precision, for powers from 1e-320 to 1e300.
+    """
+    out = np.zeros(power.shape, np.float32)
+    known = np.where(valid, power, 0.0)
+    top = float(known.max(initial=0.0))
+    if not 0 < top < np.inf:
+        return out
+    share = known / top
+    column = np.maximum(share.max(axis=0), 10 ** (-WEAKEST_COLUMN_DB / 10))
+    level_db = 10 * np.log10(np.maximum(share / column, 1e-12))
+    np.clip(1 + level_db / depth_db, 0, 1, out=out, casting="unsafe")
+    out[:, ~valid] = 0
+    return out
+
+
+def busiest_rows(power: NDArray[np.float64], n_rows: int) -> NDArray[np.float64]:
+    """Return a copy of the `n_rows` neighbouring rows in which most moves, the nearest of equals.
+
+    Every column counts the same: rows are chosen by the mean of each row's share of its
+    column, so one strong moment does not decide. A map with fewer rows is filled up with
+    empty ones behind its last.
+    """
+    n_all = len(power)
+    if n_all <= n_rows:
+        return np.concatenate([power, np.zeros((n_rows - n_all, power.shape[1]))])
+    peak = power.max(axis=0, initial=0.0)
+    share = np.divide(power, peak, out=np.zeros_like(power), where=peak > 0).mean(axis=1)
+    sums = np.concatenate([[0.0], np.cumsum(share)])
+    first = int(np.argmax(sums[n_rows:] - sums[:-n_rows]))
+    return power[first : first + n_rows].copy()
+
 
 _MAX_SHARE = 0.75  # of a dwell, for a CPI: the rest is what its columns move over
 
@@ -33,7 +77,7 @@ class VelocityGrid:
     step_mps: float  # and their spacing
     cell_s: float  # time cell
     n_cells: int  # columns, the last of which ends with the dwell
-    depth_db: float  # what is shown, see `radard.judge.display_db.shown`
+    depth_db: float  # what is shown, see `shown`
     # Frames a second that are enough, as a share of what tells velocities to `max_mps` apart,
     # 4 f `max_mps` / c: of faster streams so many frames in a row are one that no fewer are
     # left. 0: every frame.

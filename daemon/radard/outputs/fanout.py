@@ -11,16 +11,15 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from radard.config.config import Config
+from radard.config.credentials import redact
 from radard.config.directories import log_path
-from radard.config.redact import redact
 from radard.config.sink_table import SinkOptions, find_row
 from radard.errors import RadardError, UsageError
 from radard.log import EventLog
 from radard.outputs.base import Host, Sink, SinkContext
 from radard.outputs.records import Record
-from radard.outputs.registry import check_output, close_sinks, make_output, start_sink
+from radard.outputs.registry import check_output, close_sinks, make_output, start_sink, tried
 from radard.outputs.thread_sink import RecordQueue
-from radard.outputs.trial import tried
 
 log = logging.getLogger("radard")
 SHARED = "radard"  # stands for all sensors of a process, where a sink needs one name
@@ -95,7 +94,7 @@ class Outputs:
     def try_alarm(
         self, sensor: str, send: Callable[[], None], halt: threading.Event | None = None
     ) -> list[dict[str, str]]:
-        """Send a sensor's test alarm; return what became of it, see `radard.outputs.trial`."""
+        """Send a sensor's test alarm; return what became of it, see `radard.outputs.registry`."""
         return tried([sink for of, sink in self.sinks if of in {None, sensor}], send, halt)
 
     @property

@@ -10,7 +10,7 @@ from typing import Any
 
 from radard.alarm.events import Event
 from radard.config.config import Config
-from radard.config.redact import redact
+from radard.config.credentials import redact
 from radard.health.health import Status
 from radard.judge.classifier import Probabilities
 from radard.judge.decision import Decision, TrackVerdict, pet_limit_of

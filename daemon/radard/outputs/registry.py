@@ -1,13 +1,14 @@
-"""From the values of -o/--output to sinks: those of `radard.config.sink_table`, and plug-ins."""
+"""From the values of -o/--output to sinks, and what is done with several: a test, their end."""
 
 import importlib
+import threading
 import time
 from collections.abc import Callable, Sequence
 
 from radard import plugins
 from radard.config.sink_table import FORMS, SCHEMES, SinkOptions, find_row
 from radard.errors import OutputError, UsageError
-from radard.outputs.base import Sink, SinkContext
+from radard.outputs.base import Sink, SinkContext, SinkState
 from radard.outputs.thread_sink import CLOSE_S
 
 Opener = Callable[[str, SinkOptions, SinkContext], Sink]
@@ -19,6 +20,8 @@ folder is not to be had. A far end need not be there yet. At a reload the sink t
 is still at work: what only one can hold belongs in a method `start`, which is called once when
 that one is closed.
 """
+ANSWERED_S = 8.0  # above what a webhook may take
+_LOOK_S = 0.1  # a person waits
 _OF_A_SINK = ("name", "state", "waits", "write", "finish", "close")
 
 
@@ -65,3 +68,37 @@ def close_sinks(sinks: Sequence[Sink]) -> list[Exception]:
         except (BrokenPipeError, OutputError) as err:
             errors.append(err)
     return errors
+
+
+def tried(
+    sinks: Sequence[Sink], send: Callable[[], None], halt: threading.Event | None = None
+) -> list[dict[str, str]]:
+    """Send a test alarm; return `output` and `answer` of every sink. `halt` ends the wait."""
+    pairs = [(sink, sink.state) for sink in sinks]
+    send()
+
+    def is_over() -> bool:
+        states = [(sink.state, was) for sink, was in pairs]
+        return all(
+            now.n_failures > was.n_failures or (now.is_ok and now.n_told > was.n_told)
+            for now, was in states
+        )
+
+    wait_until(is_over, ANSWERED_S, halt or threading.Event())
+    return [{"output": sink.name, "answer": _answer(sink, was)} for sink, was in pairs]
+
+
+def wait_until(is_so: Callable[[], bool], timeout_s: float, halt: threading.Event) -> None:
+    """Wait until something holds, as people wait; `timeout_s` at most, or until `halt`."""
+    end_s = time.monotonic() + timeout_s
+    while not is_so() and time.monotonic() < end_s and not halt.wait(_LOOK_S):
+        pass
+
+
+def _answer(sink: Sink, was: SinkState) -> str:
+    now = sink.state
+    if not now.is_ok:
+        return f"failed: {now.reason}"
+    if now.n_told > was.n_told:
+        return "taken"
+    return "no answer yet" if now.n_waiting else "not wanted there"

@@ -14,14 +14,13 @@ import socket
 import stat
 import struct
 import threading
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from radard.alarm.panel import ARM_MODES
 from radard.alarm.sensor_state import SensorState
-from radard.outputs.trial import ANSWERED_S
+from radard.outputs.registry import ANSWERED_S, wait_until
 
 if TYPE_CHECKING:
     # Not for the other end of the line, which must answer at once.
@@ -144,7 +143,7 @@ class ControlServer:
         before = radar.panel()
         radar.command(name)
         # Kept, too: what was answered must hold after a kill.
-        _wait(lambda: _is_so(radar.panel(), name) and radar.is_kept, _TAKEN_UP_S, self._halt)
+        wait_until(lambda: _is_so(radar.panel(), name) and radar.is_kept, _TAKEN_UP_S, self._halt)
         state = radar.panel()
         ended = before.open.get("alarm") if before is not None and name == "ack" else None
         return {"ok": True, **{key: getattr(state, key, None) for key in _TOLD}, "ended": ended}
@@ -229,9 +228,3 @@ def _first_line(line: socket.socket) -> bytes:
             break
         data += part
     return data
-
-
-def _wait(condition: Callable[[], bool], timeout_s: float, halt: threading.Event) -> None:
-    end_s = time.monotonic() + timeout_s
-    while not condition() and time.monotonic() < end_s and not halt.wait(_LOOK_S):
-        pass

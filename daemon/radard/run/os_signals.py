@@ -1,14 +1,20 @@
 """Signals: the first SIGINT or SIGTERM asks for the end, the second one forces it.
 
 SIGHUP asks for a reload, SIGUSR1 for a dump. Handlers only set flags and wake the main
-thread, which acts between two things it does.
+thread, which acts between two things it does. What to do with threads that hang stands here, too:
+say where they are, and end in spite of them.
 """
 
+import json
+import logging
+import os
 import signal
+import sys
 import threading
 from types import FrameType, TracebackType
 from typing import Any
 
+log = logging.getLogger("radard")
 _STOP = (signal.SIGINT, signal.SIGTERM)
 _ASK = {signal.SIGHUP: "reload", signal.SIGUSR1: "dump"}
 
@@ -59,3 +65,25 @@ class Signals:
             self.ask("stop")
         else:
             self.ask(_ASK[signal.Signals(number)])
+
+
+def stacks() -> dict[str, str]:
+    """Return the file and line at which every thread is, by the threads' names."""
+    names = {thread.ident: thread.name for thread in threading.enumerate()}
+    return {
+        names.get(ident, str(ident)): f"{frame.f_code.co_filename}:{frame.f_lineno}"
+        for ident, frame in sys._current_frames().items()
+    }
+
+
+def force_after(seconds: float) -> threading.Timer:
+    """End the process unless the timer that is returned is cancelled before."""
+
+    def force() -> None:
+        log.error("not ended in %g s, forced; threads: %s", seconds, json.dumps(stacks()))
+        os._exit(1)
+
+    timer = threading.Timer(seconds, force)
+    timer.daemon = True
+    timer.start()
+    return timer

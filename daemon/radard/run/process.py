@@ -5,23 +5,22 @@ run, so signals are always heard.
 """
 
 import contextlib
+import json
 import logging
 import resource
 import threading
 import time
+from dataclasses import asdict
 
 from radard.config.config import Config
-from radard.config.directories import own_folder, runtime_dir
-from radard.config.state_lock import state_lock
+from radard.config.directories import own_folder, runtime_dir, state_lock
 from radard.errors import RadardError, UsageError
-from radard.health.heartbeat import Heartbeat, Watched
+from radard.health.heartbeat import Heartbeat, Notifier, Watched
 from radard.health.status_file import status_path
-from radard.health.systemd import Notifier
-from radard.health.thread_dump import force_after, state_dump, state_of
 from radard.outputs.fanout import Outputs
 from radard.run.control import ControlServer
 from radard.run.keeper import Keeper, StartupLimiter
-from radard.run.os_signals import Signals
+from radard.run.os_signals import Signals, force_after, stacks
 from radard.run.pool import WorkerPool
 from radard.run.sensor import RunOptions, Sensor
 from radard.run.sink_watch import SinkWatch
@@ -148,7 +147,7 @@ class Process:
             self.signals.wake.clear()
             # Before the end that may have been asked for since.
             if self.signals.take("dump"):
-                log.warning("state %s", state_dump(self._states()))
+                log.warning("state %s", json.dumps({**self._states(), "threads": stacks()}))
             if self.signals.take("stop"):
                 self._force = force_after(_DEADLINE_S)
                 return True
@@ -171,7 +170,7 @@ class Process:
     def _states(self) -> dict[str, object]:
         states: dict[str, object] = {}
         for sensor in self.sensors:
-            state = state_of(sensor.health, _told(sensor))
+            state = {**asdict(sensor.health.status), **_told(sensor)}
             states |= {sensor.sensor: state} if self._config.is_one_of_several else state
         return states
 
@@ -266,7 +265,8 @@ class Process:
 def _told(sensor: Sensor) -> dict[str, object]:
     """Return what a status file says of a sensor besides its health."""
     state = sensor.panel()
-    return state.as_record(sensor.mark()) if state is not None else {}
+    told = state.as_record(sensor.mark()) if state is not None else {}
+    return {**told, "decision_age_s": round(sensor.health.age_s, 1)}
 
 
 def _of(sensor: Sensor, config: Config) -> Config:

@@ -12,8 +12,8 @@ from dataclasses import replace
 
 from radard.alarm.sensor_state import CalibrationProgress
 from radard.config.config import Config
+from radard.config.credentials import redact
 from radard.config.directories import kept_calibration
-from radard.config.redact import redact
 from radard.detect.calibration import Calibration, Provenance
 from radard.errors import RadardError
 from radard.judge.classifier import Classifier

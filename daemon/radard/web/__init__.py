@@ -4,14 +4,13 @@ A record's way to a page::
 
     sink            takes records from the worker, starts the thread       [worker's thread]
     view            what is held of a sensor: history, counters, pictures  [any thread]
-    hub, socket     hand them to every page, drop what one cannot take     [asyncio]
+    hub             hand them to every page, drop what one cannot take     [asyncio]
     pictures        frames of the ring, or of a clip, to columns of bytes  [own thread]
 
 and a request's way::
 
     server          limits on connections; the thread itself
-    middleware      hosts, origins, bodies, headers
-    auth, guard     roles: who may see, who may arm
+    auth, guard     hosts, origins, bodies; roles: who may see, who may arm
     api, events, actions    the routes
 
 Nothing in here can hold up a decision: `write` appends to a list and returns, and the

@@ -20,8 +20,8 @@ from starlette.websockets import WebSocket
 
 from radard.alarm.explain import explain
 from radard.alarm.sensitivity import alarm_policy, sensitivity_choices
+from radard.config.credentials import redact_value
 from radard.config.directories import kept_calibration, saved_file
-from radard.config.redact import redact_value
 from radard.config.saved import KINDS
 from radard.config.sections import AUTO_MODEL
 from radard.detect.calibration import load_calibration, restless_spans
@@ -29,15 +29,13 @@ from radard.errors import ConfigError, ModelMismatch
 from radard.health.health import Status, overall
 from radard.judge.card import read_card
 from radard.outputs.base import Sink
-from radard.web import socket
+from radard.web import hub as socket
 from radard.web.actions import Actions
 from radard.web.auth import AccessControl, Role
 from radard.web.events import EventRoutes
-from radard.web.guard import Guard, query_number, refusal, whole_number
-from radard.web.history import DECISIONS
+from radard.web.guard import Guard, SecurityMiddleware, query_number, refusal, whole_number
 from radard.web.metrics import exposition
-from radard.web.middleware import SecurityMiddleware
-from radard.web.view import View
+from radard.web.view import DECISIONS, View
 
 _STATIC = Path(__file__).parent / "static"
 # Whatever the system's own table says: a browser runs no script of another type.

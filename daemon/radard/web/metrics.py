@@ -14,7 +14,7 @@ from pathlib import Path
 
 from radard.config.sink_table import KINDS
 from radard.outputs.base import Record, Sink
-from radard.stream.clock_drift import Drift
+from radard.stream.frame_timing import Drift
 from x2radar import wall_clock
 
 _BUCKETS = {

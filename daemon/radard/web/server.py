@@ -18,8 +18,8 @@ from starlette.types import ASGIApp
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from radard.web.auth import is_loopback
+from radard.web.hub import MAX_MESSAGE
 from radard.web.port_holder import port_holder
-from radard.web.socket import MAX_MESSAGE
 
 log = logging.getLogger("radard")
 # Limits for a home's browsers and scrapers, not for the internet.

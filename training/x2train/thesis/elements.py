@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from radard.dsp.doppler import micro_doppler
 from radard.dsp.downconvert import DownConverter
-from radard.dsp.grid import time_cells
+from radard.dsp.range_time import time_cells
 from radard.errors import UsageError
-from radard.judge.display_db import shown
 from radard.judge.features import FeatureSettings, extract
+from radard.judge.velocity_map import shown
 from radard.stream.ring import Dwell, DwellShape
 from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.bodies.thesis_bodies import THESIS_BODIES, draw, ranges
@@ -98,7 +98,7 @@ class Element:
 
     vector: NDArray[np.float32]  # (Q2,): type 2; type 1 is what follows on the first 392
     # (n_cpi, n_cells): spectrogram in decibels, by time cells of 50 ms:
-    # `radard.judge.display_db.shown`
+    # `radard.judge.velocity_map.shown`
     mu: NDArray[np.float32]
     # (n_range_cells, n_cells): likewise, power of what moves by cells of 50 mm
     range_time: NDArray[np.float32]

@@ -2,7 +2,7 @@
 
 The thesis sums power over range before its network sees anything. Here the network gets two
 maps of the same frames, as the daemon makes them: the micro-Doppler spectrogram in decibels,
-and the range-time map, each set against its own level (`radard.judge.display_db`).
+and the range-time map, each set against its own level (`radard.judge.velocity_map`).
 """
 
 from collections.abc import Callable
