@@ -95,7 +95,8 @@ class Pipeline:
         self._evidence = Evidence(evidence, hop_s)
         limits = evidence.human_limit, config.decision.decide_within_s
         is_fused = self.policy == "fused"
-        self._verdict = Verdict(pet_limit_of(config, bundle), *(limits if is_fused else ()))
+        # Another `pet_limit` of it holds from the next dwell on.
+        self.verdict = Verdict(pet_limit_of(config, bundle), *(limits if is_fused else ()))
         self.shape = DwellShape.of(
             dwell_s=self._features.dwell_s,
             hop_s=hop_s,
@@ -110,15 +111,6 @@ class Pipeline:
         self._remover = ClutterRemover()
         self._tracker = Tracker()
         self._seq = 0
-
-    @property
-    def pet_limit(self) -> float:
-        """No alarm above this p(pet) + p(other); another one holds from the next dwell on."""
-        return self._verdict.pet_limit
-
-    @pet_limit.setter
-    def pet_limit(self, pet_limit: float) -> None:
-        self._verdict.pet_limit = pet_limit
 
     def make_ring(self) -> FrameRing:
         """Return the ring that takes this stream's frames and gives this pipeline's dwells."""
@@ -169,7 +161,7 @@ class Pipeline:
         self._tracker.reset()
         self._stream = FeatureStream(self._features, self._feature_names)
         self._evidence.reset()
-        self._verdict.reset()
+        self.verdict.reset()
 
     def decide(self, dwell: Dwell) -> Decision:
         """Judge one dwell from the ring that `make_ring` made; decisions are numbered from 1."""
@@ -192,7 +184,7 @@ class Pipeline:
         label: Label | None = None
         alarm = False
         if not reading.is_open:
-            label, alarm = "none", self._verdict.leave()
+            label, alarm = "none", self.verdict.leave()
             self._evidence.reset()
         else:
             try:
@@ -205,7 +197,7 @@ class Pipeline:
                 fused = window = answer.window
                 if self.policy == "fused":
                     fused = self._evidence.fuse(answer, self._strength_db(gate, dwell))
-                label, alarm = self._verdict.judge(fused, dwell.t_s)
+                label, alarm = self.verdict.judge(fused, dwell.t_s)
         findings: tuple[Finding, ...] = ()
         if self.tamper is not None:
             is_passed_over = label is not None and not alarm
@@ -222,7 +214,7 @@ class Pipeline:
             frames=len(dwell.frames) - dwell.n_lost,
             dropped=dwell.n_lost,
             tracks=verdicts,
-            undecided_s=self._verdict.undecided_s,
+            undecided_s=self.verdict.undecided_s,
             fault="dead sensor: all frames are the same" if is_frozen(dwell) else "",
             findings=findings,
             t_mono_s=dwell.t_mono_s,

@@ -184,11 +184,11 @@ def test_a_sensitivity_chosen_over_mqtt_outlives_a_restart(launch, broker, tmp_p
     daemon = running(launch, broker, tmp_path, model={"name": "accurate"})
     wait_for(lambda: shown() and shown()[-1] == "normal")
     pipeline = daemon.radar.parts.pipeline
-    assert pipeline.pet_limit == 0.8
+    assert pipeline.verdict.pet_limit == 0.8
     listener.say(f"{base}/command/sensitivity", "high")
     wait_for(lambda: shown()[-1] == "high")
     # The same pipeline, so what it has learned of the room stays.
-    wait_for(lambda: pipeline.pet_limit == 0.9)
+    wait_for(lambda: pipeline.verdict.pet_limit == 0.9)
     assert daemon.radar.parts.pipeline is pipeline
     assert daemon.stop() == 0
     daemon = running(launch, broker, tmp_path, alarm={"exit_delay_s": 1})

@@ -15,7 +15,8 @@ from statistics import median
 
 import numpy as np
 
-from radard.commands.explain import basis, percent
+from radard.commands.explain import basis
+from radard.commands.explain_rates import percent
 from radard.config.config import Config
 from radard.config.options import LISTENING, add_options, check_seconds, listening_config
 from radard.config.profiles import Profile, front
@@ -105,11 +106,6 @@ class Fit:
     cpu_s: float  # of one radar, a second of its stream, at the worst
     load: float  # share of the computer that all the radars take then
 
-    @property
-    def fits(self) -> bool:
-        """Whether that leaves 30 % to spare."""
-        return self.load <= _SPARE
-
 
 def _fit(args: argparse.Namespace) -> int:
     """Say which profile fits `args.radars` radars, errors beside it."""
@@ -123,7 +119,7 @@ def _fit(args: argparse.Namespace) -> int:
         own = argparse.Namespace(**{**vars(args), "profile": profile.name})
         cost = measure(listening_config(own, default_port="sim:human"), args.duration, args.rounds)
         fits.append(Fit(profile, cost.all_s, args.radars * cost.all_s / n_cores))
-    name = next((f.profile.name for f in reversed(fits) if f.fits), None)
+    name = next((f.profile.name for f in reversed(fits) if f.load <= _SPARE), None)
     if args.json:
         rows = [
             {

@@ -3,10 +3,10 @@
 from collections.abc import Iterator, Sequence
 
 from radard.alarm.sensitivity import alarm_policy
-from radard.commands.explain_rates import passage_rates, window_rates
+from radard.commands.explain_rates import passage_rates, percent, window_rates
 from radard.config.config import Config, load_config
 from radard.config.options import add_options, config_options, tell_taken
-from radard.config.profiles import USUAL_HZ, Profile, Three, front
+from radard.config.profiles import USUAL_HZ, Profile, front
 from radard.config.sections import AUTO_MODEL, AlarmSection, DecisionSection
 from radard.judge.bundle import Bundle, load_bundle
 from radard.judge.card import read_card
@@ -53,12 +53,6 @@ def profile_lines(config: Config, bundle: Bundle) -> Iterator[str]:
     yield f"  of {basis(profile.passages)}"
     if front().bundles.get(bundle.name, bundle.sha256) != bundle.sha256:
         yield f"  (measured with an earlier '{bundle.name}')"
-
-
-def percent(three: Three) -> str:
-    """Return a share and its interval."""
-    value, low, high = (f"{100 * v:.2g}" for v in three)
-    return f"{value} % ({low} to {high})"
 
 
 def basis(n: int) -> str:

@@ -33,10 +33,10 @@ def passage_rates(config: Config, bundle: Bundle, card: Card) -> Iterator[str]:
         mark = ">" if level == config.alarm.sensitivity else " "
         times = (made.half_alarmed_after_s, made.nine_in_ten_alarmed_after_s)
         cells = (
-            _estimate(made.missed, 100, " %"),
+            percent(made.missed),
             ", ".join("never" if s is None else f"{s + delay_s:.1f} s" for s, _, _ in times),
-            _estimate(made.visits_with_alarm, 100, " %"),
-            _estimate(made.alarms_per_pet_hour),
+            percent(made.visits_with_alarm),
+            estimate(made.alarms_per_pet_hour),
         )
         yield f"{mark} " + _columns((level, *cells))
     yield ""
@@ -75,7 +75,13 @@ def _columns(cells: Iterable[str]) -> str:
     return "".join(f"{c:<{w}}" for c, w in zip(cells, _COLUMNS, strict=True)).rstrip()
 
 
-def _estimate(three: Three, times: float = 1, unit: str = "") -> str:
+def percent(three: Three) -> str:
+    """Return a share and its interval."""
+    return estimate(three, 100, " %")
+
+
+def estimate(three: Three, times: float = 1, unit: str = "") -> str:
+    """Return a figure and its interval; what is not known is a question mark."""
     value, low, high = ("?" if v is None else f"{times * v:.2g}" for v in three)
     return f"{value}{unit} ({low} to {high})"
 

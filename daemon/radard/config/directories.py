@@ -18,7 +18,6 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from radard.config.config import Config
 from radard.config.saved import Kind
 from radard.errors import ConfigError, NotAllowed
 from x2radar.ports import parse_port

@@ -45,15 +45,6 @@ class Profile:
     # Of recorded motion: people with an alarm, people, pets with one, pets; None: not judged
     recorded: tuple[int, int, int, int] | None = None
 
-    @property
-    def settings(self) -> Mapping[_Where, Any]:
-        """What it sets, by section and key."""
-        return {
-            ("model", "name"): self.model,
-            ("decision", "hop_s"): self.hop_s,
-            ("decision", "bodies"): self.bodies,
-        }
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Front:
@@ -83,25 +74,24 @@ def front() -> Front:
     return parse_json(Front, (resources.files("radard") / "profiles.json").read_bytes())
 
 
-def profile_names() -> str:
-    """Return the names, for people."""
-    *names, last = (p.name for p in front().profiles)
-    return f"{', '.join(names)} or {last}" if names else last
-
-
 def check_profile(name: str | None) -> str | None:
     """Raise ValueError unless there is such a profile; for pydantic."""
     if name is not None and front().named(name) is None:
-        raise ValueError(f"no profile '{name}'; there are {profile_names()}")
+        *names, last = (profile.name for profile in front().profiles)
+        raise ValueError(f"no profile '{name}'; there are {', '.join(names)} or {last}")
     return name
 
 
 def lay_over(tree: dict[str, Any], places: _Places, at: _Where = ()) -> None:
     """Put what a radar's profile sets into its sections, over what is there."""
-    profile = front().named(_name_in(tree))
-    for (section, key), value in profile.settings.items() if profile else ():
-        tree[section] = {**_section(tree, section), key: value}
-        places[(*at, section, key)] = f"profile {profile.name}" if profile else ""
+    name = _section(tree, "model").get("profile")
+    profile = front().named(name if isinstance(name, str) else None)
+    if profile is None:
+        return
+    decision = {"hop_s": profile.hop_s, "bodies": profile.bodies}
+    for section, settings in (("model", {"name": profile.model}), ("decision", decision)):
+        tree[section] = {**_section(tree, section), **settings}
+        places.update({(*at, section, key): f"profile {profile.name}" for key in settings})
 
 
 def lay_over_all(tree: dict[str, Any], places: _Places) -> None:
@@ -124,11 +114,6 @@ def rated(port: str | None, name: str | None) -> str | None:
     if port is None or profile is None or profile.rate_hz is None:
         return port
     return with_rate(port, profile.rate_hz)
-
-
-def _name_in(tree: Any) -> str | None:
-    name = _section(tree, "model").get("profile") if isinstance(tree, Mapping) else None
-    return name if isinstance(name, str) else None
 
 
 def _section(tree: Mapping[str, Any], name: str) -> Mapping[str, Any]:

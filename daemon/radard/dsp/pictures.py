@@ -110,6 +110,7 @@ class Spectrograms:
         self._doppler = StreamingDoppler(n_cpi, stride=self._stride, n_keep=max(n_keep, 2 * block))
         self._shared = SharedSteps(self._ranges, self._velocity, self._doppler)
         self._n_gait = n_keep
+        self.gait_step_hz = 1 / (n_keep * self.column_s)  # from column to column of gait
         self.longest_push = block
         self._floors = {name: _Floor() for name in SPANS_DB}
         v, d_hz = self._velocity.velocity_mps, frame_rate_hz / n_cpi
@@ -129,11 +130,6 @@ class Spectrograms:
             Picture("gait", doppler[0], lowest, doppler[1], n_cpi),
         )
 
-    @property
-    def gait_step_hz(self) -> float:
-        """Cadence from one column of the gait picture to the next, in hertz."""
-        return 1 / (self._n_gait * self.column_s)
-
     def restart(self) -> None:
         """Forget the frames so far, as after a jump of the stream; the floors are kept."""
         self._shared.restart()
@@ -147,7 +143,7 @@ class Spectrograms:
         """Take (n, n_range) frames, `t_s` behind the last; return the columns they complete."""
         self._shared.push(frames[:, :: self._thin], valid)
         self._n_seen += len(frames)
-        total = self._n_columns_by(self._n_seen)
+        total = max(0, (self._n_seen - self._velocity.n_cpi) // self._stride + 1)
         n = total - self._n_made
         self._n_made = total
         if n < 1:
@@ -173,10 +169,6 @@ class Spectrograms:
         power = diagram.astype(np.float64) ** 2
         power[:, 0] = 0
         return self._shown("gait", power, GAIT_S / 2)
-
-    def _n_columns_by(self, n_frames: int) -> int:
-        n_cpi = self._velocity.n_cpi
-        return 0 if n_frames < n_cpi else (n_frames - n_cpi) // self._stride + 1
 
     def _range_columns(self, n: int, behind: int) -> Reals:
         """Return range columns at the same frames as the others: means over each stride."""

@@ -40,6 +40,7 @@ class Classifier:
 
     def __init__(self, bundle: Bundle) -> None:
         self.bundle = bundle
+        self.feature_names = tuple(i.feature for i in bundle.inputs)  # in the inputs' order
         # Here, because `--model none` must not pay for it.
         from radard.judge.onnx_runtime import ort  # noqa: PLC0415
 
@@ -72,11 +73,6 @@ class Classifier:
         if missing:
             msg = f"model '{bundle.name}': the network does not give {', '.join(sorted(missing))}"
             raise ModelMismatch(msg)
-
-    @property
-    def feature_names(self) -> tuple[str, ...]:
-        """Names of the features that the network takes, in the order of its inputs."""
-        return tuple(i.feature for i in self.bundle.inputs)
 
     def classify(self, features: Features) -> Probabilities:
         """Return the probabilities of one window by itself; raises as `answer` does."""

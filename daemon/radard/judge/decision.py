@@ -44,11 +44,11 @@ class Decision:
     seq: int  # from 1
     t_s: float  # stream time at the end of the dwell
     gate: GateState  # whether something moves; invalid: too many frames are missing
-    reading: GateReading | None  # powers and range; None when invalid
-    window: Probabilities | None  # of this window; None without a model or motion
-    fused: Probabilities | None  # of the evidence over windows, likewise
+    reading: GateReading | None = None  # powers and range; None when invalid
+    window: Probabilities | None = None  # of this window; None without a model or motion
+    fused: Probabilities | None = None  # of the evidence over windows, likewise
     label: Label | None  # who moves; None without a model while the gate is open
-    alarm: bool  # the verdict of this decision
+    alarm: bool = False  # the verdict of this decision
     frames: int  # in the dwell
     dropped: int  # missing in it
     tracks: tuple[TrackVerdict, ...] = ()  # none while the gate is closed
@@ -64,11 +64,7 @@ def invalid_decision(dwell: Dwell, fault: str, *, seq: int = 0) -> Decision:
         seq=seq,
         t_s=dwell.t_s,
         gate="invalid",
-        reading=None,
-        window=None,
-        fused=None,
         label="invalid",
-        alarm=False,
         frames=len(dwell.frames) - dwell.n_lost,
         dropped=dwell.n_lost,
         fault=fault,

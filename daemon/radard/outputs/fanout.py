@@ -7,7 +7,7 @@ that needs more than records has a method `attach(host)` and gets every sensor's
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from radard.config.config import Config
@@ -129,7 +129,7 @@ class Outputs:
                 start_sink(sink)
                 self._attach(sink, sensor)
         except BaseException:
-            _close(sink for _, sink in self.sinks)
+            close_sinks([sink for _, sink in self.sinks])
             self._open = []
             self.log.close()
             raise
@@ -171,7 +171,7 @@ class Outputs:
             ]
             self._open = kept + new
         # Not under the lock: an output may take a moment to end, and the workers must not wait.
-        _close(each.sink for each in gone if each.sink is not None)
+        close_sinks([each.sink for each in gone if each.sink is not None])
         for each in gone:
             self._forget(each.sink)
         for each in kept + new:
@@ -191,7 +191,7 @@ class Outputs:
 
     def close(self) -> None:
         """Close all sinks; log what goes wrong."""
-        _close(sink for _, sink in self.sinks)
+        close_sinks([sink for _, sink in self.sinks])
         self.log.close()
 
     def _wanted(self, config: Config) -> list[tuple[str, str | None]]:
@@ -218,7 +218,7 @@ class Outputs:
         with self._lock:
             each.held = each.held or RecordQueue()
         if before is not None:
-            _close([before])
+            close_sinks([before])
         start_sink(sink)
         if _cursor_of(before) != _cursor_of(sink):
             self._forget(before)
@@ -274,9 +274,3 @@ def _cursor_of(sink: Sink | None) -> str | None:
 
 def _options_of(config: Config) -> SinkOptions:
     return SinkOptions(**{name: getattr(config, name) for name in SinkOptions.model_fields})
-
-
-def _close(sinks: Iterable[Sink]) -> None:
-    for err in close_sinks(list(sinks)):
-        if not isinstance(err, BrokenPipeError):
-            log.warning("%s", err)

@@ -51,7 +51,7 @@ class LslSink(DirectSink):
     """Publishes decisions as samples and events as markers of Lab Streaming Layer."""
 
     def __init__(self, lsl: Any, name: str, context: SinkContext) -> None:
-        super().__init__(f"lsl:{name}", Backoff(1.0, 10.0, name))
+        super().__init__(f"lsl:{name}", Backoff(1.0, 10.0, name), kinds={"decision", "event"})
         self._lsl = lsl
         self._stream = name
         self._source = f"radard {context.marked_sensor} {name}"
@@ -74,9 +74,6 @@ class LslSink(DirectSink):
     def _info(self, behind: str, kind: str, n: int, rate_hz: float, form: str) -> Any:
         name, source = f"{self._stream}{behind}", f"{self._source}{behind}"
         return self._lsl.StreamInfo(name, kind, n, rate_hz, form, source)
-
-    def _wants(self, record: Record) -> bool:
-        return record["type"] in {"decision", "event"}
 
     def _deliver(self, record: Record) -> None:
         now_s = self._lsl.local_clock()

@@ -1,6 +1,7 @@
 """From the values of -o/--output to sinks, and what is done with several: a test, their end."""
 
 import importlib
+import logging
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -11,6 +12,7 @@ from radard.errors import OutputError, UsageError
 from radard.outputs.base import Sink, SinkContext, SinkState
 from radard.outputs.thread_sink import CLOSE_S
 
+log = logging.getLogger("radard")
 Opener = Callable[[str, SinkOptions, SinkContext], Sink]
 """Takes all of -o, the configuration's sections and the run; returns a sink.
 
@@ -56,18 +58,19 @@ def check_output(output: str) -> plugins.Plugin | None:
     raise UsageError(f"--output '{shown}': unknown or incomplete; known are {FORMS}")
 
 
-def close_sinks(sinks: Sequence[Sink]) -> list[Exception]:
-    """Close all within `CLOSE_S`; return the BrokenPipeErrors and OutputErrors."""
+def close_sinks(sinks: Sequence[Sink]) -> None:
+    """Close all within `CLOSE_S`; log what goes wrong."""
     deadline_s = time.monotonic() + CLOSE_S
     for sink in sinks:
         sink.finish(None if sink.waits else CLOSE_S)
-    errors: list[Exception] = []
     for sink in sinks:
         try:
             sink.close(None if sink.waits else max(0.0, deadline_s - time.monotonic()))
-        except (BrokenPipeError, OutputError) as err:
-            errors.append(err)
-    return errors
+        except BrokenPipeError:
+            # Who read it has gone, and so knows.
+            continue
+        except OutputError as err:
+            log.warning("%s", err)
 
 
 def tried(

@@ -65,7 +65,9 @@ class StoreSink(DirectSink):
     tick_s = 1.0
 
     def __init__(self, path: Path, options: StoreSection, context: SinkContext) -> None:
-        super().__init__(f"store:{path}", Backoff(0.5, 10.0, str(path)), context, str(path))
+        kinds = {"event", "status"} | ({"decision"} if options.decisions else set())
+        backoff, target = Backoff(0.5, 10.0, str(path)), str(path)
+        super().__init__(f"store:{path}", backoff, context, target, kinds=kinds)
         self._options = options
         self._sensor = context.sensor
         self._path = path
@@ -92,10 +94,6 @@ class StoreSink(DirectSink):
             self._offset_s = run_s - time.monotonic()
             self._files = files_of(self._path)
         return self._db
-
-    def _wants(self, record: Record) -> bool:
-        kind = record["type"]
-        return kind in {"event", "status"} or (kind == "decision" and self._options.decisions)
 
     def _deliver(self, record: Record) -> None:
         try:

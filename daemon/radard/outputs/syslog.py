@@ -87,21 +87,17 @@ class SyslogSink(DirectSink):
         name = f"syslog:{shown}"
         o = options.log
         backoff = Backoff(o.first_retry_s, o.longest_retry_s, name)
-        super().__init__(name, backoff, context, name)
+        kinds = {"event", "status"} | ({"decision"} if options.syslog.decisions else set())
+        super().__init__(name, backoff, context, name, kinds=kinds)
         self._address = address
         self._facility = _FACILITY[options.syslog.facility]
         self._tls: ssl.SSLContext | None = None
         if isinstance(address, Server) and address.scheme == "tls":
             s = options.syslog
             self._tls = client_context("syslog", s.ca_file, s.cert_file, s.key_file)
-        self._has_decisions = options.syslog.decisions
         self._sensor = context.sensor
         self._socket: socket.socket | None = None
         self._form: Callable[[int, str, Record], bytes] = self._plain
-
-    def _wants(self, record: Record) -> bool:
-        kind = record["type"]
-        return kind in {"event", "status"} or (kind == "decision" and self._has_decisions)
 
     def _deliver(self, record: Record) -> None:
         try:

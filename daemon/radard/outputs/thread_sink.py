@@ -9,6 +9,7 @@ import threading
 import time
 from abc import ABC, abstractmethod
 from collections import deque
+from collections.abc import Collection
 from typing import Self
 
 from radard.errors import OutputError
@@ -193,16 +194,24 @@ class DirectSink(ThreadSink):
 
     `context` says whether the stream waits. With `target`, which tells this far end from others,
     its log knows what has been handed on, and an event that a run could not hand on comes in the
-    next, behind the first record. Without one, nothing outlives the process.
+    next, behind the first record. Without one, nothing outlives the process. `kinds` are types of
+    records that it takes; None is all.
     """
 
     def __init__(
-        self, name: str, backoff: Backoff, context: SinkContext | None = None, target: str = ""
+        self,
+        name: str,
+        backoff: Backoff,
+        context: SinkContext | None = None,
+        target: str = "",
+        *,
+        kinds: Collection[str] | None = None,
     ) -> None:
         super().__init__(name, waits=context is not None and context.can_wait)
         self._backoff = backoff
         self._context = context
         self._target = target
+        self._kinds = kinds
         self.cursor: Cursor | None = None  # what the log knows of what was handed on
         self._left: list[Entry] = []
 
@@ -217,9 +226,8 @@ class DirectSink(ThreadSink):
     def _deliver(self, record: Record) -> None:
         """Hand on one record; raises DeliveryError to be called again with the same."""
 
-    def _wants(self, record: Record) -> bool:  # noqa: ARG002 - for those that take not all
-        """Return whether a record is for this sink."""
-        return True
+    def _wants(self, record: Record) -> bool:
+        return self._kinds is None or record["type"] in self._kinds
 
     def _take(self, record: Record) -> None:
         if record["type"] == "event" and self.cursor is not None:

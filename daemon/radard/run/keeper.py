@@ -16,44 +16,21 @@ from x2radar.errors import X2RadarError
 # A passing fault is soon over, a lasting one must not fill the log.
 _FIRST_PAUSE_S = 5.0
 _MAX_PAUSE_S = 300.0
-_MAX_AT_ONCE = 8  # brought up at once: more are answered so late that they are reset again
+MAX_AT_ONCE = 8  # brought up at once: more are answered so late that they are reset again
 _MAX_WAIT_S = 60.0  # nobody waits longer for ports that hang
 _LOOK_S = 0.2  # so late a radar that waits to be brought up heeds the end
 
 
-class StartupLimiter:
-    """Lets so many radars be brought up at the same time."""
-
-    def __init__(self, n: int | None = None) -> None:
-        self._free = threading.Semaphore(n or _MAX_AT_ONCE)
-        self._held: set[object] = set()
-        self._lock = threading.Lock()
-
-    def acquire(self, who: object, halt: threading.Event) -> None:
-        """Wait for one's turn, a minute at most, or for the end."""
-        end_s = time.monotonic() + _MAX_WAIT_S
-        while not self._free.acquire(timeout=_LOOK_S):
-            if halt.is_set() or time.monotonic() > end_s:
-                return
-        with self._lock:
-            self._held.add(who)
-
-    def release(self, who: object) -> None:
-        """Let the next one go; a second time, or without a turn, does nothing."""
-        with self._lock:
-            if who not in self._held:
-                return
-            self._held.remove(who)
-        self._free.release()
-
-
 class Keeper:
-    """Keep a sensor at work; `begin_again` whether work that broke off is started again."""
+    """Keep a sensor at work; `begin_again` whether work that broke off is started again.
+
+    `turns` lets so many be brought up at the same time.
+    """
 
     def __init__(
         self,
         sensor: Sensor,
-        limiter: StartupLimiter,
+        turns: threading.Semaphore,
         *,
         begin_again: bool,
         open_outputs: Callable[[], object],
@@ -62,7 +39,7 @@ class Keeper:
         self.sensor = sensor
         self.failure: BaseException | None = None  # what ended its work, but for the stream
         self.stuck: list[str] = []
-        self._limiter = limiter
+        self._turns, self._has_turn = turns, False
         self._begin_again = begin_again
         self._open_outputs = open_outputs
         self._wake = wake
@@ -131,9 +108,9 @@ class Keeper:
         sensor, has_worked, opened = self.sensor, False, None
         self.failure = None
         try:
-            self._limiter.acquire(self, self._halt)
+            self._take_turn()
             opened = sensor.open(self._on_notice, is_wanted=lambda: not self._halt.is_set())
-            self._limiter.release(self)
+            self._leave_turn()
             self._open_outputs()
             run = sensor.start(opened, self._over.set)
             has_worked = True
@@ -152,13 +129,24 @@ class Keeper:
                 sensor.log.exception("the run of %s broke off", sensor.sensor)
             self.failure = err
         finally:
-            self._limiter.release(self)
+            self._leave_turn()
             if opened is not None and not opened.close():
                 self.stuck.append("recording")
         return has_worked
 
+    def _take_turn(self) -> None:
+        """Wait for one's turn, a minute at most, or for the end."""
+        end_s = time.monotonic() + _MAX_WAIT_S
+        while not (self._has_turn or self._halt.is_set() or time.monotonic() > end_s):
+            self._has_turn = self._turns.acquire(timeout=_LOOK_S)
+
+    def _leave_turn(self) -> None:
+        if self._has_turn:
+            self._has_turn = False
+            self._turns.release()
+
     def _on_notice(self, _kind: str, _reason: str) -> None:
         # It may take for ever until an absent one comes.
-        self._limiter.release(self)
+        self._leave_turn()
         self._open_outputs()
         self.sensor.tell(self.sensor.health.status)

@@ -19,7 +19,7 @@ from radard.health.heartbeat import Heartbeat, Notifier, Watched
 from radard.health.status_file import status_path
 from radard.outputs.fanout import Outputs
 from radard.run.control import ControlServer
-from radard.run.keeper import Keeper, StartupLimiter
+from radard.run.keeper import MAX_AT_ONCE, Keeper
 from radard.run.os_signals import Signals, force_after, stacks
 from radard.run.pool import WorkerPool
 from radard.run.sensor import RunOptions, Sensor
@@ -59,7 +59,7 @@ class Process:
         self._config = config
         self._options = options
         self._force: threading.Timer | None = None
-        self._limiter = StartupLimiter()
+        self._turns = threading.Semaphore(MAX_AT_ONCE)
         self._pool = WorkerPool()
         self._outputs = Outputs(stdout_is_terminal=options.stdout_is_terminal)
         self._opening = threading.Lock()
@@ -108,7 +108,7 @@ class Process:
         )
         return Keeper(
             sensor,
-            self._limiter,
+            self._turns,
             begin_again=config.is_one_of_several,
             open_outputs=self._open_outputs,
             wake=self.signals.wake.set,

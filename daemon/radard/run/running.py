@@ -34,11 +34,6 @@ class OpenedSensor:
     tap: Tap  # to be closed with the source
     now: Now  # the clock on the wall, of the stream
 
-    @property
-    def is_live(self) -> bool:
-        """Whether frames come from a device now."""
-        return self.source.is_live
-
     def close(self) -> bool:
         """Let go of port and recording; return whether the latter is whole."""
         self.source.close()

@@ -278,7 +278,9 @@ class Sensor:
         if (run := self._run) is None:
             return None
         opened = run.opened
-        return remake_parts(config, run.worker.parts, now=opened.now, is_live=opened.is_live)
+        return remake_parts(
+            config, run.worker.parts, now=opened.now, is_live=opened.source.is_live
+        )
 
     def exchange(self, parts: Parts) -> Record | None:
         """Work with other parts from the next item on; return the `hello` that says so."""
@@ -311,7 +313,7 @@ class Sensor:
 def _hello(worker: Worker, parts: Parts, opened: OpenedSensor, mark: str) -> Record:
     is_armed = worker.tracker.panel.is_armed
     taken = taken_of(
-        parts.config, parts.pipeline, is_live=opened.is_live, has_state=worker.has_kept
+        parts.config, parts.pipeline, is_live=opened.source.is_live, has_state=worker.has_kept
     )
     hello = hello_record(parts.pipeline, parts.config, is_armed=is_armed, taken=taken)
     about = {name: getattr(opened.source, name, None) for name in ("module", "started_utc")}

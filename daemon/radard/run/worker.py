@@ -276,7 +276,7 @@ class Worker:
         if self.parts.clips is not None and self.parts.clips is not parts.clips:
             self.parts.clips.close(0.0)
         self.parts = parts
-        parts.pipeline.pet_limit = parts.pet_limit
+        parts.pipeline.verdict.pet_limit = parts.pet_limit
         self.tracker.panel.policy = parts.policy
         self.tracker.zones, self.tracker.pet_limit = parts.zones, parts.pet_limit
 

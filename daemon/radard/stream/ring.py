@@ -100,7 +100,8 @@ class FrameRing:
     """
 
     def __init__(self, axis: FastTimeAxis, convert: Convert, shape: DwellShape) -> None:
-        self._axis = axis
+        self.axis = axis  # of the converted rows
+        self.frame_rate_hz = shape.frame_rate_hz  # frames per second of stream time
         self._convert = convert
         self._shape = shape
         self._capacity = shape.n_slow + 2 * max(1, round(shape.hop_s * shape.frame_rate_hz)) + 8
@@ -122,16 +123,6 @@ class FrameRing:
         self._on_item: Callable[[], object] = lambda: None
         self._timing = FrameTiming(shape.frame_rate_hz)
 
-    @property
-    def axis(self) -> FastTimeAxis:
-        """Axis of the converted rows."""
-        return self._axis
-
-    @property
-    def frame_rate_hz(self) -> float:
-        """Frames per second of stream time."""
-        return self._shape.frame_rate_hz
-
     def due_s(self) -> float:
         """Return when the next dwell's last frame should arrive, by `FrameTiming`."""
         return self._timing.arrival_s(self._due)
@@ -145,14 +136,14 @@ class FrameRing:
         """Return the rows behind number `after` that are still there; for any thread, no lock."""
         # Frames then wait for few others.
         if is_live:
-            self._watched_to = self._taken + round(_WATCHED_S * self._shape.frame_rate_hz)
+            self._watched_to = self._taken + round(_WATCHED_S * self.frame_rate_hz)
         begun_at, (end, index) = self._base, self._converted
         first = min(max(after, begun_at, end - self._capacity), end)
         at = first % self._capacity
         rows = self._rows[at : at + end - first].copy()
         valid = self._valid[at : at + end - first].copy()
         torn = max(0, self._taken - self._capacity - first)
-        t_s = (index + 1) / self._shape.frame_rate_hz
+        t_s = (index + 1) / self.frame_rate_hz
         return Recent(rows[torn:], valid[torn:], end, begun_at, t_s)
 
     def push(self, frame: Frame) -> bool:
@@ -190,7 +181,7 @@ class FrameRing:
 
     def post(self, kind: str, reason: str) -> None:
         """Queue a notice for the worker."""
-        t_s = (self._index + 1) / self._shape.frame_rate_hz
+        t_s = (self._index + 1) / self.frame_rate_hz
         self._put(Notice(kind, reason, t_s))
 
     def end(self) -> None:
@@ -242,7 +233,7 @@ class FrameRing:
         self._schedule(0)
 
     def _schedule(self, hop: int) -> None:
-        ahead = round(hop * self._shape.hop_s * self._shape.frame_rate_hz)
+        ahead = round(hop * self._shape.hop_s * self.frame_rate_hz)
         self._due = self._origin + self._shape.n_slow + ahead
 
     def _schedule_next(self, dwell: Dwell) -> None:
@@ -251,7 +242,7 @@ class FrameRing:
         first = self._taken - self._shape.n_slow
         if not dwell.is_whole:
             behind = first + int(np.flatnonzero(~dwell.valid)[-1]) + 1
-            if behind - first < round(self._shape.hop_s * self._shape.frame_rate_hz):
+            if behind - first < round(self._shape.hop_s * self.frame_rate_hz):
                 self._origin, self._hops = behind, 0
         self._schedule(self._hops)
 
@@ -319,15 +310,14 @@ class FrameRing:
         at = first % self._capacity
         rows = self._rows[at : at + self._shape.n_slow]
         valid = self._valid[at : at + self._shape.n_slow].copy()
-        rate_hz = self._shape.frame_rate_hz
         dwell = Dwell(
             rows,
             valid,
-            self._axis,
-            rate_hz,
-            (self._index + 1) / rate_hz,
+            self.axis,
+            self.frame_rate_hz,
+            (self._index + 1) / self.frame_rate_hz,
             int(np.count_nonzero(~valid)),
-            _longest_run(~valid) / rate_hz,
+            _longest_run(~valid) / self.frame_rate_hz,
             t_mono_s,
             self._taken,
         )

@@ -15,7 +15,7 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, RedirectResponse, Response
 from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import Receive, Scope, Send
 from starlette.websockets import WebSocket
 
 from radard.alarm.explain import explain
@@ -74,11 +74,8 @@ class Api:
             Route("/sw.js", lambda _request: FileResponse(_STATIC / "sw.js")),
             Mount("/static", GZipMiddleware(StaticFiles(directory=_STATIC))),
         ]
-
-    @property
-    def app(self) -> ASGIApp:
-        """The routes as an application, behind the checks of every request."""
-        return SecurityMiddleware(Starlette(routes=self.routes), self._access)
+        # The routes as an application, behind the checks of every request.
+        self.app = SecurityMiddleware(Starlette(routes=self.routes), access)
 
     async def _told(self, is_good: Callable[[Status], bool], request: Request) -> Response:
         """Return the state, 200 or 503; the reason for those who may look."""

@@ -106,16 +106,12 @@ class AccessControl:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._tokens = tokens
+        self._wants_token = tokens != Tokens()
         self.cookie = cookie
         self._may_command = may_command
         self._clock = clock
         self._sessions: dict[str, tuple[Role, float]] = {}
         self._guesses: dict[str, RateLimit] = {}
-
-    @property
-    def wants_token(self) -> bool:
-        """Whether a request must have a token at all."""
-        return self._tokens.viewer is not None or self._tokens.operator is not None
 
     def is_locked(self, address: str) -> bool:
         """Return whether too many wrong tokens came from an address lately."""
@@ -124,7 +120,7 @@ class AccessControl:
 
     def role(self, connection: HTTPConnection) -> Role:
         """Return the role of a request."""
-        if not self.wants_token:
+        if not self._wants_token:
             return self._granted("operator")
         session = self._sessions.get(connection.cookies.get(self.cookie, ""))
         if session is not None and session[1] > self._clock():
@@ -152,7 +148,7 @@ class AccessControl:
 
     def is_right_host(self, headers: Mapping[str, str]) -> bool:
         """Return whether the host of a request is allowed: without tokens, only loopback."""
-        if self.wants_token:
+        if self._wants_token:
             return True
         try:
             return is_loopback(urlsplit(f"//{headers.get('host', '')}").hostname or "")

@@ -12,6 +12,7 @@ from radard.config.sink_table import SinkOptions, WebSection
 from radard.errors import UsageError
 from radard.log import EventLog
 from radard.outputs.base import Host, Record, SinkContext, SinkState, StateKeeper
+from radard.outputs.tls import shown_host
 from radard.web.api import Api, SensorRouter
 from radard.web.auth import AccessControl, read_tokens
 from radard.web.server import WebServer
@@ -51,7 +52,7 @@ class WebSink:
     waits = False
 
     def __init__(self, host: str, port: int, section: WebSection, log: EventLog) -> None:
-        self.name = f"http://{f'[{host}]' if ':' in host else host}:{port}"
+        self.name = f"http://{shown_host(host)}:{port}"
         self._keeper = StateKeeper(self.name)
         self._section, self._log = section, log
         tokens = read_tokens(section, host)
@@ -88,7 +89,7 @@ class WebSink:
         if address is None:
             return None
         host, port = address
-        return f"http://{f'[{host}]' if ':' in host else host}:{port}/"
+        return f"http://{shown_host(host)}:{port}/"
 
     def start(self) -> None:
         """Begin to listen; a port that is not free is logged, and tried again."""

@@ -43,21 +43,17 @@ class CoverageOptions:
             if not least <= value <= most:
                 raise UsageError(f"{option} {value:g}: must be {least:g} to {most:g}")
 
-    @property
-    def antenna(self) -> Antenna:
-        """The simulator's antenna, mounted like this."""
-        return Antenna(
-            height_m=self.height_m,
-            tilt_deg=self.tilt_deg,
-            azimuth_width_deg=self.width_deg,
-            elevation_width_deg=self.width_deg,
-        )
-
 
 def snr_db(options: CoverageOptions, x_m: float, y_m: float, z_m: float) -> float | None:
     """Return the echo over noise at x_m right, y_m ahead, z_m up; None outside the swath."""
     axis = RadarSettings().axis
-    antenna, budget = options.antenna, LinkBudget()
+    budget, width_deg = LinkBudget(), options.width_deg
+    antenna = Antenna(
+        height_m=options.height_m,
+        tilt_deg=options.tilt_deg,
+        azimuth_width_deg=width_deg,
+        elevation_width_deg=width_deg,
+    )
     towards_m = np.array([x_m, y_m, z_m]) - antenna.position_m
     range_m = float(np.linalg.norm(towards_m))
     if not axis.range_m[0] <= range_m <= axis.range_m[-1]:

@@ -108,15 +108,11 @@ class CommandReader:
         self, base: str, options: MqttSection, now_s: Callable[[], float] = time.monotonic
     ) -> None:
         self._head = f"{base}/command"
+        self.topics = f"{self._head}/+"  # filter of all commands
         self._options = options
         self._now_s = now_s
         self._n_wrong = 0
         self._locked_until_s = float("-inf")
-
-    @property
-    def topics(self) -> str:
-        """Topic filter of all commands."""
-        return f"{self._head}/+"
 
     def read(self, topic: str, payload: bytes, *, is_retained: bool) -> MqttCommand | None:
         """Return what a message asks for, None on other topics; ValueError or ConfigError."""

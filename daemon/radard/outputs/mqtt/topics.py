@@ -167,6 +167,9 @@ class MqttTopics:
         self._takes_commands = takes_commands
         self._options = options
         self.base = f"{prefix}/{sensor}"
+        # The last will: what the broker publishes when the connection is lost.
+        self.will = Publication(f"{self.base}/availability", "offline")
+        self.birth_topic = f"{options.discovery_prefix}/status"  # Home Assistant has started
         self._hello: Record | None = None
         self._open: dict[str, str] = {}
         self._is_armed = True
@@ -179,16 +182,6 @@ class MqttTopics:
         self._status = ("starting", "")
         self._decided_s = self._stated_s = float("-inf")
         self._published: dict[str, str] = {}
-
-    @property
-    def will(self) -> Publication:
-        """The last will: what the broker publishes when the connection is lost."""
-        return Publication(f"{self.base}/availability", "offline")
-
-    @property
-    def birth_topic(self) -> str:
-        """Where Home Assistant says that it has started."""
-        return f"{self._options.discovery_prefix}/status"
 
     def event(self, record: Record) -> Publication:
         """Return the message of an event."""
