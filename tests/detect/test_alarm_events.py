@@ -9,7 +9,8 @@ import pytest
 from radard.alarm.events import EventTracker, trial_alarm
 from radard.alarm.panel import AlarmPanel, AlarmPolicy
 from radard.alarm.state_store import KeptState, StateStore
-from radard.alarm.zones import Zones, sight_of, zone_fault
+from radard.alarm.zones import heeds, sight_of, zone_fault
+from radard.config.sections import ZonesSection
 from radard.detect.tamper import Finding
 from radard.log import EventLog
 from radard.stream.ring import Notice
@@ -35,8 +36,8 @@ POLICY = AlarmPolicy()
     ],
 )
 def test_zones(include, exclude, range_m, counts):
-    zones = Zones(include=include, exclude=exclude)
-    assert zones.heeds(range_m) is counts
+    zones = ZonesSection(include=include, exclude=exclude)
+    assert heeds(zones, range_m) is counts
     sight = sight_of(decision(1, 0.9, range_m=range_m), POLICY, zones, 0.8)
     assert (sight.is_hit, sight.is_seen) == (counts, counts)
 
@@ -57,7 +58,7 @@ def tracked(*tracks, human=0.9, range_m=2.3):
     ],
 )
 def test_any_track_outside_the_excluded_zone_counts(tracks, counts, where):
-    zones = Zones(exclude=((2.1, 2.6),))
+    zones = ZonesSection(exclude=((2.1, 2.6),))
     sight = sight_of(tracked(*tracks), POLICY, zones, 0.8)
     assert sight.is_hit is counts
     assert where in sight.reason
@@ -78,15 +79,15 @@ def test_any_track_outside_the_excluded_zone_counts(tracks, counts, where):
 )
 def test_on_and_off_thresholds(human, alarm, p_on, hit, seen):
     policy = AlarmPolicy(p_on=p_on, p_off=0.1)
-    sight = sight_of(decision(1, human, alarm=alarm), policy, Zones(), 0.8)
+    sight = sight_of(decision(1, human, alarm=alarm), policy, ZonesSection(), 0.8)
     assert (sight.is_hit, sight.is_seen) == (hit, seen)
 
 
 def test_undecided_motion_and_what_has_no_range_are_somebody():
     pending = decision(1, 0.0, alarm=False, label="pending")
-    assert sight_of(pending, AlarmPolicy(), Zones(), 0.8).is_seen
+    assert sight_of(pending, AlarmPolicy(), ZonesSection(), 0.8).is_seen
     plain = dataclasses.replace(decision(1, 0.9), reading=None)
-    assert sight_of(plain, POLICY, Zones(include=((0.5, 1.0),)), 0.8).is_hit
+    assert sight_of(plain, POLICY, ZonesSection(include=((0.5, 1.0),)), 0.8).is_hit
 
 
 @pytest.mark.parametrize(
@@ -99,7 +100,7 @@ def test_undecided_motion_and_what_has_no_range_are_somebody():
     ],
 )
 def test_the_reason_says_what_was_seen(made, reason):
-    assert sight_of(made, AlarmPolicy(), Zones(), 0.8).reason == reason
+    assert sight_of(made, AlarmPolicy(), ZonesSection(), 0.8).reason == reason
 
 
 def test_peak_follows_what_is_seen():
@@ -290,11 +291,11 @@ def test_the_time_of_an_id_is_stream_time_in_milliseconds():
 
 
 def test_zones_that_leave_nothing_at_home_are_a_fault_and_say_so():
-    home = Zones(exclude=((0.0, 1.0),), away=((1.0, 9.0),))
+    home = ZonesSection(exclude=((0.0, 1.0),), away=((1.0, 9.0),))
     fault = zone_fault(home, 0.5, 9.0)
     assert fault.endswith("0.50 to 9.00 m, while armed at home")
-    assert zone_fault(Zones(away=((1.0, 9.0),)), 0.5, 9.0) == ""
-    assert not zone_fault(Zones(exclude=((0.0, 9.0),)), 0.5, 9.0).endswith("home")
+    assert zone_fault(ZonesSection(away=((1.0, 9.0),)), 0.5, 9.0) == ""
+    assert not zone_fault(ZonesSection(exclude=((0.0, 9.0),)), 0.5, 9.0).endswith("home")
 
 
 def test_what_is_held_is_what_was_written(tmp_path):

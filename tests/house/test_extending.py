@@ -11,14 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from radard import plugins
 from radard.cli import main
 from radard.config.sink_table import SinkOptions
 from radard.errors import FeatureError, ModelMismatch
 from radard.judge.features import FeatureSettings, FeatureStream, feature_shape
 from radard.outputs.base import SinkContext
 from radard.outputs.registry import make_output
-from radard.stream.source import open_source
+from radard.stream.source import open_source, plugin_scheme
 from tests.radar_helpers import dwell_of, noise, run_radard
 from x2radar.errors import PluginError, SceneError
 from x2radar.plugins import find_plugin, plugin_names
@@ -298,4 +297,4 @@ def test_nobody_looks_for_plug_ins_without_need(monkeypatch, tmp_path):
 def test_schemes():
     some = {"npy:x": "npy", "my-radar.1:x?a=1": "my-radar.1", "socket://h:1": "", "COM3:": ""}
     some |= {"/dev/ttyACM0": "", "/dev/by-id/a:b": "", "auto": "", "": ""}
-    assert {text: plugins.scheme_of(text) for text in some} == some
+    assert {text: plugin_scheme(text) for text in some} == some

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from radard.alarm.state_store import StateStore
-from radard.alarm.zones import Zones, zone_fault, zone_warnings
+from radard.alarm.zones import zone_fault, zone_warnings
 from radard.config.config import load_config
+from radard.config.sections import ZonesSection
 from radard.errors import ConfigError
 from radard.health.health import Health
 from radard.log import EventLog
@@ -119,7 +120,7 @@ def test_arming_can_be_refused():
     ],
 )
 def test_zones_against_a_swath(include, exclude, is_fault, n_warnings):
-    zones = Zones(include=include, exclude=exclude)
+    zones = ZonesSection(include=include, exclude=exclude)
     assert bool(zone_fault(zones, 0.6, 2.5)) == is_fault
     assert len(list(zone_warnings(zones, 0.6, 2.5))) == n_warnings
 

@@ -9,11 +9,11 @@ import pytest
 
 from radard.alarm.panel import AlarmPanel
 from radard.alarm.sensitivity import SENSITIVITIES, alarm_policy
-from radard.alarm.zones import Zones, sight_of
+from radard.alarm.zones import sight_of
 from radard.cli import main
 from radard.commands.explain import explained
 from radard.config.config import load_config
-from radard.config.sections import AlarmSection
+from radard.config.sections import AlarmSection, ZonesSection
 from radard.detect.gate import GateReading
 from radard.judge.bundle import load_bundle
 from radard.judge.card import read_card
@@ -90,7 +90,7 @@ def test_alarms_are_those_of_the_daemon_on_the_same_decisions(decides, name):
     for k in range(len(table)):
         panel = AlarmPanel(policy)
         for row in np.flatnonzero(table.passage == k):
-            sight = sight_of(decision(table, row), policy, Zones(), 0.8)
+            sight = sight_of(decision(table, row), policy, ZonesSection(), 0.8)
             steps = panel.on_sight(float(table.t_s[row]), sight)
             begun += sum(s.kind == "new" for s in steps) * int(table.label[k] == "pet")
     level = of(table, decides)[name]

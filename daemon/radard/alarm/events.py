@@ -13,7 +13,8 @@ from typing import Literal
 
 from radard.alarm.panel import ARM_MODES, AlarmPanel, PanelChange
 from radard.alarm.state_store import KeptState
-from radard.alarm.zones import Zones, sight_of
+from radard.alarm.zones import armed_zones, sight_of
+from radard.config.sections import ZonesSection
 from radard.judge.decision import Decision
 from radard.stream.ring import Dwell, Notice
 
@@ -57,13 +58,13 @@ class EventTracker:
     def __init__(
         self,
         panel: AlarmPanel | None = None,
-        zones: Zones | None = None,
+        zones: ZonesSection | None = None,
         pet_limit: float = 0.8,
         run: str = "",
     ) -> None:
         self.panel = panel or AlarmPanel()
         self._run = run
-        self.zones, self.pet_limit = zones or Zones(), pet_limit
+        self.zones, self.pet_limit = zones or ZonesSection(), pet_limit
         self._open: dict[Kind, Event] = {}
         self._entry_peak = 0.0
 
@@ -132,7 +133,7 @@ class EventTracker:
             events += self._follow("tamper", tamper, t_s=t_s, dwell=dwell)
         sight = None
         if not is_invalid:
-            zones = self.zones.armed(self.panel.mode)
+            zones = armed_zones(self.zones, self.panel.mode)
             sight = sight_of(decision, self.panel.policy, zones, self.pet_limit)
         p_human = decision.fused.human if decision.fused and sight and sight.is_seen else 0.0
         was = self.panel.state

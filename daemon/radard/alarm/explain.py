@@ -12,9 +12,10 @@ from typing import Any, Literal
 from radard.alarm.panel import AlarmPolicy
 from radard.alarm.sensitivity import alarm_policy
 from radard.alarm.sensor_state import SensorState
-from radard.alarm.zones import Zones, sight_of
+from radard.alarm.zones import armed_zones, sight_of
 from radard.config.config import Config
 from radard.config.quiet_hours import QuietHours, parse_quiet, recorded_clock, time_zone
+from radard.config.sections import ZonesSection
 from radard.detect.gate import GateReading
 from radard.judge.classifier import Probabilities
 from radard.judge.decision import MIN_P, Decision, TrackVerdict
@@ -51,7 +52,7 @@ def explain(
     if record["gate"] == "open":
         stages += _classified(record, limit)
     if record["alarm"]:
-        zones = Zones(**config.zones.model_dump()).armed(state.mode)
+        zones = armed_zones(config.zones, state.mode)
         hits = [_is_hit(r, policy, zones, limit) for r in records[-policy.n :]]
         alarms = [e for e in events if e["kind"] == "alarm"]
         at: datetime | None = datetime.fromisoformat(record["time"])
@@ -274,41 +275,33 @@ def _headline(record: Record, by: DecisionStage) -> str:
     return f"{who}: alarm" if is_new else who
 
 
-def _is_hit(record: Record, policy: AlarmPolicy, zones: Zones, limit: float) -> bool:
+def _is_hit(record: Record, policy: AlarmPolicy, zones: ZonesSection, limit: float) -> bool:
     if record["gate"] == "invalid":
         return False
     return sight_of(_decision(record), policy, zones, limit).is_hit
 
 
 def _decision(record: Record) -> Decision:
-    is_open = record["gate"] == "open"
     reading = GateReading(
-        is_open,
+        record["gate"] == "open",
         record["power_db"],
         record["noise_floor_db"],
         record["threshold_db"],
         record["range_m"] or 0.0,
     )
+    tracks = tuple(
+        TrackVerdict(
+            **{name: t[name] for name in ("id", "range_m", "radial_velocity_mps")},
+            window=_probabilities(t, "p_"),
+        )
+        for t in record["tracks"]
+    )
     return Decision(
-        seq=record["seq"],
-        t_s=record["t_s"],
-        gate=record["gate"],
+        **{n: record[n] for n in ("seq", "t_s", "gate", "label", "alarm", "frames", "dropped")},
         reading=reading,
         window=_probabilities(record, "p_"),
         fused=_probabilities(record, "fused_p_"),
-        label=record["label"],
-        alarm=record["alarm"],
-        frames=record["frames"],
-        dropped=record["dropped"],
-        tracks=tuple(
-            TrackVerdict(
-                id=t["id"],
-                range_m=t["range_m"],
-                radial_velocity_mps=t["radial_velocity_mps"],
-                window=_probabilities(t, "p_"),
-            )
-            for t in record["tracks"]
-        ),
+        tracks=tracks,
     )
 
 

@@ -5,49 +5,41 @@ named, and in no excluded one; what has no range counts always.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import pairwise
 
 from radard.alarm.panel import AlarmPolicy, ArmMode, Sight
+from radard.config.sections import ZonesSection
 from radard.judge.decision import Decision, TrackVerdict, judge
 
-Spans = tuple[tuple[float, float], ...]
 _SLACK_M = 0.2  # a zone is drawn by hand
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Zones:
-    """Ranges in metres, from below to, that count, and that do not."""
-
-    include: Spans = ()  # empty: everywhere
-    exclude: Spans = ()
-    away: Spans = ()  # excluded while armed at home
-
-    def armed(self, mode: ArmMode) -> "Zones":
-        """Return the zones that hold while the sensor is so armed."""
-        exclude = (*self.exclude, *self.away) if mode == "home" else self.exclude
-        return Zones(include=self.include, exclude=exclude)
-
-    def heeds(self, range_m: float) -> bool:
-        """Return whether a target at a range counts."""
-        is_in = not self.include or any(a <= range_m <= b for a, b in self.include)
-        return is_in and not any(a <= range_m <= b for a, b in self.exclude)
+def armed_zones(zones: ZonesSection, mode: ArmMode) -> ZonesSection:
+    """Return the zones that hold while the sensor is so armed."""
+    exclude = (*zones.exclude, *zones.away) if mode == "home" else zones.exclude
+    return ZonesSection.model_construct(include=zones.include, exclude=exclude, away=())
 
 
-def zone_fault(zones: Zones, near_m: float, far_m: float) -> str:
+def heeds(zones: ZonesSection, range_m: float) -> bool:
+    """Return whether a target at a range counts."""
+    is_in = not zones.include or any(a <= range_m <= b for a, b in zones.include)
+    return is_in and not any(a <= range_m <= b for a, b in zones.exclude)
+
+
+def zone_fault(zones: ZonesSection, near_m: float, far_m: float) -> str:
     """Return what is wrong if no range of a swath counts, so that nobody could raise an alarm."""
     edges_m = sorted({near_m, far_m, *(m for s in (*zones.include, *zones.exclude) for m in s)})
     inside_m = [m for m in edges_m if near_m <= m <= far_m]
     middles_m = [(a + b) / 2 for a, b in pairwise(inside_m)]
-    if any(zones.heeds(m) for m in middles_m):
+    if any(heeds(zones, m) for m in middles_m):
         if not zones.away:
             return ""
-        fault = zone_fault(zones.armed("home"), near_m, far_m)
+        fault = zone_fault(armed_zones(zones, "home"), near_m, far_m)
         return f"{fault}, while armed at home" if fault else ""
     return f"zones: nothing counts within the sensor's swath, {near_m:.2f} to {far_m:.2f} m"
 
 
-def zone_warnings(zones: Zones, near_m: float, far_m: float) -> Iterator[str]:
+def zone_warnings(zones: ZonesSection, near_m: float, far_m: float) -> Iterator[str]:
     """Yield which included zones reach beyond a swath."""
     for start_m, end_m in zones.include:
         if start_m < near_m - _SLACK_M or end_m > far_m + _SLACK_M:
@@ -57,7 +49,9 @@ def zone_warnings(zones: Zones, near_m: float, far_m: float) -> Iterator[str]:
             )
 
 
-def sight_of(decision: Decision, policy: AlarmPolicy, zones: Zones, pet_limit: float) -> Sight:
+def sight_of(
+    decision: Decision, policy: AlarmPolicy, zones: ZonesSection, pet_limit: float
+) -> Sight:
     """Return what a valid decision means for the alarm, by the rule's `pet_limit`.
 
     A verdict is a hit from p(human) `p_on` on; one that stands on other grounds (undecided too
@@ -82,12 +76,12 @@ def _who(decision: Decision) -> str:
     return f"undecided for {waited_s:.0f} s" if waited_s >= 0.5 else "undecided"
 
 
-def _nearest_heeded(decision: Decision, zones: Zones, pet_limit: float) -> float | None:
+def _nearest_heeded(decision: Decision, zones: ZonesSection, pet_limit: float) -> float | None:
     """Return the range of the nearest suspect that counts, -1 when it has none, else None."""
     ranges = list(_suspect_ranges(decision, pet_limit))
     if not ranges:
         return -1.0
-    return min((r for r in ranges if zones.heeds(r)), default=None)
+    return min((r for r in ranges if heeds(zones, r)), default=None)
 
 
 def _suspect_ranges(decision: Decision, pet_limit: float) -> Iterator[float]:

@@ -6,6 +6,7 @@ import sys
 import time
 import uuid
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -33,11 +34,6 @@ class Fleet:
         self._told: dict[str, dict[str, Any]] = {}
         self._stated_s: dict[str, float] = {}
         self.n_ignored = 0  # messages on those topics that are none of ours
-
-    @property
-    def subscriptions(self) -> list[str]:
-        """Topic filters that the broker is asked for."""
-        return [f"{self._prefix}/+/{name}" for name in _TOPICS]
 
     def take(self, topic: str, payload: bytes, now_s: float) -> None:
         """Take a message that came at a monotonic time; what is none of ours is counted."""
@@ -90,20 +86,20 @@ def run(argv: Sequence[str]) -> int:
     url = args.url or _configured(config)
     if not args.wait > 0:
         raise UsageError(f"--wait {args.wait:g}: must be above 0, in seconds")
-    with _Watch(url, config) as watch:
-        watch.listen(args.wait)
+    with _watched(url, config) as (fleet, listen):
+        listen(args.wait)
         while True:
-            rows = watch.fleet.rows(time.monotonic())
+            rows = fleet.rows(time.monotonic())
             lines = [json.dumps(row) for row in rows] if args.json else list(table(rows))
-            if watch.fleet.n_ignored and not args.json:
-                lines.append(f"{watch.fleet.n_ignored} messages there are no radar's")
+            if fleet.n_ignored and not args.json:
+                lines.append(f"{fleet.n_ignored} messages there are no radar's")
             if not args.once and sys.stdout.isatty():
                 # To the top left, and nothing below.
                 print("\x1b[H\x1b[2J", end="")
             print(*lines, sep="\n", flush=True)
             if args.once:
                 return 0 if rows and all(_is_well(row) for row in rows) else 1
-            watch.listen(_EVERY_S)
+            listen(_EVERY_S)
 
 
 def make_parser() -> Parser:
@@ -143,60 +139,50 @@ def table(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
         yield f"{line}  {text}".rstrip()
 
 
-class _Watch:
-    """A connection to the broker; raises OutputError without one."""
+@contextmanager
+def _watched(url: str, config: Config) -> Iterator[tuple[Fleet, Callable[[float], None]]]:
+    """Connect to a broker; lend its fleet, and what listens for so long; or OutputError."""
+    # Late: the help must not wait for it, and it may not be installed.
+    from radard.outputs.mqtt.link import MqttLink  # noqa: PLC0415
+    from radard.outputs.mqtt.sink import parse_url  # noqa: PLC0415
+    from x2radar.backoff import Backoff  # noqa: PLC0415
 
-    def __init__(self, url: str, config: Config) -> None:
-        # Late: the help must not wait for it, and it may not be installed.
-        from radard.outputs.mqtt.link import MqttLink  # noqa: PLC0415
-        from radard.outputs.mqtt.sink import parse_url  # noqa: PLC0415
-        from x2radar.backoff import Backoff  # noqa: PLC0415
+    # Another client of the same name would be thrown out.
+    name = f"radard-fleet-{uuid.uuid4().hex[:8]}"
+    options = config.mqtt.model_copy(update={"client_id": name})
+    broker, prefix = parse_url(url, options, "fleet")
+    fleet = Fleet(prefix)
+    messages: queue.SimpleQueue[Any] = queue.SimpleQueue()  # of topic and payload; or a fault
+    link = MqttLink(
+        broker,
+        options,
+        Backoff(1.0, 10.0, broker.client_id),
+        will=None,
+        subscriptions=[f"{prefix}/+/{name}" for name in _TOPICS],
+        on_up=lambda: messages.put(None),
+        on_down=messages.put,
+        on_message=lambda topic, payload, _is_retained: messages.put((topic, payload)),
+        is_alive=lambda: True,
+    )
 
-        # Another client of the same name would be thrown out.
-        name = f"radard-fleet-{uuid.uuid4().hex[:8]}"
-        options = config.mqtt.model_copy(update={"client_id": name})
-        broker, prefix = parse_url(url, options, "fleet")
-        self._address = f"{broker.host}:{broker.port}"
-        self.fleet = Fleet(prefix)
-        self._messages: queue.SimpleQueue[tuple[str, bytes] | str | None] = queue.SimpleQueue()
-        put: Callable[[Any], None] = self._messages.put
-        self._link = MqttLink(
-            broker,
-            options,
-            Backoff(1.0, 10.0, broker.client_id),
-            will=None,
-            subscriptions=self.fleet.subscriptions,
-            on_up=lambda: put(None),
-            on_down=put,
-            on_message=lambda topic, payload, _is_retained: put((topic, payload)),
-            is_alive=lambda: True,
-        )
-
-    def __enter__(self) -> "_Watch":
-        """Connect, and wait for the connection."""
-        self._link.start()
-        item = self._messages.get()
+    def take(item: tuple[str, bytes] | str | None) -> None:
         if isinstance(item, str):
-            self._link.close(0.5)
-            raise OutputError(f"mqtt {self._address}: {item}")
-        return self
+            raise OutputError(f"mqtt {broker.host}:{broker.port}: {item}")
+        if item is not None:
+            fleet.take(*item, time.monotonic())
 
-    def __exit__(self, *_error: object) -> None:
-        """Disconnect."""
-        self._link.close(0.5)
-
-    def listen(self, seconds: float) -> None:
-        """Take messages for a while; raises OutputError when the connection is lost."""
+    def listen(seconds: float) -> None:
         end_s = time.monotonic() + seconds
-        while (left_s := end_s - time.monotonic()) > 0:
-            try:
-                item = self._messages.get(timeout=left_s)
-            except queue.Empty:
-                return
-            if isinstance(item, str):
-                raise OutputError(f"mqtt {self._address}: {item}")
-            if item is not None:
-                self.fleet.take(*item, time.monotonic())
+        with suppress(queue.Empty):
+            while (left_s := end_s - time.monotonic()) > 0:
+                take(messages.get(timeout=left_s))
+
+    link.start()
+    try:
+        take(messages.get())
+        yield fleet, listen
+    finally:
+        link.close(0.5)
 
 
 def _configured(config: Config) -> str:

@@ -134,11 +134,8 @@ def load_with_origins(
     for (section, key), value, place in environment:
         _take((section, key), value, place, tree, places)
     for name, values in (options or {}).items():
-        if not isinstance(values, Mapping):
-            tree[name] = values
-            places[name,] = "command line"
-            continue
-        for key, value in values.items():
+        keys = values if isinstance(values, Mapping) else {None: values}
+        for key, value in keys.items():
             _take((name, key), value, "command line", tree, places)
     if ("sensor", "port") in places and places["sensor", "port"] == "command line":
         # One radar was asked for by hand: that is the whole run.

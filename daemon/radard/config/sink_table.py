@@ -172,11 +172,9 @@ SINKS = (
     SinkRow("json:FILE", "radard.outputs.jsonl", sections=("jsonl",)),
     SinkRow("table", "radard.outputs.stdout", value="none"),
     SinkRow("null", "radard.outputs.null", value="none"),
-    SinkRow(
-        "mqtt://HOST", "radard.outputs.mqtt.sink", sections=("mqtt", "log"), is_per_sensor=True
-    ),
-    SinkRow(
-        "mqtts://HOST", "radard.outputs.mqtt.sink", sections=("mqtt", "log"), is_per_sensor=True
+    *(
+        SinkRow(form, "radard.outputs.mqtt.sink", sections=("mqtt", "log"), is_per_sensor=True)
+        for form in ("mqtt://HOST", "mqtts://HOST")
     ),
     SinkRow(
         "webhook:URL",

@@ -48,8 +48,8 @@ def read_cells(dwell: Dwell) -> CellReading | None:
     shape = (n_cells, n_bins)
     return CellReading(
         echoes=mean.reshape(shape),
-        energy=_power(mean).reshape(shape).sum(axis=1),
-        unrest=_power(parts - mean).mean(axis=0).reshape(shape).sum(axis=1),
+        energy=power_of(mean).reshape(shape).sum(axis=1),
+        unrest=power_of(parts - mean).mean(axis=0).reshape(shape).sum(axis=1),
         noise_db=_noise_db(dwell, shape),
         at_limit=_at_limit(used),
     )
@@ -96,7 +96,8 @@ def quantile(values: NDArray[np.float64], share: float) -> float:
     return float(np.sort(values)[round(share * (len(values) - 1))])
 
 
-def _power(x: NDArray[np.complex128]) -> NDArray[np.float64]:
+def power_of(x: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Return the power of every sample."""
     return np.asarray(x.real**2 + x.imag**2)
 
 

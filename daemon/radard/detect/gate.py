@@ -13,7 +13,7 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from radard.config.sections import GateSettings
 from radard.detect.calibration import Calibration
@@ -118,9 +118,9 @@ class Gate:
         strongest = int(np.argmax(excess.max(axis=0))) if len(excess) else 0
         return GateReading(
             reached > 1,
-            _db(float(self.cell_peak[cpi, at])) if len(excess) else _db(0.0),
-            _db(float(self.level[at])),
-            _db(float(threshold[at])),
+            float(decibels(self.cell_peak[cpi, at] if len(excess) else 0.0)),
+            float(decibels(self.level[at])),
+            float(decibels(threshold[at])),
             float(dwell.axis.range_m[strongest]),
         )
 
@@ -152,5 +152,6 @@ def level_over(floor: NDArray[np.float64], residue: NDArray[np.float64]) -> NDAr
     return np.clip(residue, floor, MAX_RESIDUE * most)
 
 
-def _db(power: float) -> float:
-    return float(10 * np.log10(max(power, _TINY)))
+def decibels(power: ArrayLike) -> NDArray[np.float64]:
+    """Return 10 log10 of powers, finite where there is none."""
+    return np.asarray(10 * np.log10(np.maximum(power, _TINY)))

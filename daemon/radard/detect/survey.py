@@ -15,7 +15,7 @@ from scipy.special import stdtr, stdtrit
 from radard.config.sections import GateSettings
 from radard.detect.calibration import Calibration, Provenance
 from radard.detect.clutter_map import ClutterRemover
-from radard.detect.gate import DAY_S, Gate, level_over
+from radard.detect.gate import DAY_S, Gate, decibels, level_over
 from radard.detect.tracks import Tracker
 from radard.dsp.range_doppler import cell_factor, two_of_three, usual_peak
 from radard.dsp.velocity import CPI_S
@@ -86,7 +86,8 @@ class RoomSurvey:
         """Raise RoomNotEmpty if something moved; `takes_machines` lets what stays in place."""
         axis, seen = self._axis, self._seen
         noise = np.mean(self._noise, axis=0)
-        excess_db = np.where(noise > 0, _db(np.mean(self._power, axis=0)) - _db(noise), 0.0)
+        over_db = decibels(np.mean(self._power, axis=0)) - decibels(noise)
+        excess_db = np.where(noise > 0, over_db, 0.0)
         worst = int(np.argmax(excess_db))
         cure = "leave it empty and try again; --with-machines takes what stays in its place"
         if takes_machines:
@@ -142,7 +143,7 @@ class RoomSurvey:
             bin_length_m=self._axis.bin_length_m,
             range_offset_m=self._axis.range_offset_m,
             floor=floor,
-            threshold_db=_db(over),
+            threshold_db=decibels(over),
             provenance=replace(
                 origin,
                 duration_s=round(heard_s, 3),
@@ -183,7 +184,3 @@ def _share_over(log_u: Array, independent: float) -> float:
     if spread == 0:
         return float(log_u.mean() > 0)
     return float(stdtr(independent - 1, log_u.mean() / spread))
-
-
-def _db(power: Array) -> Array:
-    return np.asarray(10 * np.log10(np.maximum(power, 1e-300)))

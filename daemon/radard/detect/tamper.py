@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radard.config.sections import TamperSection
-from radard.detect.dwell_cells import CellReading, quantile, read_cells
+from radard.detect.dwell_cells import CellReading, power_of, quantile, read_cells
 from radard.detect.gate import Gate
 from radard.detect.interference import (
     MAX_DRIFT_DB,
@@ -184,7 +184,7 @@ class TamperWatch:
         self._n_seen += 1
         if self._n_seen < self._n_learn:
             return
-        together = _energy_of(self._sum)
+        together = power_of(self._sum).sum(axis=1)
         agreed = together > (1 - _STILL) * self._n_still * self._energy
         usable = agreed & (self._n_still > self._n_learn / 2)
         if np.count_nonzero(usable) >= _MIN_CELLS:
@@ -194,7 +194,7 @@ class TamperWatch:
 
     def _judge_echoes(self, cells: CellReading, usable: NDArray[np.bool_]) -> None:
         s = self._settings
-        known = _energy_of(self._echoes)
+        known = power_of(self._echoes).sum(axis=1)
         judged = usable & (cells.unrest < _STILL * np.maximum(cells.energy, known))
         if np.count_nonzero(judged) < _MIN_CELLS:
             return
@@ -263,7 +263,3 @@ class _Held:
 
 def _change(change_db: float) -> str:
     return f"{'fell' if change_db < 0 else 'rose'} {abs(change_db):.0f} dB"
-
-
-def _energy_of(echoes: NDArray[np.complex128]) -> NDArray[np.float64]:
-    return np.asarray((echoes.real**2 + echoes.imag**2).sum(axis=1))

@@ -13,7 +13,6 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from radard import plugins
 from radard.config.json_file import STRICT, parse_json
 from radard.dsp.cadence import cadence_velocity_diagram, extent_profile, type1_vector
 from radard.dsp.columns import SharedSteps
@@ -25,6 +24,7 @@ from radard.judge.installation import INSTALLATION, N_INSTALLATION, installation
 from radard.judge.velocity_map import VelocityGrid, busiest_rows, shown
 from radard.stream.ring import Dwell
 from x2radar.frame import FastTimeAxis
+from x2radar.plugins import Plugin, find_plugin
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -128,6 +128,7 @@ VELOCITY_FEATURES = ("velocity_time", "velocity_time_medium", "velocity_time_lon
 MAP_FEATURES = (*VELOCITY_FEATURES, "range_time")
 FEATURES = (*THESIS_FEATURES, *MAP_FEATURES, INSTALLATION)
 """Every feature that a network may ask for."""
+PLUGGED = "radard.features"  # the group of entry points with further ones (`FeatureMaker`)
 _COARSE_BIN_M = 0.03
 """Behind the matched filter an X2's bins may be that long without loss (41 GS/s, 8 of them)."""
 
@@ -155,7 +156,7 @@ def feature_shape(name: str, settings: FeatureSettings) -> tuple[int, ...]:
         INSTALLATION: (N_INSTALLATION,),
     }
     if name not in shapes:
-        plugin = plugins.plugged(plugins.FEATURES, name)
+        plugin = find_plugin(PLUGGED, name)
         if plugin is not None:
             plugin.check(plugin.made, ("shape", "extract"))
             return tuple(plugin.guard(lambda: plugin.made.shape(settings)))
@@ -177,7 +178,7 @@ class FeatureStream:
         self._streams: _Streams | None = None
         self._end_frame = 0
         own = (name for name in names if name not in FEATURES)
-        found = ((name, plugins.plugged(plugins.FEATURES, name)) for name in own)
+        found = ((name, find_plugin(PLUGGED, name)) for name in own)
         self._plugged = {name: plugin for name, plugin in found if plugin is not None}
 
     def extract(self, dwell: Dwell, known: NDArray[np.float32] | None = None) -> Features:
@@ -219,7 +220,7 @@ class FeatureStream:
 
 
 def _plugged_feature(
-    plugin: plugins.Plugin, dwell: Dwell, settings: FeatureSettings
+    plugin: Plugin, dwell: Dwell, settings: FeatureSettings
 ) -> NDArray[np.float32]:
     made = plugin.guard(lambda: plugin.made.extract(dwell, settings))
     shape = tuple(plugin.made.shape(settings))

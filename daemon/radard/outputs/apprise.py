@@ -14,10 +14,11 @@ from typing import Any
 from radard.config.credentials import read_secret
 from radard.config.sink_table import AppriseSection, SinkOptions
 from radard.errors import OutputError, UsageError
+from radard.log_cursor import Entry
 from radard.log_file import marks_of
 from radard.outputs.alarm_picture import picture_path
 from radard.outputs.base import DeliveryError, Record, SinkContext
-from radard.outputs.delivery import Delivery, Item, wants_events
+from radard.outputs.delivery import Delivery, wants_events
 from x2radar.errors import MissingExtra
 from x2radar.extras import needed
 
@@ -45,9 +46,9 @@ def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> Deliv
         )
     o, sensor = options.apprise, context.sensor
 
-    def send(item: Item) -> None:
+    def send(entry: Entry) -> None:
         """Send an event to the service; what Apprise logs may hold secrets."""
-        record = item.record
+        record = entry.record
         title, body = message_of(record, sensor)
         picture = _picture(record, o)
         with apprise.LogCapture(level=logging.WARNING) as said:

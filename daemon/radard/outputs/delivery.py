@@ -4,13 +4,14 @@ Events go in order. One that the far end refuses again and again is given up; an
 behind the others, and tried until it is too old. Other records wait in memory, and go last.
 """
 
+import json
 import logging
 import threading
 import time
 import uuid
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Self
 
 from radard.config.sink_table import LogSection
@@ -23,21 +24,13 @@ log = logging.getLogger("radard")
 _TRANSIENT = 100  # of states and decisions only the newest matter
 
 
-@dataclass(frozen=True, slots=True)
-class Item:
-    """A record to be handed on; `key` is the same in every attempt, and in no other item."""
-
-    key: str
-    record: Record
-    entry: Entry | None = None  # where it is in the log; None for what is only in memory
-
-
 class Delivery:
     """A sink that hands on what its cursor owes; `start` it once it is built.
 
     `target` is what tells this far end from others, and may be secret; `wants` says whether a
-    record is for this sink. `send` hands on one item; it raises DeliveryError unless the far end
-    has confirmed it. Records that are no events wait in memory, the newest hundred.
+    record is for this sink. `send` hands on one entry; it raises DeliveryError unless the far end
+    has confirmed it. Records that are no events wait in memory, the newest hundred; their number
+    is 0.
     """
 
     waits = False
@@ -49,7 +42,7 @@ class Delivery:
         options: LogSection,
         context: SinkContext,
         wants: Wants,
-        send: Callable[[Item], None],
+        send: Callable[[Entry], None],
         keeper: StateKeeper | None = None,
     ) -> None:
         self.name = name
@@ -61,7 +54,7 @@ class Delivery:
         self._keeper = keeper or StateKeeper(name)
         self._backoff = Backoff(options.first_retry_s, options.longest_retry_s, name)
         self.cursor: Cursor | None = None  # what it has still to deliver, once at work
-        self._transient: deque[Item] = deque(maxlen=_TRANSIENT)
+        self._transient: deque[Entry] = deque(maxlen=_TRANSIENT)
         self._has_work = threading.Event()
         self._skips_wait = threading.Event()
         self._is_last_round = self._is_over = False
@@ -96,7 +89,8 @@ class Delivery:
                 self._keeper.dropped(1, "it has ended")
                 return
             self._keeper.dropped(len(self._transient) == _TRANSIENT, "too many wait")
-            self._transient.append(Item(uuid.uuid4().hex, record))
+            text = json.dumps(dict(record))
+            self._transient.append(Entry(0, uuid.uuid4().hex, time.monotonic(), text))
             self._has_work.set()
 
     def retry_now(self) -> None:
@@ -141,61 +135,58 @@ class Delivery:
 
     def _deliver_all(self) -> float | None:
         """Deliver until nothing is left; return how long to wait after a failure."""
-        while not self._is_over and (item := self._next()) is not None:
+        while not self._is_over and (entry := self._next()) is not None:
             self._begun_s = time.monotonic()
             try:
-                self._send(item)
+                self._send(entry)
             except DeliveryError as err:
                 self._keeper.failed(str(err))
-                if not self._gives_up(item, err):
+                if not self._gives_up(entry, err):
                     return self._backoff.next_s()
             except Exception as err:
                 log.exception("%s: an event could not be sent", self.name)
                 self._keeper.failed(f"internal error: {err!r}")
-                self._give_up(item, "cannot be sent")
+                self._give_up(entry, "cannot be sent")
             else:
                 self._n_refused = 0
                 self._backoff.reset()
-                self._keeper.sent(is_event=item.entry is not None)
-                self._settle(item)
+                self._keeper.sent(is_event=entry.n > 0)
+                self._settle(entry)
             finally:
                 self._begun_s = None
         return None
 
-    def _next(self) -> Item | None:
+    def _next(self) -> Entry | None:
         entry = self.cursor.first() if self.cursor is not None else None
-        if entry is not None:
-            return Item(entry.key, entry.record, entry)
-        return self._transient[0] if self._transient else None
+        return entry or (self._transient[0] if self._transient else None)
 
-    def _settle(self, item: Item) -> None:
-        if item.entry is not None and self.cursor is not None:
-            self.cursor.done(item.entry)
-        elif self._transient and self._transient[0] is item:
+    def _settle(self, entry: Entry) -> None:
+        if entry.n > 0 and self.cursor is not None:
+            self.cursor.done(entry)
+        elif self._transient and self._transient[0] is entry:
             self._transient.popleft()
 
-    def _gives_up(self, item: Item, err: DeliveryError) -> bool:
+    def _gives_up(self, entry: Entry, err: DeliveryError) -> bool:
         self._n_refused += err.is_refusal
         is_refused = self._n_refused >= self._options.attempts
-        put_s = item.entry.put_s if item.entry is not None else time.monotonic()
-        if time.monotonic() - put_s > self._options.give_up_h * 3600:
-            self._give_up(item, "too old")
-        elif is_refused and item.record.get("kind") == "alarm":
-            log.error("%s: refuses %s %d times", self.name, item.key, self._n_refused)
+        if time.monotonic() - entry.put_s > self._options.give_up_h * 3600:
+            self._give_up(entry, "too old")
+        elif is_refused and entry.record.get("kind") == "alarm":
+            log.error("%s: refuses %s %d times", self.name, entry.key, self._n_refused)
             self._n_refused = 0
-            if item.entry is not None and self.cursor is not None:
-                self.cursor.defer(item.entry)
+            if self.cursor is not None:
+                self.cursor.defer(entry)
             return False
         elif is_refused:
-            self._give_up(item, f"refused {self._n_refused} times")
+            self._give_up(entry, f"refused {self._n_refused} times")
         else:
             return False
         return True
 
-    def _give_up(self, item: Item, why: str) -> None:
-        log.error("%s: gives up %s: %s", self.name, item.key, why)
+    def _give_up(self, entry: Entry, why: str) -> None:
+        log.error("%s: gives up %s: %s", self.name, entry.key, why)
         self._n_refused = 0
-        self._settle(item)
+        self._settle(entry)
         self._keeper.dropped(1, why)
 
 

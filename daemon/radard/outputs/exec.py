@@ -41,7 +41,7 @@ def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> Deliv
         options.log,
         context,
         wants_events(o.kinds, o.phases),
-        lambda item: _run(words, {"sensor": sensor, **item.record}, o.timeout_s),
+        lambda entry: _run(words, {"sensor": sensor, **entry.record}, o.timeout_s),
     )
 
 

@@ -6,11 +6,11 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 
-from radard import plugins
 from radard.config.sink_table import FORMS, SCHEMES, SinkOptions, find_row
 from radard.errors import OutputError, UsageError
 from radard.outputs.base import Sink, SinkContext, SinkState
 from radard.outputs.thread_sink import CLOSE_S
+from x2radar.plugins import Plugin, find_plugin
 
 log = logging.getLogger("radard")
 Opener = Callable[[str, SinkOptions, SinkContext], Sink]
@@ -45,12 +45,12 @@ def make_output(output: str, options: SinkOptions, context: SinkContext) -> Sink
     return plugged
 
 
-def check_output(output: str) -> plugins.Plugin | None:
+def check_output(output: str) -> Plugin | None:
     """Return the plug-in that an output names, None for a built-in one; UsageError for none."""
     scheme, _, rest = output.partition(":")
     if find_row(output) is not None:
         return None
-    plugin = None if scheme in SCHEMES else plugins.plugged(plugins.SINKS, scheme)
+    plugin = None if scheme in SCHEMES else find_plugin("radard.sinks", scheme)
     if plugin is not None:
         return plugin
     # Only the scheme: the rest may hold a secret.

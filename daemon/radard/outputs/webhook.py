@@ -18,8 +18,9 @@ from urllib.parse import quote, urljoin, urlsplit
 from radard.config.credentials import read_secret
 from radard.config.sink_table import SinkOptions, WebhookSection
 from radard.errors import ConfigError, UsageError
+from radard.log_cursor import Entry
 from radard.outputs.base import DeliveryError, SinkContext
-from radard.outputs.delivery import Delivery, Item, wants_events
+from radard.outputs.delivery import Delivery, wants_events
 from radard.outputs.stdout import json_line
 from radard.outputs.tls import LATE, check_host, client_context, explain, shown_host
 from x2radar import wall_clock
@@ -75,12 +76,12 @@ class _Poster:
         self._tls = client_context("webhook", section.ca_file)
         self._headers(b"", "check")
 
-    def send(self, item: Item) -> None:
-        """Post an item; raises DeliveryError unless a server takes it."""
-        body = json_line({"sensor": self._sensor, **item.record}).rstrip().encode()
+    def send(self, entry: Entry) -> None:
+        """Post an entry; raises DeliveryError unless a server takes it."""
+        body = json_line({"sensor": self._sensor, **entry.record}).rstrip().encode()
         began_s = time.monotonic()
         try:
-            code = self._post_to_the_end(body, self._headers(body, item.key))
+            code = self._post_to_the_end(body, self._headers(body, entry.key))
         except ConfigError as err:
             raise DeliveryError(str(err)) from err
         except (OSError, ValueError, http.client.HTTPException) as err:

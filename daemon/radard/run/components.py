@@ -10,7 +10,7 @@ from weakref import WeakSet
 from radard.alarm.panel import AlarmPolicy
 from radard.alarm.sensitivity import alarm_policy
 from radard.alarm.state_store import StateStore
-from radard.alarm.zones import Zones, zone_fault, zone_warnings
+from radard.alarm.zones import zone_fault, zone_warnings
 from radard.clips.keeper import ClipKeeper
 from radard.config.config import Config
 from radard.config.directories import (
@@ -21,7 +21,7 @@ from radard.config.directories import (
     state_dir,
 )
 from radard.config.quiet_hours import Now, QuietHours, parse_quiet, time_zone
-from radard.config.sections import AUTO_MODEL
+from radard.config.sections import AUTO_MODEL, ZonesSection
 from radard.detect.calibration import Calibration, load_calibration
 from radard.detect.room_reference import RoomStore
 from radard.detect.tamper import TamperWatch
@@ -51,7 +51,7 @@ class Parts:
     config: Config  # what the rest was made of
     pipeline: Pipeline  # dwell to decision
     policy: AlarmPolicy  # decisions to alarm
-    zones: Zones  # whose sight counts
+    zones: ZonesSection  # whose sight counts
     quiet: QuietHours  # when no alarm is wanted
     room: RoomStore  # where the room's reference is kept
     clips: ClipKeeper | None  # None when nothing is kept
@@ -92,7 +92,7 @@ def make_parts(
     config: Config, pipeline: Pipeline, *, now: Now, is_live: bool, old: Parts | None = None
 ) -> Parts:
     """Make what `config` asks for around a pipeline; keep of `old` what has not changed."""
-    zones, range_m = Zones(**config.zones.model_dump()), pipeline.stream.axis.range_m
+    zones, range_m = config.zones, pipeline.stream.axis.range_m
     swath = float(range_m[0]), float(range_m[-1])
     fault = zone_fault(zones, *swath)
     if fault and old is None:

@@ -5,12 +5,12 @@ opens before the first frame is asked for, so that faults of the port come at st
 """
 
 import math
+import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from itertools import chain
 from typing import Protocol
 
-from radard import plugins
 from radard.errors import UsageError
 from radard.stream.coalesced_reads import CoalescedReads
 from radard.stream.playback import Playback
@@ -19,10 +19,13 @@ from x2radar.device.reconnect import ReconnectingRadar
 from x2radar.errors import RecordingError, TransportClosed
 from x2radar.frame import Frame, StreamInfo
 from x2radar.modules.modules import module_of
+from x2radar.plugins import find_plugin
 from x2radar.ports import Port, parse_port, parse_speed
 from x2radar.radars import make_radar
 
 Notify = Callable[[str, str], None]
+# Not a Windows port, and not a URL of pyserial's.
+_SCHEME = re.compile(r"([a-z][a-z0-9+._-]+):(?!//)")
 _MAX_COALESCED = 2.0  # times real time: faster streams never let reads pause
 
 
@@ -80,6 +83,12 @@ def speed_factor(text: str, port: Port) -> float | None:
     return parse_speed(text)
 
 
+def plugin_scheme(port: str) -> str:
+    """Return the word before the colon; empty where there is none, or a URL follows."""
+    match = _SCHEME.match(port)
+    return match[1] if match else ""
+
+
 def open_source(
     port: str,
     *,
@@ -102,8 +111,8 @@ def open_source(
     parsed = parse_port(port)
     factor = speed_factor(speed, parsed)
     if parsed.kind == "live":
-        plugin = plugins.plugged(plugins.SOURCES, plugins.scheme_of(port))
-        if plugin is not None:
+        scheme = plugin_scheme(port)
+        if scheme and (plugin := find_plugin("radard.sources", scheme)) is not None:
             target = parsed.target.partition(":")[2]
             source: FrameSource = plugin.call(target, parsed.options, speed=factor)
             plugin.check(source, ("stream", "is_live", "frames", "close"))

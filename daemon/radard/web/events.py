@@ -6,7 +6,7 @@ import io
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -36,22 +36,6 @@ _SAME = ("id", "kind", "phase", "start_t_s", "end_t_s", "peak", "clip", "reason"
 """What an answer has under the name that an event of the log has, too."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Filter:
-    """Which events are wanted; empty means all."""
-
-    kinds: tuple[str, ...] = ()
-    since_s: float | None = None  # begun then or later, in seconds since 1970
-    label: str = ""  # 'none': without one
-    text: str = ""  # part of their reason or id
-    limit: int = 200
-
-    def fits(self, event: StoredEvent, label: str | None) -> bool:
-        if self.label and (label or "none") != self.label:
-            return False
-        return self.text.lower() in f"{event.reason} {event.id}".lower()
-
-
 class EventRoutes:
     """The routes of one sensor's events."""
 
@@ -69,10 +53,11 @@ class EventRoutes:
         ]
 
     async def _list(self, request: Request) -> Response:
-        return JSONResponse({"events": await self._read(self._events, _filter(request))})
+        events = await self._read(partial(self._events, **_filter(request)))
+        return JSONResponse({"events": events})
 
     async def _export(self, request: Request) -> Response:
-        events = await self._read(self._events, _filter(request))
+        events = await self._read(partial(self._events, **_filter(request)))
         if request.query_params.get("format") == "csv":
             text, name, kind = _csv(events), "events.csv", "text/csv; charset=utf-8"
         else:
@@ -125,19 +110,25 @@ class EventRoutes:
         await self._read(add_label, self._view.label_file, line)
         return JSONResponse({"event": event_id, "label": label}, 201)
 
-    def _events(self, wanted: _Filter) -> list[dict[str, Any]]:
-        """Return events of the log, the newest first."""
+    def _events(
+        self, *, text: str, limit: int, label: str = "", **of_log: Any
+    ) -> list[dict[str, Any]]:
+        """Return events of the log, newest first: with `text` in reason or id, so labelled."""
         view, labels = self._view, read_labels(self._view.label_file)
-        logged = view.log.events(since_s=wanted.since_s, kinds=wanted.kinds, limit=_MAX_EVENTS)
-        own = (each for each in reversed(logged) if not view.sensor or each.sensor == view.sensor)
-        found = (each for each in own if wanted.fits(each, labels.get(each.id)))
-        return [self._shown(each, labels) for each in islice(found, wanted.limit)]
+        found = (
+            each
+            for each in reversed(view.log.events(**of_log, limit=_MAX_EVENTS))
+            if not view.sensor or each.sensor == view.sensor
+            if not label or labels.get(each.id, "none") == label
+            if text.lower() in f"{each.reason} {each.id}".lower()
+        )
+        return [self._shown(each, labels) for each in islice(found, limit)]
 
     def _event(self, event_id: str) -> dict[str, Any] | None:
         """Return one event; None when it is not known."""
         if not _ULID.fullmatch(event_id):
             return None
-        return next(iter(self._events(_Filter(text=event_id, limit=1))), None)
+        return next(iter(self._events(text=event_id, limit=1)), None)
 
     def _clip_of(self, event_id: str) -> Path | None:
         """Return the clip of an event, if it is there and named by the event's own id."""
@@ -163,20 +154,21 @@ class EventRoutes:
         }
 
 
-def _filter(request: Request) -> _Filter:
+def _filter(request: Request) -> dict[str, Any]:
+    """Return which events a query asks for; empty means all, label 'none' those without one."""
     query = request.query_params
     kinds = tuple(query.getlist("kind"))
     label, text, since = (query.get(name, "")[:200] for name in ("label", "text", "since"))
     if not set(kinds) <= set(KINDS) or label not in {"", "none", *LABELS}:
         msg = f"kind is one of {', '.join(KINDS)}; label one of none, {', '.join(LABELS)}"
         raise UsageError(msg)
-    return _Filter(
-        kinds=kinds,
-        since_s=parse_since(since, wall_clock.now_s()) if since else None,
-        label=label,
-        text=text,
-        limit=query_number(request, "limit", 200, _MAX_EVENTS),
-    )
+    return {
+        "kinds": kinds,
+        "since_s": parse_since(since, wall_clock.now_s()) if since else None,
+        "label": label,
+        "text": text,
+        "limit": query_number(request, "limit", 200, _MAX_EVENTS),
+    }
 
 
 def _thumbnail(path: Path) -> dict[str, Any]:

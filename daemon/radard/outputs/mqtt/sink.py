@@ -228,7 +228,7 @@ class MqttSink(ThreadSink):
             o,
             context,
             lambda _record: True,
-            lambda item: self._link.publish_confirmed(topics.event(item.record)),
+            lambda entry: self._link.publish_confirmed(topics.event(entry.record)),
             self._keeper,
         )
         self._keeper.begin("not connected yet")
