@@ -10,9 +10,11 @@ docs/reference/python.md shows the rest.
 """
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
 
+TYPE_CHECKING = False  # as typing has it, which takes longer to load than a signal should wait
 if TYPE_CHECKING:
+    from typing import Any
+
     from x2radar.api import open as open  # noqa: A004 - x2radar.open reads as the file of a radar
     from x2radar.api import open_async as open_async
     from x2radar.api import open_reconnecting as open_reconnecting
@@ -53,7 +55,7 @@ _PLACES = {
 __all__ = sorted(name for names in _PLACES.values() for name in names)  # noqa: PLE0605 - above
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> "Any":
     """Import what is asked for, so that a command answers signals before numpy is loaded."""
     for place, names in _PLACES.items():
         if name in names:

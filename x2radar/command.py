@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, NoReturn, TextIO
 
 from x2radar.extras import DISTRIBUTION, install_hint
-from x2radar.startup import interrupts
+from x2radar.interrupts import interrupts
 
 _EXTRAS = {"radard": "daemon", "train-export": "train"}
 """What pyproject.toml calls the packages that a command needs."""
@@ -61,6 +61,12 @@ class Parser(argparse.ArgumentParser):
 
     def _refuse(self, left: Sequence[str], known: Iterable[str]) -> NoReturn:
         self.error(f"unrecognized arguments: {' '.join(left)}{nearest(left[0], known)}")
+
+    def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
+        if action.type is Path and not arg_string:
+            # As of a variable of the shell that is not set; Path would make the folder at hand.
+            raise argparse.ArgumentError(action, "no file is named")
+        return super()._get_value(action, arg_string)
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is not None and value not in action.choices:

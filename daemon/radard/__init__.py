@@ -11,14 +11,16 @@ For scripts and notebooks, `radard.api` has what is offered here:
 
 import os
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
 
+TYPE_CHECKING = False  # as typing has it, which takes longer to load than a signal should wait
 # One thread for matrix products, set before numpy loads: the matrices here are small, and a
 # second thread only burns another core while it waits for work.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 if TYPE_CHECKING:
+    from typing import Any
+
     from radard.api import FeatureWindow as FeatureWindow
     from radard.api import Spectrogram as Spectrogram
     from radard.api import classify as classify
@@ -45,7 +47,7 @@ _PLACES = {
 __all__ = sorted(name for names in _PLACES.values() for name in names)  # noqa: PLE0605 - below
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> "Any":
     """Import what is asked for: the daemon itself needs none of it here."""
     place = next((place for place, names in _PLACES.items() if name in names), None)
     if place is None:

@@ -114,8 +114,10 @@ class EventLog:
             if before is not None:
                 cursor.take_over(before)
             else:
-                place = self._places.get(name, Place())
-                place = place if place.owes else Place(self._told if after is None else after)
+                place = self._places.get(name)
+                if place is None or not place.owes:
+                    begin = self._told if after is None else after
+                    place = Place(begin, begin)
                 cursor.resume(place, [each for each in self._entries if each.n <= self._told])
             self._has_moved(name)
             return cursor
@@ -321,7 +323,7 @@ class EventLog:
             for entry in self._entries:
                 entry.n += last
             for name, cursor in self._cursors.items():
-                if (place := places.get(name, Place())).owes:
+                if (place := places.get(name)) is not None and place.owes:
                     cursor.resume(place, entries)
             self._written = last
             self._last += last

@@ -37,8 +37,8 @@ class Entry:
 class Place:
     """Where a cursor stands in the file: `done` but for `deferred`; `seen` is the last offered."""
 
-    done: int = 0
-    seen: int = 0
+    done: int
+    seen: int
     deferred: tuple[int, ...] = ()
 
     @property
@@ -128,9 +128,6 @@ class Cursor:
 
     def _drop(self, entry: Entry) -> bool:
         for row in (self._waiting, self._deferred):
-            if row and row[0] is entry:
-                row.popleft()
-                return True
             with contextlib.suppress(ValueError):
                 row.remove(entry)
                 return True

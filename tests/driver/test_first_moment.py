@@ -49,6 +49,15 @@ def test_signals_are_obeyed_from_the_first_moment_on(prog, number, tmp_path, mon
         assert (pause_s, process.returncode, err) == (pause_s, 0, b"")
 
 
+@pytest.mark.parametrize("package", ["x2radar", "radard", "x2train"])
+def test_before_the_handlers_stand_next_to_nothing_is_loaded(package):
+    """What a signal meets before them is a traceback, or nothing at all as process 1."""
+    code = f"import sys, {package}.__main__ as main; print(*sys.modules)"
+    loaded = set(ran("-S", "-c", code).stdout.split())
+    assert "x2radar.start" in loaded
+    assert not loaded & {"typing", "re", "threading", "contextlib", "argparse", "x2radar.command"}
+
+
 @pytest.mark.parametrize("closed", [">&-", "<&- >&-", "<&- >&- 2>&-"])
 @pytest.mark.parametrize(
     "argv",

@@ -128,6 +128,14 @@ def test_wrong_input_is_one_line_and_its_exit_code(capsys, folder, argv, code, w
     assert Path("there.h5").read_bytes() == b"somebody's recording"
 
 
+@pytest.mark.parametrize("argv", [["convert", "", "a.npz"], ["convert", "a.h5", ""]])
+def test_an_empty_name_is_no_folder(capsys, folder, argv):
+    """As of a variable of the shell that is not set; before, it was the folder at hand."""
+    with pytest.raises(SystemExit):
+        main(argv)
+    assert "no file is named" in capsys.readouterr().err
+
+
 def test_debug_adds_the_traceback(capsys, folder):
     code, out, err = run(capsys, "--debug", "decode", "missing.txt")
     assert (code, out) == (66, "")

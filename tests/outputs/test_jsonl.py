@@ -79,6 +79,16 @@ def test_a_file_that_cannot_be_made_on_a_full_disk_is_made_later(tmp_path, disk)
         open_sink(f"json:{tmp_path / 'b'}", SinkOptions(), can_wait=True)
 
 
+def test_a_stream_that_waits_is_told_of_a_full_disk_once(tmp_path, disk, caplog):
+    """Before, also by a line of the log, which a command without one printed beside its own."""
+    sink = open_sink(f"json:{tmp_path / 'a'}", SinkOptions(), can_wait=True)
+    disk.is_full = True
+    sink.write(hello())
+    with pytest.raises(OutputError, match="a: No space left on device"):
+        sink.close()
+    assert caplog.text == ""
+
+
 def test_a_disk_that_fills_at_a_rotation_costs_no_line_and_no_hello(tmp_path, disk):
     path = tmp_path / "a.jsonl"
     options = SinkOptions(jsonl=JsonlSection(rotate_mb=0.0005))

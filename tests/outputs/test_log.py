@@ -80,6 +80,17 @@ def test_an_output_with_another_filter_keeps_what_it_is_owed(opened):
     assert ids(cursor) == []
 
 
+def test_what_was_put_off_stays_so_whatever_its_place_and_whoever_takes_over(opened):
+    log = opened()
+    cursor = log.cursor("a", everything)
+    filled(log, 4)
+    _, second, third, _ = cursor.waiting()
+    cursor.defer(third)
+    cursor.defer(second)
+    cursor.defer(third)
+    assert ids(log.cursor("a", everything)) == [ulid(k) for k in (1, 4, 2, 3)]
+
+
 def test_a_cursor_says_what_waits_in_order_and_up_to_a_record(opened):
     log = opened()
     cursor = log.cursor("a", everything)

@@ -29,17 +29,18 @@ class Survey:
     """A survey that hears nothing before it may, and makes whatever."""
 
     may = threading.Event()
-    fails_at = None
+    hears = threading.Event()
+    fails_at, fault = None, RadardError("the room is not empty")
 
     def __init__(self, *_):
         self.n = 0
 
     def add(self, _dwell):
+        self.hears.set()
         assert self.may.wait(60)
         self.n += 1
         if self.n == self.fails_at:
-            msg = "the room is not empty"
-            raise RadardError(msg)
+            raise self.fault
 
     def check_empty(self):
         pass
@@ -59,11 +60,12 @@ def survey_that_waits(monkeypatch, folder):
     for name, what in vars(Survey).items():
         if not name.startswith("__") or name == "__init__":
             monkeypatch.setattr(RoomSurvey, name, what, raising=False)
-    monkeypatch.setattr(RoomSurvey, "may", threading.Event())
+    for name in ("may", "hears"):
+        monkeypatch.setattr(RoomSurvey, name, threading.Event())
     made = []
 
-    def make(n_dwells):
-        gate = {"calibrate_after_s": 0, "calibrate_s": float(n_dwells)}
+    def make(n_dwells, after_s=0):
+        gate = {"calibrate_after_s": after_s, "calibrate_s": float(n_dwells)}
         options = {"gate": gate, "service": {"state_dir": folder}}
         config = load_config(environ={}, options=options)
         return RoomCalibration(config, lambda: Provenance(made_utc="now"), 0.0, made.append)
@@ -97,9 +99,29 @@ def test_however_many_dwells_wait_at_the_end_it_ends(room, n):
     assert [made.provenance.n_dwells for made in room.made] in ([n], [] if n == 31 else [n])
 
 
-def test_a_machine_that_is_too_slow_ends_it(room):
+def test_it_listens_to_whole_dwells_from_when_the_room_is_left_and_counts_down(room):
+    """The room is left for three seconds, and every dwell is a second long."""
+    calibration = room(25, after_s=3)
+    seen = [calibration.progress]
+    for k in range(1, 29):
+        hear(calibration, 1, first=k)
+        seen.append(calibration.progress)
+    left = [("leave", s) for s in (3, 2, 1, 0)] + [("listen", s) for s in range(24, -1, -1)]
+    assert [(each.phase, each.left_s) for each in seen] == left
+    assert [each.daemon for each in threads()] == [True]
+    hear(calibration, 3, first=29)
+    room.survey.may.set()
+    wait_for(lambda: calibration.progress.phase == "made")
+    assert [made.provenance.n_dwells for made in room.made] == [25]
+
+
+def test_half_a_minute_may_wait_and_no_more(room):
     calibration = room(1000)
-    hear(calibration, 40)
+    hear(calibration, 1)
+    assert room.survey.hears.wait(60)
+    hear(calibration, 30, first=2)
+    assert calibration.progress.phase == "listen"
+    hear(calibration, 10, first=32)
     assert calibration.progress.phase == "failed"
     assert calibration.progress.text == "the machine is too slow for it"
     room.survey.may.set()
@@ -118,18 +140,18 @@ def test_five_that_are_cancelled_leave_no_thread(room):
     wait_for(lambda: not threads())
 
 
-def test_a_survey_that_fails_has_the_last_word(room, monkeypatch):
+@pytest.mark.parametrize("fault", [RadardError("it is not empty"), ZeroDivisionError("at 0")])
+def test_a_survey_that_fails_has_the_last_word(room, monkeypatch, fault):
     monkeypatch.setattr(RoomSurvey, "fails_at", 2)
+    monkeypatch.setattr(RoomSurvey, "fault", fault)
     calibration = room(30)
     room.survey.may.set()
     hear(calibration, 2)
     wait_for(lambda: calibration.progress.is_over)
     hear(calibration, 20, first=3)
     calibration.stop("too late")
-    assert (calibration.progress.phase, calibration.progress.text) == (
-        "failed",
-        "the room is not empty",
-    )
+    text = str(fault) if isinstance(fault, RadardError) else repr(fault)
+    assert (calibration.progress.phase, calibration.progress.text) == ("failed", text)
 
 
 def test_before_anybody_listens_nothing_is_left(room):

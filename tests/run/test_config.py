@@ -8,6 +8,7 @@ from radard.commands.setup.files import first_config
 from radard.config.config import Config, load_config
 from radard.config.credentials import read_secret
 from radard.config.directories import state_dir
+from radard.config.sink_table import named_file
 from radard.errors import ConfigError
 
 ROOT = Path(__file__).parents[2]
@@ -28,6 +29,27 @@ def test_built_in_values_without_any_file_and_with_an_empty_one():
     assert load_config(environ={}) == Config()
     write("")
     assert load_config(environ={}) == Config()
+
+
+@pytest.mark.parametrize("nothing", ["", "  # a line\n", "~", "null"])
+def test_a_heading_with_nothing_below_it_changes_nothing(nothing):
+    """As where somebody has made comments of all lines below it."""
+    headings = ["output", "sensors", "gate", "alarm", "mqtt"]
+    write("".join(f"{name}: {nothing}\n" for name in headings))
+    assert load_config(environ={}) == Config()
+    write(f"alarm:\n  quiet: {nothing}\nzones:\n  include: {nothing}\n")
+    assert load_config(environ={}) == Config()
+    assert load_config(environ={"RADARD_OUTPUT": "", "RADARD_GATE": ""}) == Config()
+
+
+def test_a_tilde_is_the_home_folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    write("service: {state_dir: ~/state}\nmqtt: {code_file: ~/code, username: ~/x}\n")
+    config = load_config(environ={"RADARD_CLIPS__DIR": "~/clips"})
+    assert config.service.state_dir == tmp_path / "state"
+    assert (config.mqtt.code_file, config.clips.dir) == (tmp_path / "code", tmp_path / "clips")
+    assert config.mqtt.username == "~/x"
+    assert named_file("store:~/a:b.db") == tmp_path / "a:b.db"
 
 
 def test_a_file_that_is_named_and_not_there_is_said(capsys):
@@ -75,7 +97,14 @@ def test_named_file_wins_over_the_one_that_lies_here():
         ("gate: {false_alarms_per_day: -1}", "greater than 0"),
         ("decision: {pet_limit: 0.2}", "decision.pet_limit"),
         ("sensor: {name: 'a b'}", "sensor.name"),
-        ("gate: 3", "config.yaml:1: gate"),
+        ("gate: 3", "config.yaml:1: gate: must be a section, with keys below it (got '3')"),
+        ("output: json", "config.yaml:1: output: must be a list, as [a, b] (got 'json')"),
+        ("Gate:\n", "config.yaml:1: unknown key 'Gate'; did you mean 'gate'"),
+        ("alarm: {latch_s: }", "config.yaml:1: alarm.latch_s"),
+        (
+            "sensors: {a: {port: /dev/ttyX}, b: {port: '/dev/ttyX?rate=60'}}",
+            "sensors.a and sensors.b have the same port, /dev/ttyX",
+        ),
         ("- 1", "mapping of sections"),
         ("a: [", "not YAML"),
         (

@@ -27,7 +27,7 @@ def register(commands: Commands) -> None:
         "write a recording in another format",
         "examples:\n"
         "  x2radar convert dog.h5 dog.npz\n"
-        "  x2radar convert walk.npy walk.h5 --frame-rate 200 --bin-length 0.0514\n",
+        "  x2radar convert walk.npz walk.h5 --frame-rate 200 --bin-length 0.0514\n",
     )
     parser.add_argument("source", type=Path, metavar="IN", help="file or folder to read")
     parser.add_argument("out", type=Path, metavar="OUT", help="file or folder to make")

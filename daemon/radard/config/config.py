@@ -53,6 +53,13 @@ class Config(SinkOptions, RadarSections):
     def _check_sensors(self) -> "Config":
         if self.sensors and self.sensor.port is not None:
             raise ValueError("sensor.port and sensors are both given; one radar or several")
+        watched: dict[str, str] = {}
+        for name, entry in self.sensors.items():
+            # What is simulated or replayed may be so as often as one likes.
+            port = entry.port.partition("?")[0]
+            is_module = port == "auto" or port.startswith("/") or "://" in port
+            if is_module and (other := watched.setdefault(port, name)) != name:
+                raise ValueError(f"sensors.{other} and sensors.{name} have the same port, {port}")
         return self
 
     def each(self) -> tuple["Config", ...]:

@@ -69,9 +69,7 @@ def lay_over(path_of: Callable[[Kind], Path], tree: dict[str, Any], places: Plac
         path = path_of(kind)
         for (section, key), value, place in _read(path, kind):
             where: Where = (section, key)
-            # A section that is no mapping is wrong; its own check says so.
-            is_wrong = not isinstance(tree.get(section, {}), dict)
-            if is_wrong or places.get(where, "").startswith(_STRONGER):
+            if places.get(where, "").startswith(_STRONGER):
                 continue
             put(tree, section, key, value)
             places[where] = f"{place}{SAVED}"

@@ -1,5 +1,6 @@
 """Sections of the configuration that concern a radar and what is made of it."""
 
+import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
@@ -15,6 +16,12 @@ AUTO_MODEL, DEFAULT_MODEL = "auto", "accurate"  # left to `radard.judge.model_ch
 
 
 _NULLS = ("", "~", "null", "Null", "NULL")
+_HEADED = (tuple, dict, BaseModel)  # what a file has a heading for, and lines below it
+
+
+def path_at_home(text: str) -> Path:
+    """Return the path that a text names, with `~/` for the home folder where there is one."""
+    return Path(os.path.expanduser(text))  # noqa: PTH111 - that of Path fails without a home
 
 
 class Section(BaseModel):
@@ -24,12 +31,22 @@ class Section(BaseModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _read_null(cls, tree: Any) -> Any:
-        """Take the texts of a file: `null` is nothing where there may be nothing."""
+    def _read_texts(cls, tree: Any) -> Any:
+        """Take the texts of a file: `null`, a heading with nothing below it, `~/` for the home."""
         if not isinstance(tree, Mapping):
             return tree
-        may_lack = {n for n, f in cls.model_fields.items() if type(None) in get_args(f.annotation)}
-        return {k: None if k in may_lack and v in _NULLS else v for k, v in tree.items()}
+        read: dict[str, Any] = {}
+        for key, value in tree.items():
+            field = cls.model_fields.get(key)
+            kinds = get_args(field.annotation) if field else ()
+            if field is None or not (value is None or value in _NULLS):
+                is_path = Path in kinds and isinstance(value, str)
+                read[key] = path_at_home(value) if is_path else value
+            elif type(None) in kinds:
+                read[key] = None
+            elif not isinstance(field.get_default(call_default_factory=True), _HEADED):
+                read[key] = value
+        return read
 
 
 def _read_by(read: Callable[[Any], object]) -> AfterValidator:

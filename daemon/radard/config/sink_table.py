@@ -10,7 +10,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from radard.config.sections import Section
+from radard.config.sections import Section, path_at_home
 
 EventKind = Literal["alarm", "fault", "tamper"]
 Phase = Literal["new", "update", "end"]
@@ -200,3 +200,8 @@ def find_row(output: str) -> SinkRow | None:
     scheme, colon, rest = output.partition(":")
     given = {"none": not colon, "optional": bool(colon), "required": bool(rest)}
     return next((row for row in SINKS if row.scheme == scheme and given[row.value]), None)
+
+
+def named_file(output: str) -> Path:
+    """Return the file that a value of -o names behind its colon; `~/` is the home."""
+    return path_at_home(output.partition(":")[2])

@@ -21,6 +21,11 @@ ENV_PREFIX = "RADARD_"
 _SHORT = reprlib.Repr()
 _SHORT.maxlevel = 2  # aliases of YAML nest a few words into thousands
 _TEXT, _MERGE = "tag:yaml.org,2002:str", "tag:yaml.org,2002:merge"
+_PLAIN = {
+    **dict.fromkeys(("model_type", "dict_type"), "must be a section, with keys below it"),
+    "tuple_type": "must be a list, as [a, b]",
+}
+"""What pydantic says with names of Python's."""
 Where = tuple[str, ...]
 _GONE: dict[Where, str] = {("outbox",): "is the section 'log' now"}
 Places = dict[Where, str]
@@ -40,7 +45,8 @@ def read_yaml(path: Path) -> tuple[dict[str, Any], Places]:
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as err:
-        raise ConfigError(f"{path}: cannot read the configuration ({err})") from err
+        why = (isinstance(err, OSError) and err.strerror) or "it is not UTF-8"
+        raise ConfigError(f"{path}: cannot read the configuration: {why}") from err
     try:
         node = compose_yaml(text)
         raw = _texts_of(node)
@@ -90,7 +96,7 @@ def explain(fault: Any, places: Mapping[Where, str], root: type[BaseModel]) -> s
     head = f"{place}: " if place else ""
     if fault["type"] != "extra_forbidden":
         message = str(fault["msg"]).removeprefix("Value error, ")
-        message = message[:1].lower() + message[1:]
+        message = _PLAIN.get(fault["type"], message[:1].lower() + message[1:])
         if not where:
             return message
         got = redact_value(where[-1], fault["input"])

@@ -11,7 +11,7 @@ import os
 import stat
 from pathlib import Path
 
-from radard.config.sink_table import SinkOptions
+from radard.config.sink_table import SinkOptions, named_file
 from radard.errors import OutputError
 from radard.outputs.base import PASSING, DeliveryError, Record, SinkContext
 from radard.outputs.stdout import json_line
@@ -23,7 +23,7 @@ _FLAGS = os.O_WRONLY | os.O_APPEND | os.O_CLOEXEC | os.O_NONBLOCK
 
 def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "JsonLinesSink":
     """Return the sink of `json:FILE`; pipes and terminals work too, without rotation."""
-    return JsonLinesSink(Path(url.partition(":")[2]), options, context)
+    return JsonLinesSink(named_file(url), options, context)
 
 
 class JsonLinesSink(DirectSink):

@@ -13,7 +13,7 @@ import uuid
 from datetime import datetime
 from pathlib import Path
 
-from radard.config.sink_table import SinkOptions, StoreSection
+from radard.config.sink_table import SinkOptions, StoreSection, named_file
 from radard.errors import OutputError
 from radard.log_file import (
     ForeignDatabase,
@@ -56,7 +56,7 @@ DELETE FROM {0} WHERE n IN (
 
 def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "StoreSink":
     """Return the sink of `store:FILE`."""
-    return StoreSink(Path(url.partition(":")[2]), options.store, context)
+    return StoreSink(named_file(url), options.store, context)
 
 
 class StoreSink(DirectSink):

@@ -252,7 +252,6 @@ class DirectSink(ThreadSink):
         """Try until it works, or the end comes; return whether it was handed on."""
         while not self._try(record):
             if self.waits:
-                self._fail_for_good(OutputError(f"--output {self.name}: {self.state.reason}"))
                 return False
             if self._queue.wait_for_end(self._backoff.next_s()):
                 if self._try(record):
@@ -268,7 +267,11 @@ class DirectSink(ThreadSink):
         try:
             self._deliver(record)
         except DeliveryError as err:
-            self._keeper.failed(str(err))
+            if self.waits:
+                # Whoever waits is told, and nobody twice.
+                self._fail_for_good(OutputError(f"--output {self.name}: {err}"))
+            else:
+                self._keeper.failed(str(err))
             return False
         self._backoff.reset()
         self._keeper.sent(is_event=record["type"] == "event")

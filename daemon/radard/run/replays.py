@@ -23,9 +23,9 @@ from radard.pipeline import Pipeline
 from radard.run.pool import WorkerPool
 from radard.run.sensor import RunOptions, Sensor
 from x2radar.errors import X2RadarError
+from x2radar.interrupts import without_interrupts
 from x2radar.ports import named_port
 from x2radar.recording.registry import open_recording
-from x2radar.startup import without_interrupts
 
 _LOOK_S = 0.2  # so often processes of the pool are looked at
 _NOTE_S = 5.0  # of a stream, after which a process notes how far it is

@@ -61,7 +61,7 @@ class RoomCalibration:
         self._from_s = t_s + config.gate.calibrate_after_s
         self._to_s = self._from_s + config.gate.calibrate_s
         self._dwells: queue.SimpleQueue[Dwell | None] = queue.SimpleQueue()
-        self._is_heard = False
+        self._is_closed = False  # whether it takes no more dwells
         self._lock = threading.Lock()
         self.progress = CalibrationProgress("leave", round(config.gate.calibrate_after_s))
         """How far it is; any thread may read it."""
@@ -69,7 +69,7 @@ class RoomCalibration:
 
     def take(self, dwell: Dwell) -> None:
         """Take a dwell of the stream, one after the other; returns at once."""
-        if self.progress.is_over or self._is_heard:
+        if self._is_closed:
             return
         began_s = dwell.t_s - len(dwell.frames) / dwell.frame_rate_hz
         if began_s < self._from_s:
@@ -85,14 +85,12 @@ class RoomCalibration:
         # A dwell is a view into the ring, which goes on.
         self._dwells.put(replace(dwell, frames=dwell.frames.copy()))
         if dwell.t_s >= self._to_s:
-            self._is_heard = True
-            self._dwells.put(None)
+            self._close()
 
     def stop(self, reason: str) -> None:
         """End it without a result; does nothing once the room was heard."""
-        if not self._is_heard:
+        if not self._is_closed:
             self._fail(reason)
-            self._dwells.put(None)
 
     def _run(self) -> None:
         try:
@@ -109,8 +107,6 @@ class RoomCalibration:
 
         survey = RoomSurvey(self._config.gate, self._config.decision.hop_s)
         while (dwell := self._dwells.get()) is not None:
-            if self.progress.is_over:
-                return
             survey.add(dwell)
         if self.progress.is_over:
             return
@@ -127,14 +123,19 @@ class RoomCalibration:
         self._show("made", text=f"{made.provenance.made_utc}, {text}")
         log.info("calibration: %s: %s", self._path, text)
 
+    def _close(self) -> None:
+        self._is_closed = True
+        self._dwells.put(None)
+
     def _fail(self, reason: str) -> None:
+        self._close()
         if self._show("failed", text=reason):
             log.warning("calibration: %s; what held before holds", reason)
 
     def _show(self, phase: str, left_s: float = 0.0, text: str = "") -> bool:
         """Say how far it is; its end is the last word."""
         with self._lock:
-            if self.progress.is_over:
-                return False
-            self.progress = CalibrationProgress(phase, max(0, round(left_s)), text)
-            return True
+            is_open = not self.progress.is_over
+            if is_open:
+                self.progress = CalibrationProgress(phase, max(0, round(left_s)), text)
+        return is_open

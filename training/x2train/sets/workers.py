@@ -21,7 +21,7 @@ from typing import Any, Protocol, TypeAlias
 from numpy.typing import NDArray
 
 from radard.errors import RadardError
-from x2radar.startup import without_interrupts
+from x2radar.interrupts import without_interrupts
 
 Rows: TypeAlias = Mapping[str, NDArray[Any]]
 Make: TypeAlias = Callable[[int], Rows | None]

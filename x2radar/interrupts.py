@@ -1,0 +1,48 @@
+"""SIGINT and SIGTERM while a command works: they raise, or are held back for a moment."""
+
+import contextlib
+import signal
+import threading
+from collections.abc import Iterator
+from types import FrameType
+
+from x2radar.startup import STOP, end_at_once
+
+
+class Interrupted(KeyboardInterrupt):
+    """What SIGINT and SIGTERM raise.
+
+    Python kills itself with SIGINT at its end when a plain KeyboardInterrupt has gone through any
+    `exec`, as of a dataclass that is being made, even if it was caught.
+    """
+
+
+@contextlib.contextmanager
+def without_interrupts() -> Iterator[None]:
+    """Hold SIGINT back while processes are started, which inherit that: Ctrl-C is the parent's."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextlib.contextmanager
+def interrupts() -> Iterator[None]:
+    """Let SIGINT and SIGTERM raise Interrupted, where nobody else has a say in it."""
+    own: dict[signal.Signals, object] = {}
+    if threading.current_thread() is threading.main_thread():
+        for number in STOP:
+            before = signal.getsignal(number)
+            if before in {signal.SIG_DFL, signal.default_int_handler, end_at_once}:
+                own[number] = before
+                signal.signal(number, _interrupt)
+    try:
+        yield
+    finally:
+        for number, handler in own.items():
+            signal.signal(number, handler)  # type: ignore[arg-type]
+
+
+def _interrupt(_number: int, _frame: FrameType | None) -> None:
+    raise Interrupted
