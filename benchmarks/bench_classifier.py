@@ -14,7 +14,7 @@ import numpy as np
 
 from radard.judge.bundle import load_bundle
 from radard.judge.classifier import HIDDEN
-from x2train.bundle.network_cost import Feed, window_ms
+from x2train.nets.bundle_answers import Feed, window_ms
 
 
 class _Rows:

@@ -18,15 +18,13 @@ decisions_differ (from a run whose clock nobody set); crashes. Exit code 1 if ha
 import os
 import random
 import sys
-import tempfile
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
-_ROOT = Path(__file__).parents[1]
-sys.path[:0] = [str(_ROOT), str(_ROOT / "daemon")]
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from campaigns.kept import PORT, Kept, alarm_again, reference  # noqa: E402 - below the path
-from campaigns.outputs import Broker, Outputs  # noqa: E402
-from campaigns.processes import CONFIG, STEPPED, Daemon, end_with, parser_of, wait_for  # noqa: E402
+from campaigns.kept import PORT, House, campaign
+from campaigns.processes import CONFIG, STEPPED
 
 _DAY_S = 86_400
 _STEPS_S = (1, 60, 3600, _DAY_S, 200 * _DAY_S, 366 * _DAY_S, 3653 * _DAY_S)
@@ -40,102 +38,46 @@ _CONFIG = {
 }
 
 
-class Clock:
-    """A daemon, its clock, and what it kept over the steps."""
+class Clock(House):
+    """A daemon, and its clock."""
 
-    def __init__(self, folder: Path, broker: Broker, rng: random.Random) -> None:
-        self._home, self._rng = folder / "radard", rng
-        self._home.mkdir()
+    config = _CONFIG
+    before = STEPPED
+
+    def __init__(self, folder: Path, rng: random.Random, stack: ExitStack) -> None:
+        super().__init__(folder, rng, stack)
         self._offset_s = 0
-        self._outputs = Outputs(folder, broker)
-        self.kept = Kept(self._outputs, self._home / "state")
-        self.found = dict.fromkeys(("crashes", "silent_stalls", "lost_states"), 0)
-        self._daemon = self._started()
+        self.start()
+        self.wait_status()
 
-    def step(self) -> None:
-        """Set the clock once."""
-        offset_s = self._rng.choice((-1, 1)) * self._rng.choice(_STEPS_S)
-        is_at_start = self._rng.random() < 0.5
+    def once(self, _k: int) -> None:
+        """Set the clock."""
+        offset_s = self.rng.choice((-1, 1)) * self.rng.choice(_STEPS_S)
+        is_at_start = self.rng.random() < 0.5
         if is_at_start:
             self.stop()
-        (self._home / "offset.new").write_text(str(offset_s))
-        (self._home / "offset.new").rename(self._home / "offset")
+        (self.home / "offset.new").write_text(str(offset_s))
+        (self.home / "offset.new").rename(self.home / "offset")
         self._age_files(offset_s - self._offset_s)
         self._offset_s = offset_s
         if is_at_start:
-            self._daemon = self._started()
-        try:
-            self._goes_on()
-        except TimeoutError as err:
-            self.found["silent_stalls"] += 1
-            print(f"{offset_s} s: {err}: {self._daemon.status()}", file=sys.stderr)
-        self.found["lost_states"] += self._daemon.status().get("armed") is not True
-        self.kept.look()
-        self.kept.look_at_clips(self._daemon.log)
-
-    def finish(self) -> int:
-        """Let all events arrive; return how many there were."""
-        self.kept.found["lost_events"] += self._outputs.lost()
-        self.kept.look()
-        self.stop()
-        return len(self._outputs.kept())
-
-    def stop(self) -> None:
-        """End the daemon."""
-        code = self._daemon.stop()
-        if code != 0 or "Traceback" in self._daemon.log:
-            self.found["crashes"] += 1
-            print(f"ended with {code}: {self._daemon.log[-2000:]}", file=sys.stderr)
-
-    def _started(self) -> Daemon:
-        daemon = Daemon(self._home, *self._outputs.arguments, config=_CONFIG, before=STEPPED)
-        # The file of the one before is still there.
-        pid = daemon.process.pid
-        wait_for(lambda: daemon.status().get("pid") == pid or not daemon.is_alive, "a status")
-        return daemon
-
-    def _goes_on(self) -> None:
-        alarm_again(self._daemon)
-        first = self._n_told()
-        n = self._rng.randint(4, 40)
-        wait_for(lambda: self._n_told() >= first + n, f"{n} decisions")
-        self._daemon.wait_state("online")
-
-    def _n_told(self) -> int:
-        return sum(1 for _ in self._outputs.records("decision"))
+            self.start()
+            self.wait_status()
+        self.alarm_again()
+        self.goes_on(self.rng.randint(4, 40), f"{offset_s} s")
+        is_online = lambda: self.daemon.status().get("state") == "online"  # noqa: E731
+        self.expect("silent_stalls", f"{offset_s} s: not online", is_online)
+        self.found["lost_states"] += self.daemon.status().get("armed") is not True
+        self.look()
+        self.look_at_clips()
 
     def _age_files(self, step_s: float) -> None:
         """Let files be older by a step, or from a time to come."""
-        for path in self._home.rglob("*"):
-            try:
-                about = path.stat()
-                step_ns = round(step_s * 1e9)
+        for path in self.home.rglob("*"):
+            with suppress(FileNotFoundError):
+                about, step_ns = path.stat(), round(step_s * 1e9)
                 os.utime(path, ns=(about.st_atime_ns - step_ns, about.st_mtime_ns - step_ns))
-            except FileNotFoundError:
-                continue
-
-
-def main() -> int:
-    """Set the clock again and again."""
-    parser = parser_of(__doc__)
-    parser.add_argument("--steps", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=0)
-    args = parser.parse_args()
-    rng = random.Random(args.seed)  # noqa: S311 - no secret
-    with tempfile.TemporaryDirectory() as made, Broker(Path(made)) as broker:
-        folder = Path(made)
-        expected = reference(folder, _CONFIG, 60 if args.steps < 10 else 600)
-        clock = Clock(folder, broker, rng)
-        try:
-            for _ in range(args.steps):
-                clock.step()
-            events = clock.finish()
-        finally:
-            clock.stop()
-        decisions = clock.kept.look_at_decisions(expected)
-    counts = {"steps": args.steps, "events": events, "decisions": decisions}
-    return end_with({**counts, **clock.found, **clock.kept.found})
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(campaign(__doc__, "steps", Clock))

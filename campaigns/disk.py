@@ -22,23 +22,19 @@ found.
 import os
 import random
 import shutil
-import subprocess
 import sys
-import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from sqlite3 import DatabaseError
 from unittest.mock import patch
 
-_ROOT = Path(__file__).parents[1]
-sys.path[:0] = [str(_ROOT), str(_ROOT / "daemon")]
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from campaigns.kept import PORT, Kept, alarm_again, reference  # noqa: E402 - below the path
-from campaigns.outputs import Broker, Outputs  # noqa: E402
-from campaigns.processes import CONFIG, Daemon, end_with, parser_of, wait_for  # noqa: E402
+from campaigns.kept import PORT, House, campaign
+from campaigns.outputs import phases
+from campaigns.processes import CONFIG, does, is_mounted, wait_for
 
 _MODES = {"slow": b"s", "read_only": b"r", "broken": b"e"}
 _KINDS = ("full", "low", *_MODES, "corrupt")
@@ -59,13 +55,10 @@ class Disk:
         self._layer = mode.with_suffix(".so")
         self.skipped: set[str] = set()
         self._mode.write_bytes(b"-")
-        mount = ("mount", "-t", "tmpfs", "-o", f"size={_MB}m", "tmpfs", str(folder))
-        build = ("gcc", "-shared", "-fPIC", "-O1", "-o", str(self._layer))
-        if _does(*mount):
-            stack.callback(_does, "umount", "-l", str(folder))
-        else:
+        if not is_mounted(folder, f"{_MB}m", stack):
             self.skipped |= {"full", "low"}
-        if not _does(*build, str(Path(__file__).parent / "disk_layer.c"), "-ldl"):
+        build = ("gcc", "-shared", "-fPIC", "-O1", "-o", str(self._layer))
+        if not does(*build, str(Path(__file__).parent / "disk_layer.c"), "-ldl"):
             self.skipped |= set(_MODES)
 
     def environment(self) -> dict[str, str]:
@@ -109,163 +102,100 @@ class Disk:
         return f"corrupt {path.name}"
 
 
-class Guard:
-    """A daemon on such a disk, and what it kept."""
+class Guard(House):
+    """A daemon on such a disk."""
 
-    def __init__(self, folder: Path, broker: Broker, rng: random.Random, stack: ExitStack) -> None:
-        self._home, self._rng = folder / "radard", rng
-        self._outputs = Outputs(folder, broker)
-        self.disk = Disk(self._outputs.store.parent, folder / "mode", rng, stack)
-        self._state = self.disk.folder / "state"
-        self.kept = Kept(self._outputs, self._state)
+    config = _CONFIG
+
+    def __init__(self, folder: Path, rng: random.Random, stack: ExitStack) -> None:
+        super().__init__(folder, rng, stack)
+        self.disk = Disk(self.outputs.store.parent, folder / "mode", rng, stack)
+        self.state = self.disk.folder / "state"
         self._is_damaged = False
         self.kinds: Counter[str] = Counter()
-        self.found = dict.fromkeys(("crashes", "silent_stalls", "unrecovered"), 0)
-        self._daemon = self._started()
-        self._goes_on("at the start")
+        self.start()
+        self._still_goes_on("at the start")
 
-    def once(self, kind: str) -> None:
+    def start(self, *arguments: str) -> None:
+        """Start the daemon on the disk, with a recording there."""
+        with patch.dict(os.environ, self.disk.environment()):
+            super().start("--record", str(self.disk.folder / "rec.h5"), *arguments)
+
+    def once(self, k: int) -> None:
         """Let one thing happen to the disk, for a while."""
+        kind = _KINDS[k % len(_KINDS)]
+        if kind in self.disk.skipped:
+            return
         self.kinds[kind] += 1
-        alarm_again(self._daemon)
-        time.sleep(self._rng.uniform(0.0, 2.0))
+        self.alarm_again()
+        time.sleep(self.rng.uniform(0.0, 2.0))
         what = self.disk.fail(kind)
         if kind == "corrupt":
             self._is_damaged = True
-        if self._rng.random() < 1 / 3:
+        if self.rng.random() < 1 / 3:
             what += ", started again"
             self.stop(is_slow=kind == "slow")
             # What only the memory of the one that ended had is gone by right.
             self._is_damaged = True
-            self._daemon = self._started()
-        alarm_again(self._daemon)
-        self._goes_on(what)
+            self.start()
+        self.alarm_again()
+        self._still_goes_on(what)
         if kind in {"full", "read_only", "broken"}:
-            self._says(what)
-        time.sleep(self._rng.uniform(*_LASTS_S))
+            self.expect("silent_stalls", f"{what}: not said", self._is_said)
+        time.sleep(self.rng.uniform(*_LASTS_S))
         self.disk.heal()
-        self._goes_on(f"after {what}")
-        self._recovers(what)
+        self._still_goes_on(f"after {what}")
+        self.expect("unrecovered", what, self._is_well)
         if self._is_damaged:
-            self.kept.begin_again()
-        with suppress(DatabaseError):
-            # Of a page that it has not read again yet nobody knows.
-            self.kept.look()
-        self.kept.look_at_clips(self._daemon.log)
+            self.begin_again()
+        self.look()
+        self.look_at_clips()
         for path in self.disk.folder.glob("rec*.h5"):
             path.unlink()
 
-    def finish(self) -> int:
-        """Let all events arrive; return how many there were."""
-        with suppress(TimeoutError):
-            wait_for(lambda: not self._missing(), "events at the broker")
-        for row in (missing := self._missing()):
-            self.kept.found["lost_events"] += 1
-            print(f"lost: {row} of {len(missing)}", file=sys.stderr)
-        self.stop()
-        return len({row["id"] for row in self._outputs.records("event")})
+    def look(self) -> None:
+        """As in `House`; of a page that it has not read again yet nobody knows."""
+        with suppress(DatabaseError):
+            super().look()
+
+    def finish(self) -> None:
+        """As in `House`, and say what there was."""
+        super().finish()
+        self.counts |= {"faults": dict(self.kinds), "skipped": sorted(self.disk.skipped)}
 
     def stop(self, *, is_slow: bool = False) -> None:
-        """End the daemon, once everybody has heard of all events.
-
-        Where every write waits it may end by force, if it says so.
-        """
+        """End the daemon, once everybody has heard of all events."""
         with suppress(TimeoutError):
             wait_for(lambda: not self._untold(), "events at the broker", 20)
-        n_before = len(self._daemon.log)
-        code = self._daemon.stop()
-        is_forced = is_slow and "not ended in" in self._daemon.log[n_before:]
-        if is_forced:
-            self.kept.end_by_force()
-        if (code != 0 and not is_forced) or "Traceback" in self._daemon.log:
-            self.found["crashes"] += 1
-            print(f"ended with {code}: {self._daemon.log[-3000:]}", file=sys.stderr)
+        super().stop(is_slow=is_slow)
 
-    def _started(self) -> Daemon:
-        config = {**_CONFIG, "service": {"state_dir": str(self._state)}}
-        record = ("--record", str(self.disk.folder / "rec.h5"))
-        with patch.dict(os.environ, self.disk.environment()):
-            return Daemon(self._home, *record, *self._outputs.arguments, config=config)
+    def revive(self) -> None:
+        """Start it again where it is well."""
+        self.disk.heal()
+        self.start()
 
-    def _goes_on(self, what: str) -> None:
-        first = self._n_told()
-        n = self._rng.randint(3, 12)
-        self._expect("silent_stalls", what, lambda: self._n_told() >= first + n)
-
-    def _says(self, what: str) -> None:
-        """Wait until it says that something is wrong."""
-        state = lambda: self._daemon.status().get("state")  # noqa: E731
-        self._expect("silent_stalls", f"{what}: not said", lambda: state() == "degraded")
-
-    def _recovers(self, what: str) -> None:
-        """Wait until only what lasts is said: a recording that ended, a file put aside."""
-
-        def is_well() -> bool:
-            reason = str(self._daemon.status().get("reason", "memory only"))
-            return "memory only" not in reason and "cannot keep" not in reason
-
-        self._expect("unrecovered", what, is_well)
-
-    def _expect(self, key: str, what: str, condition: Callable[[], object]) -> None:
-        try:
-            wait_for(lambda: condition() or not self._daemon.is_alive, what, 60)
-        except TimeoutError:
-            self.found[key] += 1
-            print(f"{key}: {what}: {self._daemon.status()}", file=sys.stderr)
-        if not self._daemon.is_alive:
-            self.found["crashes"] += 1
-            print(f"{what}: it ended: {self._daemon.log[-3000:]}", file=sys.stderr)
-            self.disk.heal()
-            self._daemon = self._started()
-
-    def _untold(self) -> set[tuple[str, str]]:
-        came = {(row["id"], row["phase"]) for row in self._outputs.broker.events()}
-        return {(row["id"], row["phase"]) for row in self._outputs.records("event")} - came
-
-    def _missing(self) -> set[tuple[str, str]]:
+    def missing(self) -> set[tuple[str, str]]:
         """Return what nobody heard of, or the store lacks although it was whole all the time."""
         if self._is_damaged:
             return self._untold()
         with suppress(DatabaseError):
-            return self._outputs.missing()
+            return super().missing()
         return {("store", "unreadable")}
 
-    def _n_told(self) -> int:
-        return sum(1 for _ in self._outputs.records("decision"))
+    def _untold(self) -> set[tuple[str, str]]:
+        return phases(self.outputs.records("event")) - phases(self.outputs.broker.events())
 
+    def _still_goes_on(self, what: str) -> None:
+        self.goes_on(self.rng.randint(3, 12), what)
 
-def _does(*command: str) -> bool:
-    with suppress(OSError):
-        return subprocess.run(command, check=False, capture_output=True).returncode == 0
-    return False
+    def _is_said(self) -> bool:
+        return self.daemon.status().get("state") == "degraded"
 
-
-def main() -> int:
-    """Let it happen again and again."""
-    parser = parser_of(__doc__)
-    parser.add_argument("--faults", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=0)
-    args = parser.parse_args()
-    rng = random.Random(args.seed)  # noqa: S311 - no secret
-    with ExitStack() as stack:
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        broker = stack.enter_context(Broker(folder))
-        expected = reference(folder, _CONFIG, 60 if args.faults < 10 else 600)
-        guard = Guard(folder, broker, rng, stack)
-        try:
-            for k in range(args.faults):
-                kind = _KINDS[k % len(_KINDS)]
-                if kind not in guard.disk.skipped:
-                    guard.once(kind)
-            events = guard.finish()
-        finally:
-            guard.disk.heal()
-            guard.stop()
-        decisions = guard.kept.look_at_decisions(expected)
-    counts = {"faults": dict(guard.kinds), "skipped": sorted(guard.disk.skipped)}
-    counts |= {"events": events, "decisions": decisions}
-    return end_with({**counts, **guard.found, **guard.kept.found})
+    def _is_well(self) -> bool:
+        """Return whether only what lasts is said: a recording that ended, a file put aside."""
+        reason = str(self.daemon.status().get("reason", "memory only"))
+        return "memory only" not in reason and "cannot keep" not in reason
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(campaign(__doc__, "faults", Guard))

@@ -25,24 +25,23 @@ import signal
 import sys
 import traceback
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
-_ROOT = Path(__file__).parents[1]
-sys.path[:0] = [str(_ROOT), str(_ROOT / "daemon")]
+sys.path.insert(0, str(Path(__file__).parents[1]))
 # Before numpy is there: threads of its algebra wait in loops, for cores that other runs need.
 os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
 
-from campaigns.fault_lines import injected_run  # noqa: E402 - below the path
-from campaigns.fault_run import Recovery, Run  # noqa: E402
-from campaigns.fault_world import Over, World, clock_of, coalesced, drawn_plan  # noqa: E402
-from campaigns.processes import HARM, end_with, parser_of  # noqa: E402
-from campaigns.surroundings import CASES, surrounded  # noqa: E402
-from radard.judge.bundle import load_bundle  # noqa: E402
-from radard.judge.classifier import Classifier  # noqa: E402
+from campaigns.fault_lines import injected_run
+from campaigns.fault_run import Recovery, Run
+from campaigns.fault_world import Over, World, clock_of, coalesced, drawn_plan
+from campaigns.processes import HARM, end_with, parser_of
+from campaigns.surroundings import CASES, surrounded
+from radard.judge.bundle import load_bundle
+from radard.judge.classifier import Classifier
 
 _STUCK_S = 300
 """Of real time, for a run that takes a second where nothing else runs."""
@@ -108,31 +107,26 @@ def _ended(run: Run) -> dict[str, str]:
     return {"crash": "the stream ended"}
 
 
-def judged(found: dict[str, Any]) -> tuple[Counter[str], list[str]]:
-    """Return the counts of one run, and what to say of it."""
-    run, recovery = found["run"], found["recovery"]
-    tally = run.watcher.tally
-    counts = tally + Counter(
+Judged = tuple[str, Recovery, Counter[str], list[str]]
+
+
+def judge(run: Callable[[int, int], dict[str, Any]], seed: int, n: int) -> Judged:
+    """Make run `n`; return which it was, its counts, and what to say of it."""
+    found = run(n, seed)
+    watcher, recovery = found["run"].watcher, found["recovery"]
+    counts = watcher.tally + Counter(
         runs=1,
         crashes="crash" in found,
         deadlocks="deadlock" in found,
         unrecovered=bool(recovery.fault),
         # What frames say and what the statistics say must be the same.
-        uncounted=abs(run.radar.stats.lost - tally["lost"]),
+        uncounted=abs(found["run"].radar.stats.lost - watcher.tally["lost"]),
         injected=found.get("injected", 0),
     )
-    notes = [*run.watcher.notes, recovery.fault, found.get("crash"), found.get("deadlock")]
+    notes = [*watcher.notes, recovery.fault, found.get("crash"), found.get("deadlock")]
     is_well = not any(counts[key] for key in HARM)
-    return counts, [] if is_well else [note for note in notes if note]
-
-
-Judged = tuple[str, Recovery, Counter[str], list[str]]
-
-
-def judge(run: Callable[[int, int], dict[str, Any]], seed: int, n: int) -> Judged:
-    """Make run `n`; return which it was and what was found, without the run itself."""
-    found = run(n, seed)
-    return f"{n} ({found['what']})", found["recovery"], *judged(found)
+    told = [] if is_well else [note for note in notes if note]
+    return f"{n} ({found['what']})", recovery, counts, told
 
 
 def counted(kind: str, results: Iterable[Judged]) -> dict[str, float]:
@@ -147,15 +141,6 @@ def counted(kind: str, results: Iterable[Judged]) -> dict[str, float]:
         if notes:
             print(f"{kind} {which}: {notes}", file=sys.stderr)
     return {**total, "recovery_s_max": round(stream_s, 2), "outage_s_max": round(outage_s, 2)}
-
-
-def spread(run: Callable[[int], Judged], n: int, jobs: int) -> Iterator[Judged]:
-    """Run `run` for 0 to n-1, in processes if there are to be several."""
-    if jobs < 2 or n < 2:
-        yield from map(run, range(n))
-        return
-    with ProcessPoolExecutor(jobs) as pool:
-        yield from pool.map(run, range(n), chunksize=4)
 
 
 def main() -> int:
@@ -173,8 +158,9 @@ def main() -> int:
     logging.disable(logging.WARNING)
     asked = args.surroundings
     names = {"all": list(CASES), "none": []}.get(asked, asked.split(","))
-    runs = spread(partial(judge, virtual_run, args.seed), args.runs, args.jobs)
-    kinds = {"virtual": counted("virtual", runs)}
+    with ProcessPoolExecutor(args.jobs) as pool:
+        runs = pool.map(partial(judge, virtual_run, args.seed), range(args.runs), chunksize=4)
+        kinds = {"virtual": counted("virtual", runs)}
     with ThreadPoolExecutor(args.at_once) as pool:
         runs = pool.map(partial(judge, injected_run, args.seed), range(args.injected))
         kinds["injected"] = counted("injected", runs)

@@ -18,7 +18,6 @@ found.
 """
 
 import hashlib
-import importlib
 import os
 import random
 import resource
@@ -34,13 +33,12 @@ from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 from pathlib import Path
 
-_ROOT = Path(__file__).parents[1]
-sys.path[:0] = [str(_ROOT), str(_ROOT / "daemon")]
+sys.path.insert(0, str(Path(__file__).parents[1]))
 os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
 
-from campaigns import fuzz_targets  # noqa: E402 - below the path
-from campaigns.fuzz_mutate import BORDER, mutate  # noqa: E402
-from campaigns.processes import end_with, parser_of  # noqa: E402
+from campaigns.fuzz_mutate import BORDER, mutate
+from campaigns.fuzz_targets import TARGETS, verdict
+from campaigns.processes import end_with, parser_of
 
 MAX_GROWTH_BYTES = 512 << 20
 TIME_LIMIT_S = 3.0
@@ -51,34 +49,25 @@ _KEYS = ("inputs", "unhandled", "hangs", "over_memory")
 
 
 class Worker:
-    """A process that runs inputs, and is started again when it has died.
+    """A process that runs inputs, and is started again when it has died."""
 
-    `module` has the table of targets.
-    """
-
-    def __init__(
-        self, targets: Sequence[str], folder: Path, module: str = "campaigns.fuzz_targets"
-    ) -> None:
-        self._arguments = (targets, folder / "work", module)
+    def __init__(self, targets: Sequence[str], folder: Path) -> None:
+        self._arguments = (targets, folder / "work")
         (folder / "work").mkdir(exist_ok=True)
         self._process: SpawnProcess | None = None
 
     def run(self, target: str, data: bytes) -> tuple[str, str]:
         """Return what became of an input: fine, unhandled, hangs or over_memory, and a line."""
         process = self._process or self._start()
-        assert process.pid is not None
-        begun_s, give_up_s = _cpu_s(process.pid), time.monotonic() + _CLOCK_LIMIT_S
-        self._pipe.send((target, data))
-        while not self._pipe.poll(TIME_LIMIT_S):
-            if _cpu_s(process.pid) - begun_s > TIME_LIMIT_S or time.monotonic() > give_up_s:
-                self.close()
-                return "hangs", f"more than {TIME_LIMIT_S:g} s"
         try:
+            self._pipe.send((target, data))
             kind, text = self._pipe.recv()
         except (EOFError, OSError):
             process.join()
             code = process.exitcode or 0
             self.close()
+            if -code in {signal.SIGPROF, signal.SIGALRM}:
+                return "hangs", f"more than {TIME_LIMIT_S:g} s"
             name = signal.Signals(-code).name if code < 0 else f"exit code {code}"
             return "unhandled", f"the process died of {name}"
         return kind, text
@@ -104,66 +93,49 @@ class Worker:
         return process
 
 
-def _cpu_s(pid: int) -> float:
-    """Return the processor time that a process has used."""
-    try:
-        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    except OSError:
-        return 0.0
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
-def work(pipe: Connection, targets: Sequence[str], folder: Path, module: str) -> None:
+def work(pipe: Connection, targets: Sequence[str], folder: Path) -> None:
     """Run inputs that come with the name of their target; answer each with what became of it."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     os.dup2(1, 2)
-    known = importlib.import_module(module).TARGETS
 
     def run(target: str, data: bytes) -> tuple[str, str]:
         for path in folder.iterdir():
             path.unlink()
-        return fuzz_targets.verdict(partial(known[target].run, folder, data))
+        return verdict(partial(TARGETS[target].run, folder, data))
 
     for name in targets:
         # What is imported late is not the input's.
-        with tempfile.TemporaryDirectory() as own:
-            run(name, known[name].seeds(Path(own))[0])
+        run(name, _seeds(name)[0])
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     limit = pages * resource.getpagesize() + MAX_GROWTH_BYTES
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     pipe.send("ready")
     while True:
-        pipe.send(run(*pipe.recv()))
+        target, data = pipe.recv()
+        # Nobody handles these signals: the process dies of them.
+        signal.setitimer(signal.ITIMER_PROF, TIME_LIMIT_S)
+        signal.setitimer(signal.ITIMER_REAL, _CLOCK_LIMIT_S)
+        made = run(target, data)
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        pipe.send(made)
 
 
-class Campaign:
-    """Counts what became of inputs, and keeps those that are not as they should be."""
-
-    def __init__(self, keep: Path | None, worker: Worker) -> None:
-        self._keep = keep
-        self._worker = worker
-        self.counts: dict[str, Counter[str]] = {}
-
-    def feed(self, target: str, inputs: Iterator[bytes]) -> None:
-        """Run inputs of one target."""
-        count = self.counts.setdefault(target, Counter())
-        for data in inputs:
-            count["inputs"] += 1
-            kind, text = self._worker.run(target, data)
-            if kind == "fine":
-                continue
-            count[kind] += 1
-            name = f"{target}-{kind}-{hashlib.sha256(data).hexdigest()[:12]}"
-            print(f"{name}: {text[:200]}", file=sys.stderr)
-            if self._keep is not None:
-                self._keep.mkdir(parents=True, exist_ok=True)
-                (self._keep / name).write_bytes(data)
-
-    def summary(self) -> dict[str, object]:
-        """Return what the last line says."""
-        totals = {key: sum(count[key] for count in self.counts.values()) for key in _KEYS}
-        each = {name: {key: count[key] for key in _KEYS} for name, count in self.counts.items()}
-        return {**totals, "targets": each}
+def fed(worker: Worker, target: str, inputs: Iterator[bytes], keep: Path | None) -> Counter[str]:
+    """Run inputs of one target, and keep those that are not as they should be; return counts."""
+    count = Counter[str]()
+    for data in inputs:
+        count["inputs"] += 1
+        kind, text = worker.run(target, data)
+        if kind == "fine":
+            continue
+        count[kind] += 1
+        name = f"{target}-{kind}-{hashlib.sha256(data).hexdigest()[:12]}"
+        print(f"{name}: {text[:200]}", file=sys.stderr)
+        if keep is not None:
+            keep.mkdir(parents=True, exist_ok=True)
+            (keep / name).write_bytes(data)
+    return count
 
 
 def mutations(
@@ -185,7 +157,7 @@ def mutations(
 
 def _seeds(target: str) -> list[bytes]:
     with tempfile.TemporaryDirectory() as folder:
-        return fuzz_targets.TARGETS[target].seeds(Path(folder))
+        return TARGETS[target].seeds(Path(folder))
 
 
 def main() -> int:
@@ -194,25 +166,25 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=60.0, help="for all targets together")
     parser.add_argument("--inputs", type=int, help="of each target, instead of --seconds")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument(
-        "--targets", default=",".join(fuzz_targets.TARGETS), help="some, with commas"
-    )
+    parser.add_argument("--targets", default=",".join(TARGETS), help="some, with commas")
     parser.add_argument("--keep", type=Path, metavar="DIR", help="write what was found there")
     args = parser.parse_args()
     targets = args.targets.split(",")
     share_s = float("inf") if args.inputs else args.seconds / len(targets)
+    each: dict[str, dict[str, int]] = {}
     with tempfile.TemporaryDirectory() as folder:
-        campaign = Campaign(args.keep, worker := Worker(targets, Path(folder)))
+        worker = Worker(targets, Path(folder))
         try:
             for target in targets:
                 until_s = time.monotonic() + share_s
-                seeds = _seeds(target)
-                inputs = mutations(target, args.seed, args.inputs, until_s, seeds)
-                campaign.feed(target, inputs)
-                print(f"{target}: {dict(campaign.counts[target])}", file=sys.stderr)
+                inputs = mutations(target, args.seed, args.inputs, until_s, _seeds(target))
+                count = fed(worker, target, inputs, args.keep)
+                print(f"{target}: {dict(count)}", file=sys.stderr)
+                each[target] = {key: count[key] for key in _KEYS}
         finally:
             worker.close()
-    return end_with(campaign.summary())
+    totals = {key: sum(count[key] for count in each.values()) for key in _KEYS}
+    return end_with({**totals, "targets": each})
 
 
 if __name__ == "__main__":

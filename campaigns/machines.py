@@ -15,10 +15,9 @@ import sys
 import time
 from pathlib import Path
 
-_ROOT = Path(__file__).parents[1]
-sys.path[:0] = [str(_ROOT), str(_ROOT / "daemon")]
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from campaigns.processes import end_with, parser_of  # noqa: E402 - below the path
+from campaigns.processes import ROOT, end_with, parser_of
 
 MACHINES = {
     "log": "outputs/test_log_model.py",
@@ -34,7 +33,7 @@ def failed(name: str, steps: int) -> bool:
     command = [sys.executable, "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider"]
     done = subprocess.run(
         [*command, "--show-capture=no", f"tests/{MACHINES[name]}"],
-        cwd=_ROOT,
+        cwd=ROOT,
         env=os.environ | {"RADARD_STEPS": str(steps)},
         capture_output=True,
         text=True,

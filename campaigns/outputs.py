@@ -5,7 +5,7 @@ import json
 import sqlite3
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -21,16 +21,7 @@ class Broker:
         self.port = free_port()
         self.url = f"mqtt://127.0.0.1:{self.port}/radard"
         self._events = folder / f"events{self.port}"
-        self._process: subprocess.Popen[bytes] | None = None
         self.start()
-
-    def __enter__(self) -> "Broker":
-        """Return the broker."""
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        """End it."""
-        self.stop()
 
     def start(self) -> None:
         """Start it, and wait until it takes connections."""
@@ -40,27 +31,20 @@ class Broker:
         }
         listener = {"type": "tcp", "bind": f"127.0.0.1:{self.port}"}
         config = {"listeners": {"default": listener}, "plugins": plugins}
-        self._process = subprocess.Popen(
+        self.process = subprocess.Popen(
             [sys.executable, "-m", "tests.mqtt_broker", json.dumps(config)],
             cwd=ROOT,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
         )
-        assert self._process.stdout is not None
-        self._process.stdout.readline()
-
-    def send(self, number: int) -> None:
-        """Send it a signal."""
-        assert self._process is not None
-        self._process.send_signal(number)
+        assert self.process.stdout is not None
+        self.process.stdout.readline()
 
     def stop(self) -> None:
         """End it at once, as a power cut would."""
-        if self._process is not None:
-            with self._process:
-                self._process.kill()
-            self._process = None
+        with self.process:
+            self.process.kill()
 
     def events(self) -> list[dict[str, Any]]:
         """Return the events that it took, in order."""
@@ -99,19 +83,21 @@ class Outputs:
 
     def missing(self) -> set[tuple[str, str]]:
         """Return the events, with their phase, of which one output was told and another not."""
-        told, came = _phases(self.records("event")), _phases(self.broker.events())
+        told, came = phases(self.records("event")), phases(self.broker.events())
         kept = set(self.kept())
         unsaid = {(each, "") for each in kept - {each for each, _ in came}}
         return (told - came) | unsaid | {row for row in told | came if row[0] not in kept}
 
-    def lost(self) -> int:
+    def lost(self, missing: Callable[[], set[tuple[str, str]]] | None = None) -> int:
         """Wait until every event is everywhere; return how many never come."""
+        missing = missing or self.missing
         with contextlib.suppress(TimeoutError):
-            wait_for(lambda: not self.missing(), "events at all outputs")
-        for row in (missing := self.missing()):
-            print(f"lost: {row}", file=sys.stderr)
-        return len(missing)
+            wait_for(lambda: not missing(), "events at all outputs")
+        for row in (left := missing()):
+            print(f"lost: {row} of {len(left)}", file=sys.stderr)
+        return len(left)
 
 
-def _phases(rows: Iterable[Mapping[str, Any]]) -> set[tuple[str, str]]:
+def phases(rows: Iterable[Mapping[str, Any]]) -> set[tuple[str, str]]:
+    """Return the ids of events, each with its phase."""
     return {(row["id"], row["phase"]) for row in rows}

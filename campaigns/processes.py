@@ -67,6 +67,21 @@ def end_with(found: Mapping[str, Any]) -> int:
     return int(any(line[key] for key in HARM))
 
 
+def does(*command: str) -> bool:
+    """Run a command in silence; return whether that went well."""
+    with contextlib.suppress(OSError):
+        return subprocess.run(command, check=False, capture_output=True).returncode == 0
+    return False
+
+
+def is_mounted(folder: Path, size: str, stack: contextlib.ExitStack) -> bool:
+    """Give a folder a disk of its own, in memory; return whether it has one: root may do that."""
+    if not does("mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(folder)):
+        return False
+    stack.callback(does, "umount", "-l", str(folder))
+    return True
+
+
 def environment(folder: Path) -> dict[str, str]:
     """Return an environment with this source tree and folders of its own."""
     paths = (ROOT, ROOT / "daemon", ROOT / "training")
@@ -109,14 +124,6 @@ class Daemon:
         service |= config.get("service", {})
         self.config_file.write_text(yaml.safe_dump({**config, "service": service}))
 
-    def __enter__(self) -> "Daemon":
-        """Return the daemon."""
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        """End it."""
-        self.stop()
-
     @property
     def is_alive(self) -> bool:
         """Whether it runs."""
@@ -144,15 +151,6 @@ class Daemon:
             return status.get("state") == state and word in status.get("reason", "")
 
         wait_for(is_shown, f"{state} {word!r}")
-
-    def send(self, number: int) -> None:
-        """Send it a signal."""
-        self.process.send_signal(number)
-
-    def kill(self) -> None:
-        """Kill it."""
-        self.process.kill()
-        self.process.wait()
 
     def stop(self) -> int:
         """End it as a user would; return its exit code, -9 if it had to be killed."""

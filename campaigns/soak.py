@@ -20,6 +20,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -196,13 +197,13 @@ def main() -> int:
     parser.add_argument("--most-minutes", type=float, default=120.0, help="for the stream hours")
     parser.add_argument("--folder", type=Path, help="keep what was written there")
     args = parser.parse_args()
-    with tempfile.TemporaryDirectory() as made:
+    with ExitStack() as stack:
+        made = stack.enter_context(tempfile.TemporaryDirectory())
         folder = (args.folder or Path(made)).resolve()
         folder.mkdir(exist_ok=True)
-        with Broker(folder) as broker:
-            found = soak(
-                folder, broker, args.minutes * 60, args.stream_hours, args.most_minutes * 60
-            )
+        broker = Broker(folder)
+        stack.callback(broker.stop)
+        found = soak(folder, broker, args.minutes * 60, args.stream_hours, args.most_minutes * 60)
     return end_with(found)
 
 

@@ -7,6 +7,7 @@ its file must have reached the broker and the store.
 
 import contextlib
 import os
+import random
 import signal
 import sqlite3
 import subprocess
@@ -15,31 +16,24 @@ import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from campaigns.outputs import Broker, Outputs
-from campaigns.processes import CONFIG, ROOT, STEPPED, Daemon, wait_for
+from campaigns.kept import House
+from campaigns.processes import CONFIG, ROOT, STEPPED, Daemon, is_mounted, wait_for
 
 _SETTLE_S = 120.0
 """For a daemon to end, on a busy machine."""
+_PORT = "sim:human"
 
 
-class Skipped(Exception):
-    """A case that this machine cannot have."""
+class Guard(House):
+    """A daemon with outputs, and what happens around it."""
 
-
-@dataclass
-class Guard:
-    """A daemon with outputs, and what becomes of them."""
-
-    folder: Path
-    is_full: bool
-    outputs: Outputs
-    daemon: Daemon
-    counts: dict[str, int] = field(default_factory=dict)
-    may_stay_degraded: bool = False
+    config = CONFIG
+    is_full = False
+    may_stay_degraded = False
 
     def hold(self, short_s: float, full_s: float) -> None:
         """Let it last."""
@@ -51,26 +45,16 @@ class Guard:
             self.daemon.config_file.write_text(config)
         else:
             self.daemon.configure(config)
-        self.daemon.send(signal.SIGHUP)
+        self.send(signal.SIGHUP)
 
-    def seq(self) -> int:
-        """Return the number of the last decision."""
-        return int(self.daemon.status().get("seq") or 0)
+    def revive(self) -> None:
+        """Give up: a daemon that had to be started again is not well."""
+        msg = "it ended"
+        raise RuntimeError(msg)
 
-    def goes_on(self, n: int = 3) -> None:
-        """Wait for so many more decisions."""
-        first = self.seq()
-        wait_for(lambda: self.seq() >= first + n, f"{n} decisions more, from {first} on")
-
-    def settle(self) -> None:
-        """Let all events arrive; count those that do not."""
-        if not self.may_stay_degraded:
-            self.daemon.wait_state("online")
-        self.counts["events"] = len(self.outputs.kept())
-        self.counts["lost_events"] = self.outputs.lost()
-
-
-_PORT = "sim:human"
+    def send(self, number: int) -> None:
+        """Send the daemon a signal."""
+        self.daemon.process.send_signal(number)
 
 
 def broker_down(guard: Guard) -> None:
@@ -83,9 +67,9 @@ def broker_down(guard: Guard) -> None:
 
 def broker_slow(guard: Guard) -> None:
     """Hold the broker: it takes connections and answers nothing."""
-    guard.outputs.broker.send(signal.SIGSTOP)
+    guard.outputs.broker.process.send_signal(signal.SIGSTOP)
     guard.hold(6, 60)
-    guard.outputs.broker.send(signal.SIGCONT)
+    guard.outputs.broker.process.send_signal(signal.SIGCONT)
 
 
 def broker_flapping(guard: Guard) -> None:
@@ -127,7 +111,7 @@ def read_only_state(guard: Guard) -> None:
 
 def clock_stepped(guard: Guard) -> None:
     """Set the clock on the wall back by a day, and forward by a year."""
-    offset = guard.folder / "radard" / "offset"
+    offset = guard.home / "offset"
     for step_s in (-86_400, 365 * 86_400, 0):
         offset.write_text(str(step_s))
         guard.goes_on(4)
@@ -135,10 +119,10 @@ def clock_stepped(guard: Guard) -> None:
 
 def stopped(guard: Guard) -> None:
     """Stop the process for a while."""
-    guard.daemon.send(signal.SIGSTOP)
+    guard.send(signal.SIGSTOP)
     guard.hold(8, 30)
-    guard.daemon.send(signal.SIGCONT)
-    guard.goes_on()
+    guard.send(signal.SIGCONT)
+    guard.goes_on(3)
 
 
 def starved(guard: Guard) -> None:
@@ -156,14 +140,14 @@ def starved(guard: Guard) -> None:
 
 def model_replaced(guard: Guard) -> None:
     """Give it a model of its own, and replace its files: by garbage, then by good ones."""
-    own = guard.daemon.folder / "own.onnx"
+    own = guard.home / "own.onnx"
     good = [(ROOT / "models" / f"fast{suffix}").read_bytes() for suffix in (".onnx", ".json")]
     for tau_s, files in ((30.5, good), (31.0, [b"\x00garbage" * 100] * 2), (31.5, good)):
         for suffix, data in zip((".onnx", ".json"), files, strict=True):
             own.with_suffix(suffix).write_bytes(data)
-        guard.goes_on()
+        guard.goes_on(3)
         guard.reload({**CONFIG, "model": {"name": str(own)}, "gate": {"tau_s": tau_s}})
-        guard.goes_on()
+        guard.goes_on(3)
 
 
 def reload_broken(guard: Guard) -> None:
@@ -174,35 +158,23 @@ def reload_broken(guard: Guard) -> None:
     wait_for(lambda: "old configuration stays" in guard.daemon.log, "a warning")
     guard.reload({**CONFIG, "alarm": {"sensitivity": "low"}})
     wait_for(lambda: guard.daemon.status().get("sensitivity") == "low", "the reload")
-    guard.goes_on()
+    guard.goes_on(3)
 
 
 def two_daemons(guard: Guard) -> None:
     """Start a second daemon on the same state directory."""
-    state = {"service": {"state_dir": str(guard.daemon.folder / "state")}}
-    second = Daemon(guard.folder / "second", "--port", _PORT, "-o", "null", config=state)
+    state = {"service": {"state_dir": str(guard.home / "state")}}
+    second = Daemon(guard.root / "second", "--port", _PORT, "-o", "null", config=state)
     code = second.process.wait(_SETTLE_S)
     if code != 78 or "another radard" not in second.log:
-        guard.counts["unrecovered"] = 1
-        print(f"the second daemon ended with {code}: {second.log}", file=sys.stderr)
-    guard.goes_on()
+        guard.note("unrecovered", f"the second daemon ended with {code}: {second.log}")
+    guard.goes_on(3)
 
 
-def _mount_small_disk(folder: Path, stack: ExitStack) -> None:
-    """Give the store a disk of its own, which takes root's rights."""
-    path = str(folder / "store")
-    command = ["mount", "-t", "tmpfs", "-o", "size=400k", "tmpfs", path]
-    try:
-        subprocess.run(command, check=True, capture_output=True)
-    except (OSError, subprocess.CalledProcessError) as err:
-        msg = "no disk can be mounted here"
-        raise Skipped(msg) from err
-    stack.callback(subprocess.run, ["umount", "-l", path], check=False)
-
-
-def _deny_state(folder: Path, _stack: ExitStack) -> None:
+def _deny_state(folder: Path, _stack: ExitStack) -> bool:
     """Put a file where the state directory would be: root may write anywhere, but not below it."""
     (folder / "radard" / "state").write_text("no folder")
+    return True
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,7 +182,7 @@ class Case:
     """What happens, what is needed for it, and what the daemon's process runs first."""
 
     happen: Callable[[Guard], None]
-    prepare: Callable[[Path, ExitStack], None] = lambda _folder, _stack: None
+    prepare: Callable[[Path, ExitStack], bool] = lambda _folder, _stack: True
     before: str = ""
 
 
@@ -219,7 +191,9 @@ CASES: Mapping[str, Case] = {
     "broker_slow": Case(broker_slow),
     "broker_flapping": Case(broker_flapping),
     "store_locked": Case(store_locked),
-    "disk_full": Case(disk_full, _mount_small_disk),
+    "disk_full": Case(
+        disk_full, lambda folder, stack: is_mounted(folder / "store", "400k", stack)
+    ),
     "read_only_state": Case(read_only_state, _deny_state),
     "clock_stepped": Case(clock_stepped, before=STEPPED),
     "stopped": Case(stopped),
@@ -236,35 +210,33 @@ def surrounded(names: Sequence[str], *, is_full: bool) -> dict[str, dict[str, An
     for name in names:
         begun_s = time.monotonic()
         with ExitStack() as stack:
-            try:
-                counts = _one(name, stack, is_full=is_full)
-            except Skipped as err:
-                found[name] = {"skipped": str(err)}
-                continue
-        found[name] = {**counts, "seconds": round(time.monotonic() - begun_s)}
+            found[name] = _one(name, stack, is_full=is_full)
+        found[name]["seconds"] = round(time.monotonic() - begun_s)
     return found
 
 
-def _one(name: str, stack: ExitStack, *, is_full: bool) -> dict[str, int]:
+def _one(name: str, stack: ExitStack, *, is_full: bool) -> dict[str, Any]:
     """Start broker and daemon, let a case happen, and count what went wrong."""
     case = CASES[name]
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-    outputs = Outputs(folder, stack.enter_context(Broker(folder)))
-    (own := folder / "radard").mkdir()
-    case.prepare(folder, stack)
-    arguments = ("--port", _PORT, *outputs.arguments)
-    daemon = stack.enter_context(Daemon(own, *arguments, config=CONFIG, before=case.before))
-    guard = Guard(folder, is_full, outputs, daemon)
-    guard.counts = dict.fromkeys(("crashes", "unrecovered", "lost_events"), 0)
+    guard = Guard(folder, random.Random(), stack)  # noqa: S311 - nothing is drawn
+    guard.home.mkdir()
+    if not case.prepare(folder, stack):
+        return {"skipped": "no disk can be mounted here"}
+    guard.is_full, guard.before = is_full, case.before
+    guard.start("--port", _PORT)
     try:
-        wait_for(lambda: guard.seq() > 0, "the first decision")
+        guard.goes_on(1)
         case.happen(guard)
-        guard.goes_on()
-        guard.settle()
+        guard.goes_on(3)
+        if not guard.may_stay_degraded:
+            guard.daemon.wait_state("online")
+        guard.counts["events"] = len(guard.outputs.kept())
+        guard.found["lost_events"] += guard.outputs.lost()
     except (TimeoutError, RuntimeError) as err:
-        guard.counts["unrecovered"] = 1
-        print(f"{name}: {err}\n{daemon.log[-2000:]}", file=sys.stderr)
-    if not daemon.is_alive or "Traceback" in daemon.log:
-        guard.counts["crashes"] = 1
-        print(f"{name}: {daemon.log[-3000:]}", file=sys.stderr)
-    return guard.counts
+        guard.note("unrecovered", f"{name}: {err}\n{guard.daemon.log[-2000:]}")
+    guard.stop()
+    return {
+        **dict.fromkeys(("crashes", "unrecovered", "lost_events"), 0),
+        **guard.found,
+    } | guard.counts

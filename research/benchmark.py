@@ -7,10 +7,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import benchmark_alarms as alarms
-from benchmark_tasks import FULL, Kept, Score, entrant_named, score, shipped, tasks_named
+from benchmark_tasks import FULL, SEED, Kept, Score, entrant_named, score, shipped, tasks_named
 from study import RESULTS, check_within, publish, run_script, say, script_parser
 from x2train.commands import counted, progress
 from x2train.judge.acceptance import VERSION as ACCEPT
+from x2train.thesis.recipe import StudyRecipe
 
 _EXAMPLES = """\
 --data-only                 make the data, nothing else
@@ -80,7 +81,8 @@ def _element_lines(args: argparse.Namespace) -> list[str]:
             bar.update(row, description=what, completed=done, total=max(total, 1))
 
         for task in tasks:
-            task.make(data, tell, args.workers)
+            sizes = {"n_elements": args.elements, "n_fresh": args.fresh, "workers": args.workers}
+            StudyRecipe(folder=args.folder, seed=SEED, **sizes).make(task.spec, task.cell, tell)
     if args.data_only:
         return [str(data)]
     scores = []

@@ -25,7 +25,7 @@ from radard.stream.ring import Dwell
 from study import Marks
 from x2train.judge.acceptance import SETTINGS, VERSION, AcceptSpec, Setting, accept, stream_of
 from x2train.judge.acceptance_report import write_acceptance
-from x2train.judge.estimates import Estimate, per_hour, share
+from x2train.judge.estimates import per_hour, share
 from x2train.sets.sites import Radar
 from x2train.sets.workers import Tell
 
@@ -195,13 +195,11 @@ def _sum(score: AlarmScore, kind: str, policy: str) -> tuple[int, float]:
 
 
 def _share(count: int, of: float) -> str:
-    made: Estimate = share(count, int(of))
-    value, low, high = (100 * each for each in (made.value, made.low, made.high))
+    value, low, high = (100 * each for each in share(count, int(of)))
     return f"{count} of {of:.0f}: {value:.1f} % ({low:.1f} to {high:.1f})"
 
 
 def _rate(count: int, hours: float) -> str:
-    made = per_hour(count, hours)
-    ends = (made.value, made.low, made.high)
+    ends = per_hour(count, hours)
     value, low, high = (f"{x:.0f}" if x >= _WHOLE else f"{x:.2g}" for x in ends)
     return f"{value} ({low} to {high})"

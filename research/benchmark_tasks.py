@@ -21,7 +21,6 @@ from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from radard.detect.clutter_map import ClutterRemover
 from radard.errors import UsageError
@@ -30,12 +29,12 @@ from radard.judge.classifier import Classifier
 from radard.judge.features import extract
 from radard.stream.ring import Dwell
 from x2radar.atomic import write_atomically
-from x2train.judge.estimates import share
+from x2train.judge.estimates import Ranking, share
 from x2train.thesis.cells import CELLS, Cell
 from x2train.thesis.elements import ElementSpec, dwell
 from x2train.thesis.recipe import FRESH_FROM
 from x2train.thesis.results import IN_VIEW
-from x2train.thesis.sets import load_cell, load_maps, make_bodies
+from x2train.thesis.sets import load_cell, load_maps
 
 VERSION = "thesis-1"
 """Of the data and of what counts; results of different versions are not compared."""
@@ -46,7 +45,6 @@ FULL = 5000
 ENTRIES = Path(__file__).parent / "entries"
 _MIN_P = 1e-6  # below it a probability counts as so much: a certain mistake costs 14 nats
 
-Tell = Callable[[str, int, int], None]
 Scores = NDArray[np.float64]
 
 
@@ -86,17 +84,6 @@ class Task:
     def spec(self) -> ElementSpec:
         """What its elements are drawn from."""
         return ElementSpec(frame_rate_hz=self.cell.frame_rate_hz, seed=SEED)
-
-    def make(self, folder: Path, tell: Tell, workers: int = 1) -> None:
-        """Simulate what is not there yet."""
-        for body in (*self.cell.bodies, "human"):
-            for first, n in ((0, self.n_train // 2), (FRESH_FROM, self.n_test // 2)):
-                what = f"{body} at {self.cell.frame_rate_hz} Hz"
-
-                def report(done: int, total: int, what: str = what) -> None:
-                    tell(what, done, total)
-
-                make_bodies(folder, self.spec, body, first, n, workers=workers, tell=report)
 
     def train(self, folder: Path) -> Elements:
         """Return the elements to train with."""
@@ -294,12 +281,9 @@ def score(task: Task, entrant: Entrant, seed: int, p: Scores, test: Elements) ->
     right = (p > 0.5) == truth
     found = share(int(right.sum()), len(right))
     of_truth = np.clip(np.where(truth, p, 1 - p), _MIN_P, 1.0)
-    ranks = stats.rankdata(p)
-    n_person, n_animal = int(truth.sum()), int((~truth).sum())
-    wins = ranks[truth].sum() - n_person * (n_person + 1) / 2
     seen = right[test.in_view >= IN_VIEW]
-    auc, cross_entropy = wins / (n_person * n_animal), -np.log(of_truth).mean()
-    figures = (found.value, found.low, found.high, auc, cross_entropy, seen.mean())
+    auc, cross_entropy = Ranking(p, truth).auc(), -np.log(of_truth).mean()
+    figures = (*found, auc, cross_entropy, seen.mean())
     return Score(
         VERSION,
         task.cell.name,

@@ -158,7 +158,7 @@ def _judged(case: Case, played: Passage, k: int) -> tuple[Columns, float, float]
     stream = StreamInfo(radar.axis(), radar.frame_rate_hz, radar.name)
     pipeline = Pipeline(stream, config, classifier(case.model), judges_tracks=False)
     made, taken_s, lasted_s = [], 0.0, 0.0
-    for dwell in dwells(pipeline, played):
+    for dwell in dwells(pipeline, played.frames, radar.axis()):
         began_s = time.process_time()
         made.append(pipeline.decide(dwell))
         if made[-1].gate == "open":

@@ -205,7 +205,8 @@ def _timed(p: Profile, cpu: dict[str, float]) -> Profile:
 
 
 def _three(e: Estimate) -> Three:
-    return round(e.value, 4), round(e.low, 4), round(e.high, 4)
+    value, low, high = (round(x, 4) for x in e)
+    return value, low, high
 
 
 def choose(made: Sequence[Profile]) -> tuple[Profile, ...]:

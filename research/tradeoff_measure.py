@@ -33,13 +33,13 @@ from x2radar.ports import Port
 from x2radar.radars import port_settings
 from x2radar.sim.module.stream import EchoStream
 from x2radar.sim.scene.scene import load_scene
-from x2train.bundle.network_cost import window_ms
 from x2train.judge.estimates import Estimate, Ranking, resampled
 from x2train.judge.judging import JudgeSpec
-from x2train.nets.bundle_answers import outputs_of
+from x2train.nets.bundle_answers import outputs_of, window_ms
 from x2train.sets.families import LABELS
 from x2train.sets.passages import Passage
 from x2train.sets.sites import ONE_RADAR
+from x2train.sets.window_set import inputs_of
 from x2train.sets.windows import windows_of
 from x2train.sets.workers import Tell
 
@@ -402,8 +402,7 @@ def combinations(
             maps = windows.maps[bundle.features, setting.decimation]
             blank = MAP_FEATURES[setting.cpis : 3]
             maps = {name: np.zeros_like(m) if name in blank else m for name, m in maps.items()}
-            inputs = {i.name: maps[i.feature] for i in bundle.inputs}
-            p = outputs_of(bundle.onnx, inputs).p(bundle.temperature)
+            p = outputs_of(bundle.onnx, inputs_of(bundle, maps)).p(bundle.temperature)
             found = Combination(
                 model=bundle.name,
                 setting=setting,

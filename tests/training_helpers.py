@@ -14,7 +14,7 @@ from x2train.bundle.export import exported
 from x2train.bundle.temporal_graph import GIVEN, with_given, with_head
 from x2train.bundle.writing import write_bundle
 from x2train.commands.dataset import FEATURES
-from x2train.nets.bundle_answers import tapped
+from x2train.nets.bundle_answers import outputs_of
 from x2train.nets.map_fit import INPUTS as NAMES
 from x2train.nets.map_fit import MAPS, MapFitSettings, MapTrained, fit_maps
 from x2train.nets.temporal_head import Given, HeadSettings, HeadTrained, fit_head
@@ -110,9 +110,9 @@ def write_tiny(folder, network, *, name="tiny", evidence=None, metrics=None):
 def given(bundle, columns):
     """Return what the last layer of a bundle's network is given of toy windows."""
     maps = {name: columns[name] for name in NAMES}
-    answers, values = tapped(with_given(bundle.onnx), maps, GIVEN)
+    answers = outputs_of(with_given(bundle.onnx), maps, tap=GIVEN)
     log_p = np.log(answers.p(bundle.temperature)).astype(np.float32)
-    return Given(values, log_p, columns["label"], np.arange(len(values)) % 4 == 0)
+    return Given(answers.tapped, log_p, columns["label"], np.arange(len(log_p)) % 4 == 0)
 
 
 def head_for(bundle, **settings):

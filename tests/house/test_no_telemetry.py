@@ -21,7 +21,7 @@ RUN = """
 from radard.cli import main
 main(["--port", "sim:human", "--speed", "max", "--duration", "4", "-o", "null"])
 """
-TRAINING = "import x2train.bundle.export, x2train.bundle.network_cost"
+TRAINING = "import x2train.bundle.export, x2train.nets.bundle_answers"
 REPORT = """
 links = [f"/proc/self/fd/{f}" for f in os.listdir("/proc/self/fd")]
 files = [os.readlink(link) for link in links if os.path.lexists(link)]

@@ -22,7 +22,7 @@ from radard.judge.decision import Decision
 from tests.report_helpers import drawn, drawn_passages, passage, table_of
 from x2train.bundle.writing import evaluation_of, write_card
 from x2train.judge.levels import levels, rules
-from x2train.judge.verdicts import intrusions, verdicts
+from x2train.judge.verdicts import intrusions, outcome, verdicts
 
 
 @pytest.fixture(scope="module")
@@ -30,8 +30,7 @@ def table():
     missed = [passage([0.95, 0.6, 0.95, 0.9]) for _ in range(9)]
     gone = [passage([0.95] * 9) for _ in range(5)]
     made = table_of(*drawn_passages(300, skill=2.0), *missed, *gone)
-    own = rules(made, bundle(), 0.8)
-    return replace(made, is_alarm=own.is_alarm, is_pending=own.is_pending)
+    return rules(made, bundle(), 0.8)
 
 
 @pytest.fixture
@@ -50,8 +49,11 @@ def bundle(decides="fused"):
 
 
 def of(table, decides="fused"):
-    made = levels(table, bundle(decides), np.random.default_rng(0))
-    return {level.name: level for level in made}
+    everything, rng = np.ones(len(table), bool), np.random.default_rng(0)
+    return {
+        name: (outcome(table, found, everything, rng), found)
+        for name, found in levels(table, bundle(decides))
+    }
 
 
 def test_one_verdict_of_one_is_what_was_shipped(table):
@@ -60,13 +62,13 @@ def test_one_verdict_of_one_is_what_was_shipped(table):
     table = replace(table, is_alarm=table.is_alarm & ~early)
     found = verdicts(table, table.is_alarm)
     people, pets = intrusions(table), table.label == "pet"
-    normal = of(table)["normal"]
+    normal, verdict = of(table)["normal"]
     assert normal.n_intrusions == people.sum() > 50
-    assert normal.missed.value == pytest.approx((people & ~found.is_alarm).sum() / people.sum())
-    alarmed = (found.false_alarms[pets] > 0).mean()
-    assert normal.visits_with_alarm.value == pytest.approx(alarmed)
-    assert 0 < normal.missed.value < 0.5
-    assert normal.missed.low < normal.missed.value < normal.missed.high
+    value, low, high = normal.miss_rate
+    assert value == pytest.approx((people & ~found.is_alarm).sum() / people.sum())
+    assert np.array_equal(verdict.false_alarms[pets] > 0, found.false_alarms[pets] > 0)
+    assert 0 < value < 0.5
+    assert low < value < high
 
 
 def test_verdicts_under_another_limit_are_those_of_the_pipeline(table):
@@ -93,8 +95,8 @@ def test_alarms_are_those_of_the_daemon_on_the_same_decisions(decides, name):
             sight = sight_of(decision(table, row), policy, ZonesSection(), 0.8)
             steps = panel.on_sight(float(table.t_s[row]), sight)
             begun += sum(s.kind == "new" for s in steps) * int(table.label[k] == "pet")
-    level = of(table, decides)[name]
-    assert level.alarms_per_pet_hour.value * level.pet_hours == pytest.approx(begun)
+    level, _ = of(table, decides)[name]
+    assert level.n_false_alarms == begun
 
 
 def decision(table, row):
@@ -133,7 +135,7 @@ def test_the_card_is_written_twice_and_read(own, table):
     assert (card.policy, card.passages) == ("fused", 314)
     assert list(card.sensitivities) == list(SENSITIVITIES["fused"])
     normal = card.sensitivities["normal"]
-    assert normal.missed[0] == pytest.approx(of(table)["normal"].missed.value, rel=1e-3)
+    assert normal.missed[0] == pytest.approx(of(table)["normal"][0].miss_rate.value, rel=1e-3)
     assert card.metrics["parameters"] > 0
 
 
@@ -143,7 +145,7 @@ def test_explain_prints_the_rates_of_the_policy(own, table, capsys):
     text = capsys.readouterr().out
     (row,) = [line for line in text.splitlines() if line.startswith("> ")]
     assert row.split()[1] == "low"
-    missed = of(table)["low"].missed
+    missed = of(table)["low"][0].miss_rate
     assert f"{100 * missed.value:.2g} % ({100 * missed.low:.2g} to" in row
     assert "made by: train-export evaluate --card" in text
     assert "are not known" not in text

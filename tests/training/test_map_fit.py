@@ -17,7 +17,7 @@ from x2train.bundle.metrics import map_metrics
 from x2train.nets import map_checkpoint
 from x2train.nets.bundle_answers import outputs_of
 from x2train.nets.epoch import Epoch
-from x2train.nets.evidence_fit import fit_evidence, fused, log_loss, sequences
+from x2train.nets.evidence_fit import first_windows, fit_evidence, fused, log_loss
 from x2train.nets.map_fit import INPUTS as NAMES
 from x2train.nets.map_fit import MAPS, fit_maps, logits_of, network
 from x2train.nets.start import start_from
@@ -106,16 +106,6 @@ def test_a_bundle_comes_back_as_it_was_written(made, tmp_path):
     assert sidecar["evidence"] == asdict(evidence)
 
 
-def in_sequence(logits, label, passage, t_s):
-    return sequences(
-        np.asarray(logits, float),
-        1.0,
-        label=np.array(label),
-        passage=np.array(passage),
-        t_s=np.array(t_s, float),
-    )
-
-
 def test_the_discount_is_what_repetition_asks_for():
     rng = np.random.default_rng(0)
     n, length = 120, 8
@@ -127,14 +117,15 @@ def test_the_discount_is_what_repetition_asks_for():
     found = []
     for ratio in (fresh, once):
         logits = np.stack([ratio, 0 * ratio, 0 * ratio - 9], axis=1)
-        windows = in_sequence(logits, label, passage, t_s)
-        best = fit_evidence(windows, EvidenceSettings(most=8.0, prior_human=0.1))
+        p = np.stack([softmax(row) for row in logits])
+        is_first, is_human = first_windows({"passage": passage, "t_s": t_s}), label == 0
+        best = fit_evidence(p, is_first, is_human, EvidenceSettings(most=8.0, prior_human=0.1))
         assert best.most == 8.0
         assert best.prior_human == 0.1
-        loss = log_loss(fused(windows, best), windows.is_human)
+        loss = log_loss(fused(p, is_first, best), is_human)
         for discount in (0.2, 0.5, 1.0):
             other = replace(best, discount=discount)
-            assert loss <= log_loss(fused(windows, other), windows.is_human)
+            assert loss <= log_loss(fused(p, is_first, other), is_human)
         found.append(best.discount)
     # Windows that say the same again and again must count less.
     assert found[1] < found[0]

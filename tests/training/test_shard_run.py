@@ -10,8 +10,8 @@ import pytest
 from tests.processes import started
 from tests.shard_helpers import Draws
 from tests.waiting import wait_for
-from x2train.sets.shard_run import ElementError, make_shards
-from x2train.sets.workers import GenerateError
+from x2train.sets.shard_run import make_shards
+from x2train.sets.workers import ElementError, GenerateError
 
 pytestmark = pytest.mark.integration
 

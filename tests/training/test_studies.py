@@ -31,7 +31,6 @@ from x2radar.cli import main as x2radar
 from x2train.cli import main
 from x2train.judge import acceptance, acceptance_report
 from x2train.judge.acceptance import VERSION as ACCEPT
-from x2train.thesis.cells import CELLS
 from x2train.thesis.fit import fit_settings
 
 pytestmark = pytest.mark.nightly
@@ -94,7 +93,6 @@ def example_of_the_page(folder, wanted):
 
 
 def test_the_benchmark_s_tasks_and_its_page(page, tmp_path):
-    tasks.Task(CELLS[0], 40, 40).make(tmp_path / "data", told)
     path = page(RESULTS)
     argv = ["--folder", str(tmp_path), "--elements", "40", "--fresh", "40", "--workers", "1"]
     argv += ["--tasks", "T1D60", "--publish", str(path), "--entry", "fast"]

@@ -11,7 +11,8 @@ from radard.errors import UsageError
 from radard.judge.bundle import CLASSES, EvidenceSettings
 from x2train.judge.estimates import Ranking
 from x2train.judge.verdicts import PET_LIMIT
-from x2train.nets.evidence_fit import fit_evidence, fused, log_loss, sequences
+from x2train.nets.bundle_answers import Answers
+from x2train.nets.evidence_fit import first_windows, fit_evidence, fused, log_loss
 from x2train.nets.map_fit import Arrays, MapTrained, logits_of
 from x2train.nets.nets import n_parameters
 
@@ -64,19 +65,14 @@ def map_metrics(
     label = np.asarray(validation["label"])
     check_calibration(label)
     logits = logits_of(trained.net, validation)
-    windows = sequences(
-        logits,
-        trained.temperature,
-        label=label,
-        passage=np.asarray(validation["passage"]),
-        t_s=np.asarray(validation["t_s"]),
-    )
-    evidence = fit_evidence(windows, EvidenceSettings())
-    together = fused(windows, evidence)
+    p = Answers(logits).p(trained.temperature)
+    is_human = label == 0
+    is_first = first_windows(validation)
+    evidence = fit_evidence(p, is_first, is_human, EvidenceSettings())
     metrics = {
         "parameters": float(n_parameters(trained.net)),
-        **window_metrics(windows.p, label),
-        "log loss, fused": log_loss(together, windows.is_human),
+        **window_metrics(p, label),
+        "log loss, fused": log_loss(fused(p, is_first, evidence), is_human),
     }
     trusted = replace(
         evidence,

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +16,11 @@ from x2train.bundle.export import DIFFERENCE, checked
 from x2train.bundle.metrics import NOTES, gate_of, kept_out_of, rounded, window_metrics
 from x2train.bundle.temporal_graph import GIVEN, n_parameters, with_given, with_head
 from x2train.bundle.writing import write_bundle
-from x2train.nets.bundle_answers import Answers, outputs_of, tapped
-from x2train.nets.evidence_fit import Sequences, first_windows, fit_evidence, log_loss
+from x2train.nets.bundle_answers import Answers, outputs_of
+from x2train.nets.evidence_fit import first_windows, fit_evidence, log_loss
 from x2train.nets.evidence_fit import fused as summed
 from x2train.nets.temporal_head import Given, HeadTrained, logits_over
-from x2train.sets.window_set import Columns, check_made_for, load_windows
+from x2train.sets.window_set import Columns, check_made_for, inputs_of, load_windows
 
 HUMAN_LIMIT = {"fast": 0.65, "balanced": 0.8, "accurate": 0.9}
 """From which fused probability of a person on an alarm does not wait, by the head's size: of these
@@ -54,20 +54,15 @@ def given_of_sets(bundle: Bundle, folders: Sequence[Path]) -> tuple[Sets, list[M
     for folder in folders:
         columns, about = load_windows(folder)
         check_made_for(bundle, columns, about[0], folder)
-        answers, given = tapped(network, _inputs(bundle, columns), GIVEN)
+        answers = outputs_of(network, inputs_of(bundle, columns), tap=GIVEN)
         label = np.asarray(columns["label"], np.int64)
         log_p = log_softmax(answers.logits / bundle.temperature, axis=1)
-        made.append(Given(given, log_p.astype(np.float32), label, _is_first(columns)))
+        made.append(Given(answers.tapped, log_p.astype(np.float32), label, first_windows(columns)))
         logits.append(answers.logits)
         abouts += about
         sample = sample or {key: values[:_N_SAMPLE] for key, values in columns.items()}
-    joined = Given(
-        np.concatenate([g.values for g in made]),
-        np.concatenate([g.log_p for g in made]),
-        np.concatenate([g.label for g in made]),
-        np.concatenate([g.is_first for g in made]),
-    )
-    return Sets(joined, np.concatenate(logits), sample), abouts
+    parts = ([getattr(g, f.name) for g in made] for f in fields(Given))
+    return Sets(Given(*map(np.concatenate, parts)), np.concatenate(logits), sample), abouts
 
 
 def write_temporal(
@@ -96,14 +91,13 @@ def write_temporal(
     difference = _difference(base, onnx, validation, fused)
     is_human = given.label == 0
     p = Answers(validation.logits).p(base.temperature)
-    sums = Sequences(p, is_human, given.is_first)
-    best = fit_evidence(sums, EvidenceSettings())
+    best = fit_evidence(p, given.is_first, is_human, EvidenceSettings())
     log_p = fused - np.logaddexp.reduce(fused, axis=1, keepdims=True)
     metrics = rounded(
         {
             "parameters": float(n_parameters(onnx)),
             **window_metrics(p, given.label),
-            "log loss, windows summed": log_loss(summed(sums, best), is_human),
+            "log loss, windows summed": log_loss(summed(p, given.is_first, best), is_human),
             "log loss, fused": log_loss(np.exp(log_p[:, 0]), is_human),
         }
     )
@@ -152,20 +146,12 @@ def _known(models: Sequence[str]) -> dict[str, Any]:
 
 def _difference(base: Bundle, onnx: bytes, sets: Sets, fused: NDArray[np.float64]) -> float:
     """Return how far onnxruntime is from torch on some windows; raise RadardError if too far."""
-    is_first = _is_first(sets.sample)
+    is_first = first_windows(sets.sample)
     n = len(is_first)
-    made = outputs_of(onnx, _inputs(base, sets.sample), is_first=is_first)
+    made = outputs_of(onnx, inputs_of(base, sets.sample), is_first=is_first)
     assert made.fused is not None  # noqa: S101 - the network has a head
     difference = checked(float(np.abs(made.fused - fused[:n]).max()))
     off = float(np.abs(made.logits - sets.logits[:n]).max())
     if not off <= _SAME:
         raise RadardError(f"with a head single windows differ by {off:.2g} from what they were")
     return difference
-
-
-def _inputs(bundle: Bundle, columns: Columns) -> Mapping[str, NDArray[Any]]:
-    return {each.name: columns[each.feature] for each in bundle.inputs}
-
-
-def _is_first(columns: Columns) -> NDArray[np.bool_]:
-    return first_windows(np.asarray(columns["passage"]), np.asarray(columns["t_s"], np.float64))

@@ -9,17 +9,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from radard.errors import UsageError
 from radard.judge.bundle import SCHEMA, Bundle, load_bundle, sidecar_path
 from x2radar.atomic import write_whole
 from x2radar.command import installed_version
 from x2train.bundle.recipes import recipe_of
-from x2train.judge.estimates import Estimate
+from x2train.judge.estimates import Estimate, share
 from x2train.judge.figures import figures
-from x2train.judge.levels import Level, levels
+from x2train.judge.levels import levels
 from x2train.judge.report import rounded
 from x2train.judge.table import PassageTable
+from x2train.judge.verdicts import Outcome, intrusions, outcome
 from x2train.sets.windows import GATE
 
 _NOTES = """Measured on windows that training never saw, drawn from the same simulated bodies. They
@@ -151,8 +153,9 @@ the sidecar names each with its source and SHA-256. docs/training.md credits the
 
 def evaluation_of(table: PassageTable, bundle: Bundle, command: str) -> dict[str, Any]:
     """Return a sidecar's ``evaluation``; UsageError without people, or without pets."""
-    made = levels(table, bundle, np.random.default_rng(0))
-    if not made[0].n_intrusions or not made[0].n_visits:
+    rng, pets = np.random.default_rng(0), table.label == "pet"
+    everything = np.ones(len(table), np.bool_)
+    if not intrusions(table).any() or not pets.any():
         raise UsageError("the card needs passages of people and of pets; take more --passages")
     return {
         "policy": bundle.policy,
@@ -160,7 +163,10 @@ def evaluation_of(table: PassageTable, bundle: Bundle, command: str) -> dict[str
         "gate": GATE.model_dump(),
         "passages": len(table),
         "is_matched": figures(table, 0).content["is_matched"],
-        "sensitivities": {level.name: _plain(level) for level in made},
+        "sensitivities": {
+            name: _plain(outcome(table, found, everything, rng), found.false_alarms[pets] > 0)
+            for name, found in levels(table, bundle)
+        },
     }
 
 
@@ -178,22 +184,22 @@ def write_card(model: str, evaluation: Mapping[str, Any]) -> Path:
     return path
 
 
-def _plain(level: Level) -> dict[str, Any]:
+def _plain(found: Outcome, had_alarm: NDArray[np.bool_]) -> dict[str, Any]:
+    """Return a sensitivity's rates; `had_alarm` is of every visit of a pet."""
     return {
-        "intrusions": level.n_intrusions,
-        "missed": _three(level.missed),
-        "half_alarmed_after_s": _three(level.half_s),
-        "nine_in_ten_alarmed_after_s": _three(level.most_s),
-        "pet_visits": level.n_visits,
-        "visits_with_alarm": _three(level.visits_with_alarm),
-        "pet_hours": rounded(level.pet_hours),
-        "alarms_per_pet_hour": _three(level.alarms_per_pet_hour),
+        "intrusions": found.n_intrusions,
+        "missed": _three(found.miss_rate),
+        "half_alarmed_after_s": _three(found.median_s),
+        "nine_in_ten_alarmed_after_s": _three(found.p90_s),
+        "pet_visits": len(had_alarm),
+        "visits_with_alarm": _three(share(int(had_alarm.sum()), len(had_alarm))),
+        "pet_hours": rounded(found.pet_hours),
+        "alarms_per_pet_hour": _three(found.false_alarms_per_hour),
     }
 
 
 def _three(estimate: Estimate) -> list[float | None]:
-    values = (estimate.value, estimate.low, estimate.high)
-    return [rounded(v) if np.isfinite(v) else None for v in values]
+    return [rounded(v) if np.isfinite(v) else None for v in estimate]
 
 
 def _section(evaluation: Mapping[str, Any]) -> str:

@@ -20,6 +20,7 @@ from x2train.finetune.windows import OwnWindows, decisions_on
 from x2train.judge.estimates import share
 from x2train.nets.bundle_answers import outputs_of
 from x2train.nets.epoch import Epoch
+from x2train.sets.window_set import inputs_of
 
 _RECIPE = (
     "Made of the bundle `{base}` for one household: its network, retrained lightly on {n} own "
@@ -152,7 +153,7 @@ def _metrics(tuned: Tuned, guard: Guard) -> Mapping[str, float]:
     for (when, _), count in zip(both, tuned.count(is_human=False), strict=False):
         found[f"own clips of pets with an alarm, {when}"] = float(count)
     bundle, label = tuned.bundle, guard.label
-    p_human = outputs_of(bundle.onnx, guard.inputs(bundle)).p(bundle.temperature)[:, 0]
+    p_human = outputs_of(bundle.onnx, inputs_of(bundle, guard.columns)).p(bundle.temperature)[:, 0]
     quiet = 1 - p_human > bundle.pet_limit
     for k, who in enumerate(("person", "pet", "thing")):
         if (label == k).any():

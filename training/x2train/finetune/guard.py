@@ -61,27 +61,16 @@ class Guard:
         """Class of every window, by `radard.judge.bundle.CLASSES`."""
         return np.asarray(self.columns["label"], np.int64)
 
-    def inputs(self, bundle: Bundle) -> Mapping[str, NDArray[Any]]:
-        """Return what the bundle's network is given, by input."""
-        return {each.name: self.columns[each.feature] for each in bundle.inputs}
-
-    def part(self, rows: NDArray[np.bool_]) -> "Guard":
-        """Return some of the windows."""
-        return Guard({key: values[rows] for key, values in self.columns.items()}, self.abouts)
-
     def of_people(self) -> "Guard":
         """Return the passages in which somebody is."""
         number = self._numbers()
-        has_human = np.bincount(number, self.label == CLASSES.index("human")) > 0
-        return self.part(has_human[number])
+        rows = (np.bincount(number, self.label == CLASSES.index("human")) > 0)[number]
+        return Guard({key: values[rows] for key, values in self.columns.items()}, self.abouts)
 
     @property
     def is_first(self) -> NDArray[np.bool_]:
         """Return where the gate has opened."""
-        columns = self.columns
-        return first_windows(
-            np.asarray(columns["passage"]), np.asarray(columns["t_s"], np.float64)
-        )
+        return first_windows(self.columns)
 
     def misses(self, bundle: Bundle, answers: Answers) -> Misses:
         """Return how many people are missed by answers to all windows."""

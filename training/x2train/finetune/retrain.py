@@ -19,6 +19,7 @@ from x2train.finetune.windows import OwnWindows
 from x2train.nets.bundle_answers import Answers, outputs_of
 from x2train.nets.epoch import Epoch
 from x2train.nets.graph_net import GraphNet
+from x2train.sets.window_set import inputs_of
 
 _BATCH, _OWN_BATCH = 96, 32  # windows a step: own ones are seen often, never alone
 _FASTEST = 2e-3  # greatest learning rate of the one cycle
@@ -37,7 +38,7 @@ def retrain(
     torch.use_deterministic_algorithms(True)
     rng = torch.Generator().manual_seed(seed)
     net = GraphNet(bundle.onnx)
-    inputs = mix.inputs(bundle)
+    inputs = inputs_of(bundle, mix.columns)
     answers = outputs_of(bundle.onnx, inputs, is_first=mix.is_first)
     n = len(mix.label)
     # The head's answers are calibrated as they are.
@@ -89,7 +90,7 @@ def guarded_line(
     bundle: Bundle, net: GraphNet, guard: Guard, own: Sequence[OwnWindows]
 ) -> tuple[bytes, float, Misses, Misses]:
     """Return the network that the guard allows, its share of the way, and who is missed."""
-    given = guard.inputs(bundle)
+    given = inputs_of(bundle, guard.columns)
     is_first = guard.is_first
     before = guard.misses(bundle, outputs_of(bundle.onnx, given, is_first=is_first))
     people = [c for c in own if c.clip.is_human and _has_alarm(bundle, bundle.onnx, c)]

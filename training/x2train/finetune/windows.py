@@ -37,7 +37,7 @@ class OwnWindows:
     @property
     def is_first(self) -> NDArray[np.bool_]:
         """Where the gate has opened, shape (n,)."""
-        return first_windows(np.zeros(len(self.t_s), np.int64), self.t_s)
+        return first_windows({"passage": np.zeros(len(self.t_s)), "t_s": self.t_s})
 
 
 class _Listener(Classifier):

@@ -5,7 +5,7 @@ motion and skin. Passage k of an entry is the same for every bundle; results of 
 are not compared. Walk tests are modelled on EN 50131-2-3, no more.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -21,7 +21,7 @@ from radard.judge.decision import Decision
 from radard.judge.model_choice import model_for
 from radard.pipeline import Pipeline
 from radard.stream.ring import Dwell
-from x2radar.frame import Frame, StreamInfo
+from x2radar.frame import StreamInfo
 from x2radar.sim.bodies.motion import MOTIONS
 from x2radar.sim.bodies.skins.draw import SKINS
 from x2radar.sim.place.antenna import Antenna
@@ -49,7 +49,6 @@ _THING_S = 600.0
 _N_THINGS = 6  # an hour of each, ten minutes in every setting
 _VISIT_S = 20.0  # a pet that crosses: as in the stress suites
 _LEAD_S = (2.6, 4.0)
-_BLOCK_S = 10.0  # played at once: some megabytes
 _LEVEL_DB = 2.0  # radars differ by so much either way
 _BEAM_DEG = 65.0  # of the X2's antenna, by its data sheet
 
@@ -223,6 +222,7 @@ class AcceptSpec:
         told = np.random.default_rng([self.seed, index, k, _TOLD])
         config = installed(Config(), site, self.knows, told)
         pipeline, decide = self.judge(setting.radar, config)
+        axis = setting.radar.axis()
         cast = entry.casts[k // len(settings) % len(entry.casts)]
         facts: dict[str, Any] = {"duration_s": entry.duration_s}
         if entry.kind in {"walk test", "pets cross"}:
@@ -235,14 +235,15 @@ class AcceptSpec:
                 is_plain=True,
                 body_model=body_model,
             )
-            made = [decide(each) for each in dwells(pipeline, played)]
+            made = [decide(each) for each in dwells(pipeline, played.frames, axis)]
             facts |= in_view(played)
         else:
             duration_s = entry.duration_s or float(rng.uniform(*_STAY_S))
             facts["duration_s"] = duration_s
             steps = _steps(rng, entry, site, body_model, duration_s)
-            player = Player(rng, site, steps)
-            made = [decide(each) for each in _long(pipeline, player, setting, duration_s)]
+            n = round(duration_s * setting.radar.frame_rate_hz)
+            rows = Player(rng, site, steps).rows(n)
+            made = [decide(each) for each in dwells(pipeline, rows, axis)]
         return from_decisions(
             made,
             family=entry.name,
@@ -324,18 +325,3 @@ def _steps(
         piece_s = duration_s / 10 if cast[0].stays else _VISIT_S
         steps.append(SceneStep(bodies, piece_s, piece_s))
     return tuple(steps)
-
-
-def _long(
-    pipeline: Pipeline, player: Player, setting: Setting, duration_s: float
-) -> Iterator[Dwell]:
-    """Yield what the daemon's own ring makes of hours, which no memory would hold at once."""
-    ring, axis = pipeline.make_ring(), setting.radar.axis()
-    rate_hz = setting.radar.frame_rate_hz
-    n, at = round(duration_s * rate_hz), 0
-    while at < n:
-        frames, _ = player.next_block(min(n - at, round(_BLOCK_S * rate_hz)))
-        for samples in frames:
-            dwells = ring.items(Frame(samples, at, at, 0, False, axis))
-            yield from (each for each in dwells if isinstance(each, Dwell))
-            at += 1

@@ -90,8 +90,7 @@ def _figure(
 
 
 def _estimate(count: int, total: float, made: Estimate) -> dict[str, Any]:
-    ends = (made.value, made.low, made.high)
-    value, low, high = (float(x) if np.isfinite(x) else None for x in ends)
+    value, low, high = (float(x) if np.isfinite(x) else None for x in made)
     return {"count": count, "of": total, "value": value, "low": low, "high": high}
 
 

@@ -4,7 +4,7 @@ Also how well a score tells two classes apart (`Ranking`), and how far probabili
 on (`reliability`).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -26,6 +26,9 @@ class Estimate:
     value: float
     low: float
     high: float
+
+    def __iter__(self) -> Iterator[float]:
+        yield from (self.value, self.low, self.high)
 
 
 def share(count: int, total: int) -> Estimate:

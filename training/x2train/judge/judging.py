@@ -20,14 +20,13 @@ from radard.judge.classifier import Classifier
 from radard.judge.decision import Decision
 from radard.pipeline import Pipeline
 from radard.stream.ring import Dwell
-from x2radar.frame import Frame, StreamInfo
+from x2radar.frame import FastTimeAxis, Frame, StreamInfo
 from x2radar.recording.blocks import BlockReader
 from x2train.judge.suites import SUITES, Suite, check_suites, suite_of
 from x2train.judge.table import Columns, passage_columns
 from x2train.sets.known import ADULT_DB, LEVEL_ERROR_DB
 from x2train.sets.passages import Passage, level_db_of, play
 from x2train.sets.sites import ONE_RADAR, Radar, Site
-from x2train.sets.windows import dwell_ends
 
 _IN_VIEW_DB = 10.0
 _MIN_S = 0.5  # so long over a bin's noise somebody has come in: not at the swath's edge
@@ -104,8 +103,9 @@ def decisions(
     played: Passage, model: str, policy: str = "", *, judges_tracks: bool = True
 ) -> list[Decision]:
     """Return what radard decides on a passage, by a bundle's name or path."""
-    pipeline = pipeline_for(played.site.radar, model, policy, judges_tracks=judges_tracks)
-    return [pipeline.decide(dwell) for dwell in dwells(pipeline, played)]
+    radar = played.site.radar
+    pipeline = pipeline_for(radar, model, policy, judges_tracks=judges_tracks)
+    return [pipeline.decide(each) for each in dwells(pipeline, played.frames, radar.axis())]
 
 
 def pipeline_for(
@@ -128,15 +128,15 @@ def with_policy(config: Config, policy: str) -> Config:
     return config.model_copy(update={"decision": section})
 
 
-def dwells(pipeline: Pipeline, played: Passage) -> Iterator[Dwell]:
-    """Yield what the daemon's own ring makes of a passage: decimated as the bundle wants it."""
+def dwells(
+    pipeline: Pipeline, frames: Iterable[NDArray[Any]], axis: FastTimeAxis
+) -> Iterator[Dwell]:
+    """Yield what the daemon's own ring makes of frames: decimated as the bundle wants it."""
     ring = pipeline.make_ring()
-    ends = set(dwell_ends(pipeline.shape, len(played.frames)))
-    axis = played.site.radar.axis()
-    for k, samples in enumerate(played.frames):
-        ring.push(Frame(samples, k, k, 0, False, axis))
-        if k + 1 in ends and isinstance(dwell := ring.next_item(), Dwell):
-            yield dwell
+    for k, samples in enumerate(frames):
+        for item in ring.items(Frame(samples, k, k, 0, False, axis)):
+            if isinstance(item, Dwell):
+                yield item
 
 
 def judged(

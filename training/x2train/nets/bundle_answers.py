@@ -1,8 +1,10 @@
-"""What a bundle's network says of windows: of each alone, and of each after those before it."""
+"""What a bundle's network says of windows, each alone and after those before it, and how soon."""
 
+import statistics
+import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +14,8 @@ from radard.judge.classifier import FUSED_LOGITS, HIDDEN, NEXT_HIDDEN, Hidden, s
 from radard.judge.onnx_runtime import ort
 
 Array = NDArray[np.float64]
+Feed = Mapping[str, NDArray[np.float32]]
+_Key = TypeVar("_Key")
 _AT_ONCE = 128  # windows a call: more cost memory and gain no time
 
 
@@ -25,6 +29,7 @@ class Answers:
     # one
     fused: Array | None = None
     hidden: Hidden | None = None  # (n, n_hidden): what the head was given with each window
+    tapped: Any = None  # (n, ...), float32: of another output that was asked for
 
     def p(self, temperature: float) -> Array:
         """Return the probabilities of every window alone."""
@@ -38,32 +43,25 @@ class Answers:
         return np.asarray(log_softmax(self.fused, axis=1))
 
 
+def session_of(onnx_bytes: bytes) -> Any:
+    """Return what runs a network on one thread of a processor."""
+    options = ort.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    return ort.InferenceSession(onnx_bytes, options, providers=["CPUExecutionProvider"])
+
+
 def outputs_of(
     onnx_bytes: bytes,
     inputs: Mapping[str, NDArray[Any]],
     *,
     is_first: NDArray[np.bool_] | None = None,
+    tap: str = "",
 ) -> Answers:
-    """Return the answers to windows, floats or bytes; `is_first` where the gate has opened."""
-    return _run(onnx_bytes, inputs, is_first, "")[0]
+    """Return the answers to windows, floats or bytes; `is_first` where the gate has opened.
 
-
-def tapped(
-    onnx_bytes: bytes, inputs: Mapping[str, NDArray[Any]], name: str
-) -> tuple[Answers, NDArray[np.float32]]:
-    """Return the answers to windows alone, and another output of a network."""
-    return _run(onnx_bytes, inputs, None, name)
-
-
-def _run(
-    onnx_bytes: bytes,
-    inputs: Mapping[str, NDArray[Any]],
-    is_first: NDArray[np.bool_] | None,
-    tap: str,
-) -> tuple[Answers, NDArray[np.float32]]:
-    options = ort.SessionOptions()
-    options.intra_op_num_threads = options.inter_op_num_threads = 1
-    session = ort.InferenceSession(onnx_bytes, options, providers=["CPUExecutionProvider"])
+    Without it each window is alone. `tap` names another output of the network.
+    """
+    session = session_of(onnx_bytes)
     n = len(next(iter(inputs.values())))
     n_hidden = next((i.shape[1] for i in session.get_inputs() if i.name == HIDDEN), 0)
     names = ["logits", *([FUSED_LOGITS, NEXT_HIDDEN] if n_hidden else []), *([tap] if tap else [])]
@@ -71,7 +69,10 @@ def _run(
     before = np.zeros((n, n_hidden), np.float32)
     made: dict[str, NDArray[Any]] = {}
     for rows in _in_turn(firsts):
-        feed = {key: _as_float(values[rows]) for key, values in inputs.items()}
+        feed = {
+            name: np.asarray(v / np.float32(255) if v.dtype == np.uint8 else v, np.float32)
+            for name, v in ((name, values[rows]) for name, values in inputs.items())
+        }
         if n_hidden:
             if NEXT_HIDDEN in made:
                 before[rows] = np.where(firsts[rows, None], 0, made[NEXT_HIDDEN][rows - 1])
@@ -82,10 +83,21 @@ def _run(
             made[name][rows] = values
     n_out = session.get_outputs()[0].shape[1]
     logits = made.get("logits", np.zeros((0, n_out))).astype(np.float64)
-    answers = Answers(logits)
-    if is_first is not None and n_hidden:
-        answers = Answers(logits, made[FUSED_LOGITS].astype(np.float64), before)
-    return answers, made.get(tap, np.zeros((n, 0), np.float32))
+    if is_first is None or not n_hidden:
+        return Answers(logits, tapped=made.get(tap))
+    return Answers(logits, made[FUSED_LOGITS].astype(np.float64), before, made.get(tap))
+
+
+def window_ms(nets: Mapping[_Key, tuple[bytes, Feed]], calls: int) -> dict[_Key, float]:
+    """Return the CPU time of a window on one thread, in ms, the median of `calls`."""
+    sessions = {key: session_of(net) for key, (net, _) in nets.items()}
+    took_s: dict[_Key, list[float]] = {key: [] for key in nets}
+    for _ in range(calls):
+        for key, session in sessions.items():
+            started_s = time.thread_time()
+            session.run(None, dict(nets[key][1]))
+            took_s[key].append(time.thread_time() - started_s)
+    return {key: 1e3 * statistics.median(each) for key, each in took_s.items()}
 
 
 def _in_turn(is_first: NDArray[np.bool_]) -> Iterator[NDArray[np.int64]]:
@@ -97,9 +109,3 @@ def _in_turn(is_first: NDArray[np.bool_]) -> Iterator[NDArray[np.int64]]:
         rows = np.flatnonzero(at == k)
         for first in range(0, len(rows), _AT_ONCE):
             yield rows[first : first + _AT_ONCE]
-
-
-def _as_float(values: NDArray[Any]) -> NDArray[np.float32]:
-    if values.dtype == np.uint8:
-        return np.asarray(values / np.float32(255), np.float32)
-    return np.asarray(values, np.float32)

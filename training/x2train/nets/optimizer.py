@@ -4,7 +4,6 @@ Muon: K. Jordan et al., 2024 (`torch.optim.Muon`). A convolution is a matrix wit
 channel; layers of few inputs or few outputs are AdamW's.
 """
 
-from collections.abc import Sequence
 from typing import Any
 
 import torch
@@ -31,34 +30,20 @@ class MuonAdamW:
         # Muon takes nothing but matrices, so it is given views of the same memory.
         self._views = [nn.Parameter(_flat(p.data, p)) for p in self._matrices]
         others = [p for p in net.parameters() if not _is_matrix(p)]
-        self._optimisers: list[torch.optim.Optimizer] = []
-        rates: list[float] = []
-        if others:
-            adam = torch.optim.AdamW(others, lr=rate, weight_decay=weight_decay)
-            self._optimisers.append(adam)
-            rates.append(rate)
-        if self._views:
-            muon = torch.optim.Muon(self._views, lr=matrix_rate, weight_decay=matrix_decay)
-            self._optimisers.append(muon)
-            rates.append(matrix_rate)
+        self._optimisers: tuple[torch.optim.Optimizer, ...] = (
+            torch.optim.AdamW(others, lr=rate, weight_decay=weight_decay),
+            torch.optim.Muon(self._views, lr=matrix_rate, weight_decay=matrix_decay),
+        )
         # OneCycleLR divides by zero where the rise is one step long.
         rise = _RISE if n_steps * _RISE != 1 else 1.5 * _RISE
         self._cycles = [
             torch.optim.lr_scheduler.OneCycleLR(
                 each, most, total_steps=n_steps, pct_start=rise, cycle_momentum=False
             )
-            for each, most in zip(self._optimisers, rates, strict=True)
+            for each, most in zip(self._optimisers, (rate, matrix_rate), strict=True)
         ]
-        self._all = list(net.parameters())
-
-    @property
-    def rates(self) -> Sequence[float]:
-        """Learning rates of the next step: AdamW's, if it has anything to do, then Muon's."""
-        return [each.param_groups[0]["lr"] for each in self._optimisers]
-
-    @property
-    def _parts(self) -> list[Any]:
-        return [*self._optimisers, *self._cycles]
+        self._parts: tuple[Any, ...] = (*self._optimisers, *self._cycles)
+        self._net = net
 
     def state(self) -> list[dict[str, Any]]:
         """Return everything that `load_state` needs to go on."""
@@ -71,8 +56,7 @@ class MuonAdamW:
 
     def step(self, loss: torch.Tensor) -> None:
         """Take one step down a loss."""
-        for p in self._all:
-            p.grad = None
+        self._net.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         for p, view in zip(self._matrices, self._views, strict=True):
             view.grad = None if p.grad is None else _flat(p.grad, p)

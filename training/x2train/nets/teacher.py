@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from radard.errors import UsageError
 from radard.judge.bundle import CLASSES, Bundle
 from x2train.nets.bundle_answers import outputs_of
+from x2train.sets.window_set import inputs_of
 
 Array = NDArray[np.float32]
 
@@ -29,7 +30,7 @@ def taught_by(bundle: Bundle, windows: Mapping[str, NDArray[Any]]) -> Array:
             raise UsageError(
                 f"teacher '{bundle.name}': takes {each.feature} of shape {each.shape}, not {found}"
             )
-    answers = outputs_of(bundle.onnx, {i.name: windows[i.feature] for i in bundle.inputs})
+    answers = outputs_of(bundle.onnx, inputs_of(bundle, windows))
     return answers.p(bundle.temperature).astype(np.float32)
 
 

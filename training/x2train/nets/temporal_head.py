@@ -17,7 +17,7 @@ from torch import nn
 from torch.nn import functional
 from torch.nn.utils.rnn import pad_sequence
 
-from x2train.nets.epoch import Epoch, temperature_of
+from x2train.nets.epoch import Epoch, cross_entropy, temperature_of
 
 _N_CLASSES = 3
 _IGNORED = -100  # torch's label for what does not count
@@ -140,7 +140,9 @@ def fit_head(
             optimiser.step()
             cycle.step()
             total, n = total + loss.item() * len(part), n + len(part)
-        yield Epoch(number, total / n, _loss(logits_over(head, validation), validation.label))
+        yield Epoch(
+            number, total / n, cross_entropy(logits_over(head, validation), validation.label)
+        )
     logits = logits_over(head, validation)
     yield HeadTrained(head, temperature_of(logits, validation.label))
 
@@ -180,7 +182,3 @@ def _shares(label: torch.Tensor) -> torch.Tensor:
     share[:, [k for k in _VERDICTS if k < label.shape[1]]] = 1.0
     share[label == _IGNORED] = 0.0
     return share.flatten()
-
-
-def _loss(logits: NDArray[np.float64], label: NDArray[np.int64]) -> float:
-    return float(functional.cross_entropy(torch.from_numpy(logits), torch.from_numpy(label)))

@@ -4,7 +4,7 @@ All else is drawn from the same distributions for all of them, so that nothing b
 tells them apart. Held out families are never in the training of a judged bundle.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
@@ -155,7 +155,10 @@ def recorded_families(folder: str) -> tuple[Family, ...]:
 
 def draw_family(rng: np.random.Generator, label: Label, use: Use) -> Family:
     """Return a family of a label, drawn by weight."""
-    rows = families(label, use)
+    return _drawn(rng, families(label, use))
+
+
+def _drawn(rng: np.random.Generator, rows: Sequence[Family]) -> Family:
     weights = np.array([f.weight for f in rows])
     return rows[int(rng.choice(len(rows), p=weights / weights.sum()))]
 
@@ -183,8 +186,7 @@ def draw_cast(rng: np.random.Generator, label: Label, use: Use | str) -> tuple[F
         if label == "other":
             return (draw_family(rng, label, "train"),)
         rows = [f for f in recorded_families(use.removeprefix(CLIPS)) if f.label == label]
-        weights = np.array([f.weight for f in rows])
-        return (rows[int(rng.choice(len(rows), p=weights / weights.sum()))],)
+        return (_drawn(rng, rows),)
     if use not in USES:
         return (plugged_family(use),)
     if use == "thesis":

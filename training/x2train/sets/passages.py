@@ -4,7 +4,7 @@ Frames are made at the axis of the site's radar, behind the matched filter and, 
 decimation too, so a passage costs what a scene requires and no more.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Self
@@ -32,6 +32,7 @@ _COURSES = ("cross", "approach", "leave", "oblique", "wander")
 _MADE = frozenset({"human", *SPECIES})  # whom a `BodyModel` concerns: with motions and skins
 _WALL_M = 0.3  # nearest to the wall that the radar hangs on
 _UNSEEN = 0.1  # of the noise's amplitude: echoes under it are not made
+_BLOCK_S = 10.0  # played at once: some megabytes
 _ERROR_DB = -50.0  # of echoes: far under clutter that jitter leaves
 
 
@@ -153,6 +154,13 @@ class Player:
             frames = frames + self._room.echo((self._at + np.arange(n)) / self._rate_hz)
         self._at += n
         return self._receiver.baseband(np.asarray(frames, np.complex64)), block.points
+
+    def rows(self, n: int) -> Iterator[NDArray[np.complex64]]:
+        """Yield `n` frames, of hours too, which no memory would hold at once."""
+        while n:
+            frames, _ = self.next_block(min(n, round(_BLOCK_S * self._rate_hz)))
+            n -= len(frames)
+            yield from frames
 
     def truth(self, points: tuple[Points, ...]) -> Truth:
         """Return the truth about bodies of a block."""

@@ -10,15 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from radard.errors import RadardError, UsageError
 from x2train.sets.shards import ShardSet
-from x2train.sets.workers import CHUNK, Chunk, Make, Rows, Tell, workers_for
-
-
-class ElementError(RadardError):
-    """An element could not be made; the message names it."""
+from x2train.sets.workers import CHUNK, Make, Rows, Tell, workers_for
 
 
 def make_shards(
@@ -51,16 +45,9 @@ def make_shards(
     Raises
     ------
     UsageError, ElementError, GenerateError, RecordingError
-        If a number is out of range or the folder holds another set; `make` fails (whole shards are
-        kept); the cluster cannot be reached or a worker died; the disk does not take a shard.
+        If the folder holds another set; `make` fails (whole shards are kept); the cluster cannot
+        be reached or a worker died; the disk does not take a shard.
     """
-    for name, value in (
-        ("n_elements", n_elements),
-        ("per_shard", per_shard),
-        ("workers", workers),
-    ):
-        if value < 1:
-            raise UsageError(f"{name} {value}: must be at least 1")
     shards = ShardSet(folder, {**about, "elements": n_elements, "per_shard": per_shard})
     bounds = {
         f"shard-{k:05d}": (first, min(first + per_shard, n_elements))
@@ -86,27 +73,21 @@ def fill(
     if report is not None:
         report(done, total)
     chunks = [
-        Chunk(k, min(k + CHUNK, last))
+        range(k, min(k + CHUNK, last))
         for first, last in missing.values()
         for k in range(first, last, CHUNK)
     ]
     if not chunks:
         return
     with workers_for(min(workers, len(chunks)), cluster) as run:
-        made = run(make, chunks)
+        made = zip(chunks, run(make, chunks), strict=True)
         for name, (first, last) in missing.items():
             rows: list[Rows] = []
-            for start in range(first, last, CHUNK):
-                part = next(made)
-                if part.error:
-                    raise ElementError(part.error)
-                rows += part.rows
-                done += min(CHUNK, last - start)
+            for _ in range(first, last, CHUNK):
+                chunk, part = next(made)
+                rows += part
+                done += len(chunk)
                 if report is not None:
                     report(done, total)
-            shards.write(name, _joined(rows))
-
-
-def _joined(rows: list[Rows]) -> dict[str, NDArray[Any]]:
-    names = list(rows[0]) if rows else []
-    return {name: np.concatenate([row[name] for row in rows]) for name in names}
+            names = list(rows[0]) if rows else []
+            shards.write(name, {key: np.concatenate([row[key] for row in rows]) for key in names})

@@ -65,6 +65,11 @@ def worth_learning(columns: Columns) -> Columns:
     return {name: values[rows] for name, values in columns.items()}
 
 
+def inputs_of(bundle: Bundle, columns: Columns) -> Columns:
+    """Return what a bundle's network is given of windows, by the name of its input."""
+    return {each.name: columns[each.feature] for each in bundle.inputs}
+
+
 def check_made_for(
     bundle: Bundle, columns: Columns, about: Mapping[str, Any], folder: Path
 ) -> None:

@@ -1,22 +1,21 @@
 """Workers: who makes the elements of a set - this process, local ones, or a Dask cluster.
 
-A pool takes chunks and returns what was made of them in the same order. It keeps only a
-few chunks ahead of the writer, so that a fast pool does not fill the memory.
+Chunks of elements come back in the order in which they are asked for. Only a few are under way
+ahead of the writer, so that a fast pool does not fill the memory.
 """
 
 import importlib
 import multiprocessing
 import os
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 from multiprocessing.synchronize import Event
-from typing import Any, Protocol, TypeAlias
+from typing import Any, TypeAlias
 
 from numpy.typing import NDArray
 
@@ -26,6 +25,8 @@ from x2radar.interrupts import without_interrupts
 Rows: TypeAlias = Mapping[str, NDArray[Any]]
 Make: TypeAlias = Callable[[int], Rows | None]
 Tell: TypeAlias = Callable[[int, int], None]  # is told how many are done, of how many
+Run: TypeAlias = Callable[[Make, Iterable[range]], Iterator[list[Rows]]]
+_Result: TypeAlias = Callable[[], list[Rows]]
 CHUNK = 8  # elements handed out at a time
 _AHEAD = 4  # chunks per worker that are under way or wait for their turn to be written
 _CONNECT_S = 30  # for a scheduler to answer, and for its first worker to start, in seconds
@@ -36,42 +37,26 @@ class GenerateError(RadardError):
     """Workers cannot be reached, or died."""
 
 
-@dataclass(frozen=True, slots=True)
-class Chunk:
-    """Elements first to last - 1, all of one shard."""
-
-    first: int
-    last: int
+class ElementError(RadardError):
+    """An element could not be made; the message names it."""
 
 
-@dataclass(frozen=True, slots=True)
-class Made:
-    """What a worker returns: the rows of its elements, or what went wrong with one."""
-
-    rows: tuple[Rows, ...] = ()
-    error: str = ""
-
-
-Run: TypeAlias = Callable[[Make, Sequence[Chunk]], Iterator[Made]]
-_Workers: TypeAlias = AbstractContextManager[Run]
-
-
-def _make_chunk(make: Make, chunk: Chunk) -> Made:
-    """Make the elements of a chunk: the whole work of a worker."""
-    rows = []
-    for number in range(chunk.first, chunk.last):
+def _make_chunk(make: Make, chunk: range) -> list[Rows]:
+    """Return the rows of the elements of a chunk: the whole work of a worker."""
+    rows: list[Rows] = []
+    for number in chunk:
         if _Pooled.stop is not None and _Pooled.stop.is_set():
-            return Made(error="stopped")
+            break
         try:
             made = make(number)
-        except Exception as err:  # noqa: BLE001 - whatever it is, its element is named
-            return Made(error=f"element {number}: {type(err).__name__}: {err}")
+        except Exception as err:
+            raise ElementError(f"element {number}: {type(err).__name__}: {err}") from err
         if made:
             rows.append(dict(made))
-    return Made(tuple(rows))
+    return rows
 
 
-def workers_for(workers: int, cluster: str | None = None) -> _Workers:
+def workers_for(workers: int, cluster: str | None = None) -> AbstractContextManager[Run]:
     """Return a pool: of so many processes, of this one if that rounds alike, or of a cluster."""
     if cluster is not None:
         return _on_cluster(cluster)
@@ -82,11 +67,7 @@ def workers_for(workers: int, cluster: str | None = None) -> _Workers:
 @contextmanager
 def _in_process() -> Iterator[Run]:
     """Yield a pool that is this process."""
-
-    def run(make: Make, chunks: Sequence[Chunk]) -> Iterator[Made]:
-        return map(partial(_make_chunk, make), chunks)
-
-    yield run
+    yield lambda make, chunks: map(partial(_make_chunk, make), chunks)
 
 
 @contextmanager
@@ -95,13 +76,10 @@ def pool(workers: int) -> Iterator[Run]:
     context = multiprocessing.get_context("spawn")
     stop = context.Event()
 
-    def run(make: Make, chunks: Sequence[Chunk]) -> Iterator[Made]:
-        def submit(chunk: Chunk) -> _Job:
-            return executor.submit(_make_chunk, make, chunk)
-
-        # Processes start at the first submit.
+    def submit(make: Make, chunk: range) -> _Result:
+        # Processes start as chunks come.
         with without_interrupts():
-            return _in_order(submit, chunks, _AHEAD * workers)
+            return executor.submit(_make_chunk, make, chunk).result
 
     with (
         _one_thread(),
@@ -110,7 +88,7 @@ def pool(workers: int) -> Iterator[Run]:
         ) as executor,
     ):
         try:
-            yield run
+            yield lambda make, chunks: _in_order(partial(submit, make), chunks, _AHEAD * workers)
         except BrokenProcessPool as err:
             msg = "a worker process died (killed, or out of memory); run again to go on"
             raise GenerateError(msg) from err
@@ -129,15 +107,15 @@ def _on_cluster(address: str) -> Iterator[Run]:
     except (OSError, ValueError) as err:
         raise GenerateError(f"no Dask scheduler at {address}: {err}") from err
 
-    def run(make: Make, chunks: Sequence[Chunk]) -> Iterator[Made]:
-        threads = sum(client.nthreads().values())
-        submit = partial(client.submit, _make_chunk, make, pure=False)
-        return _in_order(submit, chunks, _AHEAD * max(threads, 1))
+    def submit(make: Make, chunk: range) -> _Result:
+        result: _Result = client.submit(_make_chunk, make, chunk, pure=False).result
+        return result
 
     with client:
         try:
             client.wait_for_workers(1, timeout=_CONNECT_S)
-            yield run
+            ahead = _AHEAD * max(sum(client.nthreads().values()), 1)
+            yield lambda make, chunks: _in_order(partial(submit, make), chunks, ahead)
         except TimeoutError as err:
             raise GenerateError(f"the Dask scheduler at {address} has no workers") from err
         except distributed.KilledWorker as err:
@@ -145,23 +123,14 @@ def _on_cluster(address: str) -> Iterator[Run]:
             raise GenerateError(msg) from err
 
 
-class _Job(Protocol):
-    def result(self) -> Made: ...
-
-
 def _in_order(
-    submit: Callable[[Chunk], _Job], chunks: Sequence[Chunk], ahead: int
-) -> Iterator[Made]:
+    submit: Callable[[range], _Result], chunks: Iterable[range], ahead: int
+) -> Iterator[list[Rows]]:
     waiting = iter(chunks)
-    # Submitted now, not when the first result is asked for.
-    jobs = deque(submit(chunk) for chunk in islice(waiting, ahead))
-
-    def results() -> Iterator[Made]:
-        while jobs:
-            yield jobs.popleft().result()
-            jobs.extend(submit(chunk) for chunk in islice(waiting, 1))
-
-    return results()
+    jobs = deque(map(submit, islice(waiting, ahead)))
+    while jobs:
+        yield jobs.popleft()()
+        jobs.extend(map(submit, islice(waiting, 1)))
 
 
 class _Pooled:
@@ -177,13 +146,11 @@ class _Pooled:
 @contextmanager
 def _one_thread() -> Iterator[None]:
     """Let processes that start now have one thread for linear algebra, to round alike."""
-    before = {name: os.environ.get(name) for name in _THREADS}
+    before = {name: os.environ[name] for name in _THREADS if name in os.environ}
     os.environ.update(dict.fromkeys(_THREADS, "1"))
     try:
         yield
     finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+        for name in _THREADS:
+            del os.environ[name]
+        os.environ.update(before)

@@ -4,7 +4,7 @@ An element begins with a body somewhere on its way, often outside the swath. A s
 module's noise and quantization, a room, the gate in front of the network, and window after window.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -15,12 +15,12 @@ from radard.judge.bundle import Bundle
 from radard.judge.classifier import Classifier
 from radard.judge.decision import Decision
 from radard.pipeline import Pipeline
-from radard.stream.ring import Dwell
-from x2radar.frame import Frame, StreamInfo
+from x2radar.frame import StreamInfo
 from x2radar.ports import Port
 from x2radar.radars import port_settings
 from x2radar.sim.module.stream import EchoStream
 from x2radar.sim.scene.scene import parse_scene
+from x2train.judge.judging import dwells
 from x2train.thesis.recipe import Tell
 
 _VISIT_S = 6.0  # the quickest have left the swath by then
@@ -45,7 +45,7 @@ def stream_metrics(
         quiet: list[bool] = []
         alarms = 0
         for seed in range(n):
-            made = list(_decisions(classifier, rate_hz, body, seed))
+            made = _decisions(classifier, rate_hz, body, seed)
             quiet += [not d.alarm for d in made if d.gate == "open"]
             hits = np.array([d.alarm for d in made], float)
             alarms += bool((np.convolve(hits, np.ones(policy.n)) >= policy.k - 0.5).any())
@@ -56,7 +56,7 @@ def stream_metrics(
     return metrics
 
 
-def _decisions(classifier: Classifier, rate_hz: float, body: str, seed: int) -> Iterator[Decision]:
+def _decisions(classifier: Classifier, rate_hz: float, body: str, seed: int) -> list[Decision]:
     keys = {"rate": f"{rate_hz:g}", "kind": "rf"}
     settings = port_settings(Port("sim", body, keys))
     assert not callable(settings)  # noqa: S101 - only device=auto needs a module
@@ -65,11 +65,6 @@ def _decisions(classifier: Classifier, rate_hz: float, body: str, seed: int) -> 
     pipeline = Pipeline(
         StreamInfo(stream.axis, rate_hz, "x2raw"), Config(), classifier, judges_tracks=False
     )
-    ring = pipeline.make_ring()
-    for k in range(round(_VISIT_S * rate_hz)):
-        row = stream.next()
-        if row is None:
-            continue
-        for item in ring.items(Frame(row, k, k, 0, False, stream.axis)):
-            if isinstance(item, Dwell):
-                yield pipeline.decide(item)
+    frames = (stream.next() for _ in range(round(_VISIT_S * rate_hz)))
+    rows = (row for row in frames if row is not None)
+    return [pipeline.decide(each) for each in dwells(pipeline, rows, stream.axis)]
