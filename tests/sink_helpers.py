@@ -9,18 +9,20 @@ import ssl
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import paho.mqtt.client as paho
 import pytest
 from paho.mqtt.enums import CallbackAPIVersion
 
-from radard.config.config import Config
 from radard.config.sink_table import LogSection, SinkOptions
-from radard.health.health import Status
+from radard.health.health import Health
 from radard.log import EventLog
 from radard.outputs.base import SinkContext
 from radard.outputs.registry import make_output, start_sink
+from tests import alarm_helpers
+from tests.host_helpers import FakeHost
 from tests.waiting import free_port
 
 QUICK = LogSection(first_retry_s=0.02, longest_retry_s=0.05, attempts=3)
@@ -100,31 +102,12 @@ def status(state: str, reason: str = "") -> dict:
     return {"type": "status", "state": state, "reason": reason}
 
 
-class Radar:
-    """A radar as its outputs see it; `heard` are the commands that came."""
-
-    def __init__(self, sensor: str = "hall"):
-        self.sensor = sensor
-        self.heard: list[str] = []
-        self.folder: Path | None = None
-        self.status = Status("online", "")
-        self.shown = None
-
-    @property
-    def health(self):
-        return self
-
-    def panel(self):
-        return self.shown
-
-    def command(self, name):
-        self.heard.append(name)
-
-    def config(self):
-        return Config(service={"state_dir": self.folder})
-
-    def reload(self):
-        self.heard.append("reload")
+def well_host() -> FakeHost:
+    """A sensor `hall` that decides, and stays online."""
+    host = FakeHost("hall")
+    host.health = Health(stale_s=1e6)
+    host.health.on_decision(alarm_helpers.decision(1.0, t_mono_s=time.monotonic()))
+    return host
 
 
 class Alone:

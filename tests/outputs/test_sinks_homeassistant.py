@@ -1,6 +1,5 @@
 """What Home Assistant offers of a sensor: panel, sensitivity, events, picture; over a broker."""
 
-import contextlib
 import json
 import os
 from dataclasses import replace
@@ -8,10 +7,11 @@ from dataclasses import replace
 import pytest
 
 from radard.alarm.sensor_state import SensorState
-from radard.config.sink_table import MqttSection, SinkOptions
+from radard.config.config import Config
+from radard.config.sink_table import MqttSection
 from radard.errors import ConfigError
 from radard.outputs.mqtt.sink import CommandReader, MqttCommand, panel_command
-from tests.sink_helpers import QUICK, Radar, decision, event, hello, open_sink, status
+from tests.sink_helpers import decision, event, hello, status, well_host
 from tests.waiting import wait_for
 
 pytestmark = pytest.mark.integration
@@ -21,21 +21,14 @@ DEVICE = "homeassistant/device/radard_hall/config"
 
 
 @pytest.fixture
-def publish(broker):
-    """Open a sink that takes commands on the broker, online; closed at the end."""
-    with contextlib.ExitStack() as stack:
+def shown(publish):
+    """Open a sink of a radar that is online."""
 
-        def begin(*, records=(), radar=None, **section):
-            section = {"commands": "always", **section}
-            options = SinkOptions(log=QUICK, mqtt=MqttSection(keepalive_s=1, **section))
-            url = f"mqtt://127.0.0.1:{broker.port}"
-            sink = open_sink(url, options, hosts=[radar or Radar()])
-            stack.callback(sink.close, 1.0)
-            for record in (*(records or (hello(),)), status("online"), decision(1)):
-                sink.write(record)
-            return sink
+    def begin(first=None, *, radar=None, **section):
+        records = (first or hello(), status("online"), decision(1))
+        return publish(*records, radar=radar or well_host(), **section)
 
-        yield begin
+    return begin
 
 
 def about(listener):
@@ -47,35 +40,35 @@ def state(listener):
     return json.loads(found[-1]) if found else {}
 
 
-def test_the_panel_shows_what_the_sensor_does_and_commands_it(publish, listen):
-    listener, radar = listen("#"), Radar()
-    heard, radar.shown = radar.heard, SensorState(panel="exit", mode="home")
-    publish(radar=radar)
+def test_the_panel_shows_what_the_sensor_does_and_commands_it(shown, listen):
+    listener, radar = listen("#"), well_host()
+    heard, radar.state = radar.asked, SensorState(panel="exit", mode="home")
+    shown(radar=radar)
     parts = about(listener)["cmps"]["panel"]
     assert (parts["p"], parts["stat_t"]) == ("alarm_control_panel", f"{BASE}/state")
     assert parts["sup_feat"] == ["arm_home", "arm_away"]
     assert "code" not in parts
     wait_for(lambda: state(listener).get("panel") == "arming")
-    for changes, shown in (
+    for changes, name in (
         ({"panel": "armed"}, "armed_home"),
         ({"panel": "armed", "mode": "away"}, "armed_away"),
         ({"panel": "entry"}, "pending"),
         ({"panel": "alarm"}, "triggered"),
         ({"panel": "disarmed", "armed": False}, "disarmed"),
     ):
-        radar.shown = replace(radar.shown, **changes)
-        wait_for(lambda shown=shown: state(listener)["panel"] == shown)
+        radar.state = replace(radar.state, **changes)
+        wait_for(lambda name=name: state(listener)["panel"] == name)
     for payload in ("ARM_HOME", "ARM_AWAY", "TRIGGER", "DISARM"):
         listener.say(parts["cmd_t"], payload)
     wait_for(lambda: len(heard) == 3)
     assert heard == ["arm-home", "arm", "disarm"]
 
 
-def test_a_code_is_asked_for_and_never_published(publish, listen, tmp_path, caplog):
-    listener, radar = listen("#"), Radar()
-    heard = radar.heard
+def test_a_code_is_asked_for_and_never_published(shown, listen, tmp_path, caplog):
+    listener, radar = listen("#"), well_host()
+    heard = radar.asked
     (tmp_path / "code").write_text("4711\n")
-    publish(code_file=tmp_path / "code", radar=radar)
+    shown(code_file=tmp_path / "code", radar=radar)
     parts = about(listener)["cmps"]
     assert parts["panel"]["code"] == "REMOTE_CODE"
     assert parts["panel"]["cod_dis_req"] is True
@@ -119,18 +112,19 @@ def test_wrong_codes_lock_for_a_minute(tmp_path):
         disarm(b"open sesame")
 
 
-def test_sensitivity_is_chosen_and_shown(publish, listen, tmp_path):
-    listener, radar = listen("#"), Radar()
-    radar.folder, radar.shown = tmp_path, SensorState(sensitivity="normal")
-    publish(radar=radar)
+def test_sensitivity_is_chosen_and_shown(shown, listen, tmp_path):
+    listener, radar = listen("#"), well_host()
+    radar.held = Config(service={"state_dir": tmp_path})
+    radar.state = SensorState(sensitivity="normal")
+    shown(radar=radar)
     parts = about(listener)["cmps"]["sensitivity"]
     assert (parts["p"], parts["ops"]) == ("select", ["low", "normal", "high"])
     wait_for(lambda: state(listener).get("sensitivity") == "normal")
     for payload in ("deaf", "", "high"):
         listener.say(parts["cmd_t"], payload)
-    wait_for(lambda: radar.heard == ["reload"])
+    wait_for(lambda: radar.n_reloads == 1)
     assert 'sensitivity: "high"' in (tmp_path / "radar.settings.yaml").read_text()
-    radar.shown = SensorState(sensitivity="high")
+    radar.state = SensorState(sensitivity="high")
     wait_for(lambda: state(listener)["sensitivity"] == "high")
 
 
@@ -147,9 +141,9 @@ def put_whole(path, content, at_ns):
     new.replace(path)
 
 
-def test_the_picture_of_an_alarm_and_its_final_form(publish, listen, tmp_path):
+def test_the_picture_of_an_alarm_and_its_final_form(shown, listen, tmp_path):
     listener, topic = listen("#"), f"{BASE}/picture"
-    sink = publish()
+    sink = shown()
     parts = about(listener)["cmps"]["picture"]
     assert (parts["p"], parts["img_t"], parts["cont_type"]) == ("image", topic, "image/png")
     sink.write({**event(1), "clip": str(tmp_path / "clip.h5")})
@@ -161,10 +155,10 @@ def test_the_picture_of_an_alarm_and_its_final_form(publish, listen, tmp_path):
     wait_for(lambda: distinct(late, topic) == [b"whole"])
 
 
-def test_a_picture_is_sent_again_over_a_new_connection(publish, listen, broker, tmp_path):
+def test_a_picture_is_sent_again_over_a_new_connection(shown, listen, broker, tmp_path):
     """What was on its way when the line was cut is lost, and this broker keeps nothing."""
     listener, topic = listen("#"), f"{BASE}/picture"
-    sink = publish()
+    sink = shown()
     sink.write({**event(1), "clip": str(tmp_path / "clip.h5")})
     put_whole(tmp_path / "clip.png", b"first", 2)
     wait_for(lambda: listener.on(topic))
@@ -176,10 +170,10 @@ def test_a_picture_is_sent_again_over_a_new_connection(publish, listen, broker, 
     wait_for(lambda: distinct(late, topic) == [b"first"])
 
 
-def test_without_pictures_none_stays_at_the_broker(publish, listen, tmp_path):
+def test_without_pictures_none_stays_at_the_broker(shown, listen, tmp_path):
     listener = listen("#")
     listener.say(f"{BASE}/picture", "of last year", retain=True)
-    sink = publish(picture=False)
+    sink = shown(picture=False)
     assert about(listener)["cmps"]["picture"] == {"p": "image"}
     (tmp_path / "clip.png").write_bytes(b"first")
     sink.write({**event(1), "clip": str(tmp_path / "clip.h5")})
@@ -199,9 +193,9 @@ def test_without_pictures_none_stays_at_the_broker(publish, listen, tmp_path):
         ({}, {}),
     ],
 )
-def test_the_device_is_the_module_and_not_its_port(publish, listen, changes, device):
+def test_the_device_is_the_module_and_not_its_port(shown, listen, changes, device):
     listener, link = listen("#"), "http://radar.lan:8434/"
-    publish(records=[hello(**changes)], dashboard_url=link)
+    shown(hello(**changes), dashboard_url=link)
     found = about(listener)["dev"]
     assert found.pop("cu") == link
     assert found == {"ids": ["radard_hall"], "name": "hall", "sw": "0.1.0", **device}

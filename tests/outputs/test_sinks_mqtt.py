@@ -1,6 +1,5 @@
 """MQTT against a real broker over TCP: topics, last will, commands, discovery, limits."""
 
-import contextlib
 import json
 import ssl
 
@@ -8,7 +7,6 @@ import pytest
 
 from radard.alarm.sensor_state import SensorState
 from radard.config.sink_table import MqttSection, SinkOptions
-from radard.health.health import Status
 from radard.outputs.base import SinkContext
 from radard.outputs.mqtt import link as link_module
 from radard.outputs.mqtt.link import MqttLink, PacketLimits, Publication
@@ -19,7 +17,6 @@ from tests.sink_helpers import (
     USER,
     Listener,
     MqttBroker,
-    Radar,
     Relay,
     decision,
     event,
@@ -28,6 +25,7 @@ from tests.sink_helpers import (
     open_sink,
     status,
     ulid,
+    well_host,
 )
 from tests.waiting import wait_for
 
@@ -38,24 +36,6 @@ pytestmark = [
     pytest.mark.integration,
     pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
 ]
-
-
-@pytest.fixture
-def publish(broker, tmp_path):
-    """Open a sink on the broker; closed at the end."""
-    with contextlib.ExitStack() as stack:
-
-        def begin(*, url=None, radar=None, mark="", **section):
-            section = {"commands": "always", **section}
-            options = SinkOptions(log=QUICK, mqtt=MqttSection(keepalive_s=1, **section))
-            hosts = () if radar is None else (radar,)
-            given = {"state_dir": tmp_path / f"state{mark}", "hosts": hosts, "mark": mark}
-            url = url or f"mqtt://127.0.0.1:{broker.port}"
-            sink = open_sink(url, options, **given)
-            stack.callback(sink.close, 1.0)
-            return sink
-
-        yield begin
 
 
 def last(listener, topic):
@@ -69,9 +49,7 @@ def ids(listener):
 
 def test_topics_of_a_run_and_their_clean_end(publish, listen):
     listener = listen("radard/#")
-    sink = publish(discovery="off")
-    for record in (hello(), status("online"), event(1)):
-        sink.write(record)
+    sink = publish(hello(), status("online"), event(1), discovery="off")
     wait_for(lambda: last(listener, "availability") == "online" and ids(listener))
     sink.write(decision(1))
     wait_for(lambda: last(listener, "decision"))
@@ -92,16 +70,14 @@ def test_topics_of_a_run_and_their_clean_end(publish, listen):
 
 def test_health_is_asked_for_and_not_only_heard_of(publish, listen):
     listener = listen(f"{BASE}/#")
-    radar = Radar()
-    sink = publish(discovery="off", radar=radar)
-    sink.write(hello())
-    sink.write(decision(1))
+    radar = well_host()
+    publish(hello(), decision(1), discovery="off", radar=radar)
     wait_for(lambda: last(listener, "availability") == "online")
     # No record says so: the thread that writes them is the one that hangs.
-    radar.status = Status("offline", "no decision for 5 s")
+    radar.health.on_failure("no answer")
     wait_for(lambda: last(listener, "availability") == "offline")
-    wait_for(lambda: json.loads(last(listener, "health"))["reason"] == "no decision for 5 s")
-    radar.status, radar.shown = Status("online", ""), SensorState(armed=False)
+    wait_for(lambda: json.loads(last(listener, "health"))["reason"] == "no answer")
+    radar.health, radar.state = well_host().health, SensorState(armed=False)
     wait_for(lambda: last(listener, "availability") == "online")
     wait_for(lambda: json.loads(last(listener, "state"))["armed"] is False)
 
@@ -109,11 +85,10 @@ def test_health_is_asked_for_and_not_only_heard_of(publish, listen):
 def test_commands_and_what_is_none(publish, listen, caplog, monkeypatch):
     monkeypatch.setattr("radard.outputs.mqtt.sink._WARN_S", 0.0)
     listener = listen(f"{BASE}/#")
-    radar = Radar()
-    heard = radar.heard
+    radar = well_host()
+    heard = radar.asked
     listener.say(f"{BASE}/command/disarm", "now", retain=True)
-    sink = publish(discovery="off", radar=radar)
-    sink.write(hello())
+    publish(hello(), discovery="off", radar=radar)
     wait_for(lambda: "retained" in caplog.text)
     for name, payload in (("arm", "1"), ("explode", ""), ("ack", "")):
         listener.say(f"{BASE}/command/{name}", payload)
@@ -128,16 +103,13 @@ def test_commands_and_what_is_none(publish, listen, caplog, monkeypatch):
 
 def test_a_flood_of_commands_that_are_none_is_logged_once(publish, listen, caplog):
     listener = listen(f"{BASE}/#")
-    radar = Radar()
-    heard = radar.heard
-    sink = publish(discovery="off", radar=radar)
-    sink.write(hello())
-    sink.write(status("online"))
+    radar = well_host()
+    publish(hello(), status("online"), discovery="off", radar=radar)
     wait_for(lambda: last(listener, "availability") == "online")
     for n in range(20):
         listener.say(f"{BASE}/command/explode{n}{'x' * 200}")
     listener.say(f"{BASE}/command/ack")
-    wait_for(lambda: heard)
+    wait_for(lambda: radar.asked)
     lines = [r.getMessage() for r in caplog.records if "no command" in r.getMessage()]
     assert len(lines) == 1
     assert len(lines[0]) < 200
@@ -145,17 +117,14 @@ def test_a_flood_of_commands_that_are_none_is_logged_once(publish, listen, caplo
 
 def test_a_stranger_cannot_disarm_where_nothing_is_said_of_commands(publish, listen, caplog):
     listener, found = listen(f"{BASE}/#"), listen("homeassistant/#")
-    radar = Radar()
-    heard = radar.heard
-    sink = publish(commands="auto", radar=radar)
-    sink.write(hello())
-    sink.write(status("online"))
+    radar = well_host()
+    sink = publish(hello(), status("online"), commands="auto", radar=radar)
     wait_for(lambda: last(listener, "availability") == "online")
     listener.say(f"{BASE}/command/disarm")
     wait_for(lambda: last(listener, "command/disarm") == "")
     sink.write(event(1))
     wait_for(lambda: ids(listener))
-    assert heard == []
+    assert radar.asked == []
     assert "takes no commands" in caplog.text
     topic = "homeassistant/device/radard_hall/config"
     parts = json.loads(wait_for(lambda: found.on(topic))[-1])["cmps"]
@@ -185,8 +154,7 @@ def test_what_takes_commands(given, tmp_path, monkeypatch):
 @pytest.mark.parametrize("form", ["device", "components"])
 def test_discovery_of_home_assistant(publish, listen, form):
     listener = listen("homeassistant/#")
-    sink = publish(discovery=form)
-    sink.write(hello())
+    publish(hello(), discovery=form)
 
     def configs():
         found = {topic: body for topic, body, _ in list(listener.messages) if body != b"online"}
@@ -218,13 +186,11 @@ def test_discovery_of_home_assistant(publish, listen, form):
 
 
 def test_a_change_of_form_leaves_nothing_behind(publish, listen):
-    sink = publish(discovery="device")
-    sink.write(hello())
+    sink = publish(hello(), discovery="device")
     listener = listen("homeassistant/#")
     wait_for(lambda: listener.messages)
     sink.close()
-    again = publish(discovery="off", client_id="another")
-    again.write(hello())
+    again = publish(hello(), discovery="off", client_id="another")
     wait_for(lambda: listener.messages[-1][1] == b"" and len(listener.messages) > 1)
     again.close()
     late = listen("homeassistant/#", "end")
@@ -235,16 +201,14 @@ def test_a_change_of_form_leaves_nothing_behind(publish, listen):
 
 @pytest.mark.parametrize("max_bytes", [10_000, 4096])
 def test_a_broker_that_limits_packets_gets_every_event_and_the_rest_is_said(
-    listen, broker, tmp_path, max_bytes
+    publish, listen, broker, tmp_path, max_bytes
 ):
     listener, relay = listen("#"), Relay(broker.port, max_bytes)
     relay.open()
     clip = tmp_path / f"{ulid(1)}.h5"
     clip.with_suffix(".png").write_bytes(b"x" * 20_000)
-    options = SinkOptions(log=QUICK, mqtt=MqttSection(keepalive_s=1))
-    sink = open_sink(f"mqtt://127.0.0.1:{relay.port}", options)
-    for record in (hello(), status("online"), decision(1)):
-        sink.write(record)
+    url = f"mqtt://127.0.0.1:{relay.port}"
+    sink = publish(hello(), status("online"), decision(1), url=url)
     for n in range(1, 31):
         sink.write({**event(n), "clip": str(clip)})
     wait_for(lambda: set(ids(listener)) == {ulid(n) for n in range(1, 31)})
@@ -259,9 +223,8 @@ def test_a_broker_that_limits_packets_gets_every_event_and_the_rest_is_said(
 
 def test_a_test_alarm_is_an_event_and_sounds_no_siren(publish, listen):
     listener = listen(f"{BASE}/#")
-    sink = publish(discovery="off")
-    for record in (hello(), status("online"), decision(1), {**event(1), "test": True}):
-        sink.write(record)
+    test = {**event(1), "test": True}
+    sink = publish(hello(), status("online"), decision(1), test, discovery="off")
     wait_for(lambda: ids(listener) and last(listener, "state"))
     sink.write(event(2))
     wait_for(lambda: json.loads(last(listener, "state"))["alarm"])
@@ -276,11 +239,9 @@ def test_what_no_module_sends_has_topics_entities_and_a_client_of_its_own(
     publish, listen, tmp_path, mark
 ):
     listener = listen("#")
-    real = publish(client_id="house", decisions=False)
-    demo = publish(mark=mark, client_id="house", decisions=False)
-    for sink in (demo, real):
-        for record in (hello(), status("online"), event(1)):
-            sink.write(record)
+    for each in ("", mark):
+        told = (hello(), status("online"), event(1))
+        publish(*told, mark=each, client_id="house", decisions=False)
     base = f"radard/hall-{mark}"
     wait_for(lambda: listener.on(f"{base}/event") and ids(listener))
     wait_for(lambda: listener.on(f"{base}/availability")[-1:] == [b"online"])
@@ -299,7 +260,7 @@ def test_over_tls_and_with_a_password_commands_are_taken(tmp_path):
     broker = MqttBroker(tmp_path, cert=cert, auth=True)
     trusted = ssl.create_default_context(cafile=cert[0])
     listener = Listener(broker.port, f"{BASE}/#", tls=trusted, user=(USER, PASSWORD))
-    good, bad, radar = tmp_path / "good", tmp_path / "bad", Radar()
+    good, bad, radar = tmp_path / "good", tmp_path / "bad", well_host()
     good.write_text(f"{PASSWORD}\n")
     bad.write_text("wrong\n")
     try:
@@ -319,7 +280,7 @@ def test_over_tls_and_with_a_password_commands_are_taken(tmp_path):
             else:
                 wait_for(lambda: ids(listener))
                 listener.say(f"{BASE}/command/disarm")
-                wait_for(lambda: radar.heard == ["disarm"])
+                wait_for(lambda: radar.asked == ["disarm"])
             sink.close(0.5)
     finally:
         listener.close()
@@ -344,34 +305,23 @@ def test_what_a_broker_states_is_the_limit_and_said_once():
 
 
 def test_the_largest_in_flight_is_left_out_for_a_day_when_the_line_broke_twice(monkeypatch):
-    said = []
+    said, now_s = [], [0.0]
+    monkeypatch.setattr(link_module.time, "monotonic", lambda: now_s[0])
     limits = PacketLimits(said.append)
     for _ in range(5):
         # Small and confirmed messages are never to blame.
         limits.sent(STATE, never)
         limits.sent(PICTURE, lambda: True)
         assert not limits.broke()
-    for _ in range(2):
-        assert limits.takes(PICTURE)
+    # Breaks that lie more than a day apart had two causes.
+    for now_s[0], is_taken in ((0.0, True), (100_000.0, True), (100_001.0, False)):
         for message in (STATE, PICTURE):
             limits.sent(message, never)
         assert not limits.is_idle
         assert said == []
         assert limits.broke()
+        assert limits.takes(PICTURE) is is_taken
     assert limits.takes(STATE)
-    assert not limits.takes(PICTURE)
     # A smaller one may pass.
     assert limits.takes(Publication(PICTURE.topic, b"x" * 5_000))
     assert len(said) == 1
-
-
-def test_after_a_day_it_is_tried_again(monkeypatch):
-    now_s = [0.0]
-    monkeypatch.setattr(link_module.time, "monotonic", lambda: now_s[0])
-    limits = PacketLimits(lambda _text: None)
-    limits.sent(PICTURE, never)
-    assert limits.broke()
-    now_s[0] = 100_000.0
-    limits.sent(PICTURE, never)
-    assert limits.broke()
-    assert limits.takes(PICTURE)
