@@ -9,7 +9,6 @@ import os
 import signal
 import socket
 import subprocess
-import tempfile
 from pathlib import Path
 
 import pytest
@@ -47,27 +46,6 @@ def pytest_xdist_auto_num_workers(config):
     if named and all(".py" in name for name in named) and len(named) < 4:
         return 0
     return min(4, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 2)
-
-
-def pytest_terminal_summary(terminalreporter, config):
-    """Show the coverage of every folder, if it was measured."""
-    controller = getattr(config.pluginmanager.getplugin("_cov"), "cov_controller", None)
-    if controller is None:
-        return
-    with tempfile.NamedTemporaryFile("r") as file:
-        controller.cov.json_report(outfile=file.name)
-        found = json.load(file)
-    folders = {}
-    for name, each in found["files"].items():
-        if each["summary"]["num_statements"]:
-            folders.setdefault(str(Path(name).parent), []).append(each["summary"])
-    terminalreporter.section("coverage: lines, branches")
-    for folder, parts in [*sorted(folders.items()), ("all", [found["totals"]])]:
-        told = f"{folder:45}"
-        for hit, of in ("covered_lines", "num_statements"), ("covered_branches", "num_branches"):
-            n_hit, n = (sum(part[key] for part in parts) for key in (hit, of))
-            told += f"{100 * n_hit / max(1, n):6.1f} % of {n:6}"
-        terminalreporter.line(told)
 
 
 @pytest.fixture(autouse=True)

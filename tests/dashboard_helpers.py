@@ -4,6 +4,7 @@ import asyncio
 import json
 from urllib.parse import unquote, urlsplit
 
+from radard.alarm.sensor_state import SensorState
 from radard.config.config import load_config
 from radard.config.sink_table import WebSection
 from radard.log import EventLog
@@ -11,21 +12,8 @@ from radard.web.api import Api
 from radard.web.auth import AccessControl, Tokens
 from radard.web.sink import WebSink
 from radard.web.view import View
-from tests.host_helpers import ARMED, FakeHost
+from tests.host_helpers import FakeHost
 from tests.web_helpers import HEADERS, Answer, Client
-
-
-class Run:
-    """A run that only notes what is asked of it."""
-
-    def __init__(self, tmp_path, **sections):
-        self.config = load_config(
-            environ={},
-            options={"sensor": {"port": "sim:empty"}, "service": {"state_dir": tmp_path}}
-            | sections,
-        )
-        self.host = FakeHost(config=self.config, state=ARMED)
-        self.asked = self.host.asked
 
 
 def all_routes():
@@ -92,8 +80,10 @@ def maker(tmp_path):
                 values[f"{name}_file"] = tmp_path / name
         log = EventLog(None)
         sink = WebSink(host, 0, WebSection(**values), log)
-        run = Run(tmp_path, **sections)
-        sink.attach(run.host)
+        given = {"sensor": {"port": "sim:empty"}, "service": {"state_dir": tmp_path}}
+        config = load_config(environ={}, options=given | sections)
+        run = FakeHost(config=config, state=SensorState())
+        sink.attach(run)
         sink.write({"type": "hello", "version": "1", "model": None, "frame_rate_hz": 60.0})
         if served:
             sink.start()

@@ -1,6 +1,5 @@
 """A sensor that is nothing but what its sinks may ask of it."""
 
-from radard.alarm.sensor_state import SensorState
 from radard.config.config import Config
 from radard.health.health import Health
 
@@ -41,6 +40,3 @@ class FakeHost:
 
     def mark(self):
         return ""
-
-
-ARMED = SensorState()

@@ -2,7 +2,6 @@
 
 import io
 import json
-import sys
 from collections.abc import Iterator, Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from importlib import resources
@@ -92,8 +91,3 @@ def stable(records: Sequence[dict]) -> list[dict]:
         for record in records
         if record["type"] != "hello"
     ]
-
-
-def python() -> str:
-    """The interpreter that runs the tests."""
-    return sys.executable

@@ -300,7 +300,8 @@ class WebServer:
         class Handler(http.server.BaseHTTPRequestHandler):
             def do_POST(self):
                 body = self.rfile.read(int(self.headers["Content-Length"]))
-                far.posts.append((self.path, dict(self.headers), body))
+                headers = {name.lower(): value for name, value in self.headers.items()}
+                far.posts.append((self.path, headers, body))
                 self.send_response(far.code)
                 for name, value in far.headers.items():
                     self.send_header(name, value)

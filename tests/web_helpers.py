@@ -3,10 +3,8 @@
 import contextlib
 import http.client
 import json
-import os
 import socket
 import subprocess
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -14,7 +12,7 @@ from urllib.parse import urlsplit
 import h5py
 from websockets.sync.client import connect
 
-from tests import sink_helpers
+from tests import processes, sink_helpers
 from tests.waiting import free_port, wait_for
 
 HEADERS = {"Content-Type": "application/json", "X-Radard": "1"}
@@ -59,18 +57,14 @@ class Running:
         self.port = port or free_port()
         self.base = f"http://127.0.0.1:{self.port}"
         self.folder = Path(folder)
-        command = [str(Path(sys.executable).parent / "radard"), *arguments, "-o", self.base]
-        # As an installed command would: this run's own packages come first.
-        roots = [str(Path(__file__).parents[1] / name) for name in (".", "daemon", "training")]
-        own = {
-            "PYTHONPATH": os.pathsep.join(roots),
-            "RADARD_SERVICE__STATE_DIR": str(folder),
-            "RADARD_SERVICE__RUNTIME_DIR": str(folder),
-            **(environ or {}),
-        }
+        dirs = dict.fromkeys(("STATE", "RUNTIME"), str(folder))
+        own = {f"RADARD_SERVICE__{name}_DIR": at for name, at in dirs.items()} | (environ or {})
         self._log = (self.folder / "log").open("w+")
-        self.process = subprocess.Popen(
-            command, env={**os.environ, **own}, stdout=subprocess.DEVNULL, stderr=self._log
+        self.process = processes.started(
+            *("-m", "radard", *arguments, "-o", self.base),
+            env=processes.environ(**own),
+            stdout=subprocess.DEVNULL,
+            stderr=self._log,
         )
 
     @property

@@ -52,12 +52,6 @@ def test_every_motion_has_the_cadence_and_the_feet_of_people(motion, speed):
     assert np.median(head) == pytest.approx(speed, rel=0.15)
 
 
-# ---------------------------------------------------------------- what is done besides
-
-
-# ---------------------------------------------------------------- sizes
-
-
 def test_sizes_are_those_of_adults_children_and_toddlers():
     rng = np.random.default_rng(0)
     adults = [draw_person_build(rng).stature_m for _ in range(300)]

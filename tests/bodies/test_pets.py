@@ -40,20 +40,14 @@ def landings(pet, leg):
     return t[steady], x[steady]
 
 
-# ---------------------------------------------------------------- gaits
-
-
 @pytest.mark.parametrize(
     ("species", "style", "fr", "factor", "power"),
     [
         ("dog", "walk", 0.1, 2.4, 0.34),
-        ("dog", "walk", 0.4, 2.4, 0.34),
-        ("dog", "trot", 0.8, 2.4, 0.34),
         ("dog", "trot", 1.9, 2.4, 0.34),
         ("dog", "pace", 1.0, 2.4, 0.34),
         ("dog", "canter", 4.0, 1.9, 0.40),
         ("cat", "walk", 0.2, 3.5, 0.42),
-        ("cat", "trot", 1.0, 3.5, 0.42),
         ("cat", "bound", 4.0, 3.5, 0.42),
         ("rabbit", "bound", 0.3, 2.2, 0.40),
         ("rabbit", "bound", 3.0, 2.2, 0.40),
@@ -132,9 +126,6 @@ def test_paws_stand_still_where_they_stand(species, style):
         assert 0.05 * b.hip_m < lifted < 0.25 * b.hip_m
 
 
-# ---------------------------------------------------------------- sizes and styles
-
-
 def test_masses_and_hips_are_those_of_pets():
     rng = np.random.default_rng(0)
     builds = {name: [draw_build(rng, row) for _ in range(300)] for name, row in SPECIES.items()}
@@ -162,9 +153,6 @@ def test_one_that_stays_does_so_where_the_path_begins(species, style):
     plays = style == "play"
     assert np.abs(pose.centre_m[:, 0, :2] - [1.0, 2.0]).max() < (0.4 if plays else 0.03)
     assert (pose.axis[:, 0, 1].min() > 0.7) is not plays
-
-
-# ---------------------------------------------------------------- jumps
 
 
 FLYERS = [*BIRDS, ("moth", "")]

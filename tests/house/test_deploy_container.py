@@ -3,105 +3,83 @@
 Options and variables are given to radard itself.
 """
 
+import contextlib
 import json
-import os
 import re
 import shlex
 import shutil
 import subprocess
 import sys
-import urllib.error
-import urllib.request
-from pathlib import Path
 
 import pytest
 import yaml
 
-from tests.radar_helpers import python
+from tests.processes import ROOT, environ, ran, started
 from tests.waiting import free_port, wait_for
+from tests.web_helpers import ask
 
 pytestmark = pytest.mark.nightly
-ROOT = Path(__file__).parents[2]
 CONTAINER = ROOT / "deploy/container"
 ADDON = ROOT / "deploy/homeassistant/addon"
 TOKEN = "0123456789abcdef" * 2
 
 
-def containerfile():
-    return (CONTAINER / "Containerfile").read_text()
-
-
-def environment_of_the_image():
-    text = re.sub(r"\\\n\s*", " ", containerfile())
-    (line,) = re.findall(r"^ENV (.+)$", text, re.MULTILINE)
-    found = dict(word.split("=", 1) for word in shlex.split(line))
-    return {key: value for key, value in found.items() if key.startswith("RADARD_")}
-
-
-def documented_runs():
-    """The `podman run` lines of the comment, each as its words."""
-    comment = "\n".join(
-        line.lstrip("#").strip() for line in containerfile().splitlines() if line.startswith("#")
+TEXT = (CONTAINER / "Containerfile").read_text()
+JOINED = re.sub(r"\\\n#?\s*", " ", TEXT)
+IMAGE = {
+    key: value
+    for key, _, value in (
+        word.partition("=")
+        for word in shlex.split(re.search(r"^ENV (.+)$", JOINED, re.MULTILINE)[1])
     )
-    joined = comment.replace("\\\n", " ")
-    return [shlex.split(line) for line in joined.splitlines() if line.startswith("podman run")]
+    if key.startswith("RADARD_")
+}
+RUNS = [shlex.split(line) for line in re.findall(r"^#\s*(podman run.+)$", JOINED, re.MULTILINE)]
+"""The image's variables, and the `podman run` lines of the comment, each as its words."""
 
 
 def after_image(words):
     return words[words.index("uwb-radar-alarm") + 1 :]
 
 
-def run(argv, folder, **environ):
-    """A finished process in a folder, with the variables of the image."""
-    environ = {**os.environ, **environment_of_the_image(), **environ}
-    return subprocess.run(
-        argv, env=environ, cwd=folder, capture_output=True, text=True, check=False
-    )
+def radard(*argv, folder, **more):
+    """A finished radard in a folder, with the variables of the image."""
+    return ran("-m", "radard", *argv, env=environ(**IMAGE, **more), cwd=folder)
 
 
 def test_the_comments_commands_name_real_options_and_publish_the_dashboard(tmp_path):
-    runs = documented_runs()
-    assert len(runs) == 2
-    for words in runs:
+    assert len(RUNS) == 2
+    for words in RUNS:
         assert words[words.index("-e") + 1] == "DASHBOARD_TOKEN"
         assert words[words.index("-p") + 1].endswith(":8434:8434")
-        argv = [python(), "-m", "radard", "config", "check", *after_image(words)]
-        done = run(argv, tmp_path, DASHBOARD_TOKEN=TOKEN)
+        given = {"folder": tmp_path, "DASHBOARD_TOKEN": TOKEN}
+        done = radard("config", "check", *after_image(words), **given)
         assert (done.returncode, done.stdout) == (0, "configuration ok\n"), done.stderr
 
 
-def answer(url, token=None):
-    request = urllib.request.Request(url)  # noqa: S310 - our own
-    if token:
-        request.add_header("Authorization", f"Bearer {token}")
-    try:
-        with urllib.request.urlopen(request, timeout=60) as reply:  # noqa: S310
-            return reply.status
-    except urllib.error.HTTPError as err:
-        return err.code
-    except OSError:
-        return None
+def answer(url, token):
+    headers = {"Authorization": f"Bearer {token}"} if token else {}
+    with contextlib.suppress(OSError):
+        return ask(url, headers=headers)[0]
 
 
 def test_the_simulated_radar_of_the_comment_shows_its_dashboard_to_the_token_only(tmp_path):
     port = free_port()
-    argv = [word.replace("8434", str(port)) for word in after_image(documented_runs()[0])]
+    argv = [word.replace("8434", str(port)) for word in after_image(RUNS[0])]
     places = {"STATE_DIRECTORY": str(tmp_path / "s"), "RUNTIME_DIRECTORY": str(tmp_path / "r")}
-    environ = {**os.environ, **environment_of_the_image(), **places, "DASHBOARD_TOKEN": TOKEN}
-    process = subprocess.Popen([python(), "-m", "radard", *argv], env=environ, cwd=tmp_path)
+    env = environ(**IMAGE, **places, DASHBOARD_TOKEN=TOKEN)
+    process = started("-m", "radard", *argv, env=env, cwd=tmp_path, stdout=None, stderr=None)
     try:
         url = f"http://127.0.0.1:{port}/api/v1/status"
         wait_for(lambda: answer(url, TOKEN) == 200)
-        assert answer(url) in {401, 403}
-        assert answer(url, "x" * 32) in {401, 403}
+        assert {answer(url, wrong) for wrong in ("", "x" * 32)} <= {401, 403}
         # What the image's health check asks.
-        health = [python(), "-m", "radard", "health"]
-        wait_for(lambda: run(health, tmp_path, **places).returncode == 0)
+        wait_for(lambda: radard("health", folder=tmp_path, **places).returncode == 0)
     finally:
         process.terminate()
         process.wait(60)
     # And without a token it says so, rather than to serve everybody.
-    done = run([python(), "-m", "radard", *argv], tmp_path, **places)
+    done = radard(*argv, folder=tmp_path, **places)
     assert done.returncode == 78
     assert "DASHBOARD_TOKEN" in done.stderr
 
@@ -111,11 +89,10 @@ def test_the_simulated_radar_of_the_comment_shows_its_dashboard_to_the_token_onl
 
 def test_composes_radard_takes_its_options(tmp_path):
     service = yaml.safe_load((CONTAINER / "compose.yaml").read_text())["services"]["radard"]
-    environ = {
+    given = {
         key: TOKEN if "$" in value else value for key, value in service["environment"].items()
     }
-    argv = [python(), "-m", "radard", "config", "show", *service["command"]]
-    done = run(argv, tmp_path, **environ)
+    done = radard("config", "show", *service["command"], folder=tmp_path, **given)
     assert done.returncode == 0, done.stderr
     assert "mqtt://radard@mosquitto" in done.stdout
     assert "password_env: MQTT_PASSWORD" in done.stdout
@@ -142,21 +119,19 @@ bashio::services() { case $2 in host) echo "$MQTT_HOST";; port) echo 1883;; user
 """
 
 
-def run_addon(folder, options, **environ):
+def run_addon(folder, options, **more):
     """Run run.sh up to radard, which shows its configuration and ends."""
     (folder / "options.json").write_text(json.dumps(options))
     (folder / "bashio").write_text(_BASHIO)
-    radard = f"{sys.executable} -m radard config show"
     return subprocess.run(
         [shutil.which("bash"), "-c", f". {folder}/bashio; . {ADDON}/run.sh"],
-        env={
-            **os.environ,
-            **environ,
-            "OPTIONS": str(folder / "options.json"),
-            "DATA": str(folder),
-            "RUNTIME": str(folder / "run"),
-            "RADARD": radard,
-        },
+        env=environ(
+            **more,
+            OPTIONS=str(folder / "options.json"),
+            DATA=str(folder),
+            RUNTIME=str(folder / "run"),
+            RADARD=f"{sys.executable} -m radard config show",
+        ),
         cwd=folder,
         capture_output=True,
         text=True,

@@ -202,14 +202,10 @@ BROKEN = [
     ("sources", "def thing(target, options, *, speed): return 3", "int has no stream, is_live"),
     ("sources", "def thing(target, options, *, speed): 1 / 0", "ZeroDivisionError: division"),
     ("sinks", "def thing(url, options, context): return 3", "int has no name, state, waits"),
-    ("sinks", "def thing(url, options, context): 1 / 0", "ZeroDivisionError"),
     ("features", "class thing: pass", "has no shape, extract"),
-    ("features", "class thing:\n def shape(s): 1 / 0\n extract = 1", "ZeroDivisionError"),
     ("features", feature("np.zeros(3)"), r"gives float64 \(3,\), not float32 \(3,\)"),
-    ("features", feature("[0, 0, 0]"), "gives list"),
     ("bodies", body(label="ghost"), "label 'ghost' is none of human, pet, other"),
     ("bodies", body(n=3), "2 points at two times have positions of shape"),
-    ("bodies", body(made="3"), "int has no label, names, at"),
     ("bodies", body(made="1 / 0"), "ZeroDivisionError"),
     ("bodies", "thing = 3", "must be a BodyKind, not int"),
 ]
@@ -281,8 +277,7 @@ def test_built_in_names_cannot_be_taken(folder):
 @pytest.mark.integration
 def test_nobody_looks_for_plug_ins_without_need(monkeypatch, tmp_path):
     def never(**_kwargs):
-        msg = "the path to the first decision looked for plug-ins"
-        raise AssertionError(msg)
+        pytest.fail("the path to the first decision looked for plug-ins")
 
     monkeypatch.setattr(importlib.metadata, "entry_points", never)
     argv = ["--port", "sim:human", "--speed", "max", "--duration", "4"]
@@ -292,9 +287,3 @@ def test_nobody_looks_for_plug_ins_without_need(monkeypatch, tmp_path):
     assert run_radard("--port", str(tmp_path / "gone"))[0] == 66
     with pytest.raises(Exception, match="socket://"):
         open_source("socket://127.0.0.1:1")
-
-
-def test_schemes():
-    some = {"npy:x": "npy", "my-radar.1:x?a=1": "my-radar.1", "socket://h:1": "", "COM3:": ""}
-    some |= {"/dev/ttyACM0": "", "/dev/by-id/a:b": "", "auto": "", "": ""}
-    assert {text: plugin_scheme(text) for text in some} == some

@@ -4,7 +4,6 @@ import json
 import signal
 import sqlite3
 import subprocess
-import sys
 from contextlib import closing
 from pathlib import Path
 
@@ -15,15 +14,14 @@ from radard.config.config import load_config
 from radard.log_file import read_events
 from radard.outputs.fanout import Outputs
 from tests.host_helpers import FakeHost
+from tests.processes import started
 from tests.run.test_tamper_commands import Room
 from tests.sink_helpers import event, hello, ulid
 from tests.waiting import wait_for
 
 pytestmark = pytest.mark.integration
-ROOT = Path(__file__).parents[2]
 TOLD = """
 import json, sys
-sys.path[:0] = [{root!r}, {daemon!r}]
 from tests.outputs.test_after_a_kill import outputs_of
 out = outputs_of(*json.loads(sys.argv[1]))
 for line in sys.stdin:
@@ -52,12 +50,9 @@ class Told:
     """Outputs in a process of their own, which can be killed."""
 
     def __init__(self, folder, *names):
-        code = TOLD.format(root=str(ROOT), daemon=str(ROOT / "daemon"))
-        self._process = subprocess.Popen(
-            [sys.executable, "-c", code, json.dumps([str(folder), *names])],
-            stdin=subprocess.PIPE,
-            text=True,
-        )
+        argv = ["-c", TOLD, json.dumps([str(folder), *names])]
+        pipes = {"stdin": subprocess.PIPE, "stdout": None, "stderr": None}
+        self._process = started(*argv, text=True, **pipes)
 
     def put(self, record):
         self._process.stdin.write(json.dumps(record) + "\n")
@@ -109,22 +104,6 @@ def test_a_kill_behind_the_first_outputs_word_costs_the_others_nothing(tmp_path,
     # Who has spoken before is not told again, now and in the run after it.
     outputs_of(tmp_path, *names).close()
     assert ids_in(lines) == [ulid(1)]
-
-
-def test_what_an_output_had_no_room_for_at_the_end_comes_after_the_next_start(tmp_path):
-    store = tmp_path / "events.db"
-    outputs_of(tmp_path, f"store:{store}").close()
-    out = outputs_of(tmp_path, f"store:{store}")
-    out.put(hello())
-    with closing(sqlite3.connect(store)) as db:
-        db.execute("BEGIN EXCLUSIVE")
-        out.put(event(1))
-        wait_for(lambda: not out.sinks[0][1].state.is_ok)
-        out.close()
-    out = outputs_of(tmp_path, f"store:{store}")
-    out.put(hello())
-    wait_for(lambda: [row.id for row in read_events(store)] == [ulid(1)])
-    out.close()
 
 
 def test_a_replay_leaves_nothing_for_the_next_run(tmp_path):

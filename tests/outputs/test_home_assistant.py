@@ -7,7 +7,6 @@ import subprocess
 from pathlib import Path
 
 import pytest
-import yaml
 
 from radard.config.config import load_config
 from tests.waiting import wait_for
@@ -148,31 +147,6 @@ def test_an_alarm_reaches_a_phone_with_its_picture(home, discovery, launch, brok
     assert png.startswith(b"\x89PNG")
     assert daemon.stop() == 0
     assert home.ask(calls=True) == [call]
-
-
-class _Inputs(yaml.SafeLoader):
-    """YAML with Home Assistant's tag for what a blueprint asks for."""
-
-
-_Inputs.add_constructor("!input", lambda loader, node: ("input", loader.construct_scalar(node)))
-
-
-def test_the_blueprint_asks_for_what_it_uses_and_for_nothing_else():
-    raw = yaml.load(BLUEPRINT.read_text(), Loader=_Inputs)  # noqa: S506 - a SafeLoader
-    asked = set(raw["blueprint"]["input"])
-    used = set()
-
-    def walk(node):
-        if isinstance(node, tuple):
-            used.add(node[1])
-        for each in node.values() if isinstance(node, dict) else node:
-            if isinstance(each, dict | list | tuple):
-                walk(each)
-
-    walk({key: value for key, value in raw.items() if key != "blueprint"})
-    assert used == asked
-    assert raw["blueprint"]["domain"] == "automation"
-    assert {"trigger", "condition", "action"} <= set(raw)
 
 
 def test_a_sensitivity_chosen_over_mqtt_outlives_a_restart(launch, broker, tmp_path, listen):

@@ -111,13 +111,6 @@ def test_a_sink_that_stands_still_degrades_and_delays_nothing(
     wait_for(lambda: is_said(b"online"))
 
 
-def test_a_port_of_the_dashboard_that_is_taken_is_said_and_costs_nothing(tmp_path, server, launch):
-    launch(output=[f"http://127.0.0.1:{server.port}"])
-    wait_for_state(tmp_path, "degraded", "cannot listen")
-    seq = report(tmp_path)["seq"]
-    wait_for(lambda: report(tmp_path)["seq"] > seq + 3)
-
-
 def test_a_replay_says_the_same_whatever_its_outputs_do(tmp_path, launch, quick):
     out = tmp_path / "out.jsonl"
     daemon = launch(

@@ -17,53 +17,44 @@ class Spy:
         self.state = SinkState(**changes)
 
 
-@pytest.fixture
-def looked():
+REFUSED = {"status": "retrying", "reason": "refused"}
+# What the sink's state is, how much later, and what is said of it.
+STORIES = {
+    "a retry that helps soon is no trouble": [
+        ({}, 0.0, ""),
+        (REFUSED, GRACE_S / 2, ""),
+        ({"n_sent": 1}, 1.0, ""),
+        (REFUSED, 0.0, ""),
+        (REFUSED, GRACE_S - 0.1, ""),
+        (REFUSED, 0.2, "refused"),
+        ({"n_sent": 2}, 0.1, ""),
+    ],
+    "records wait while nothing moves": [
+        ({"n_sent": 5, "n_waiting": 3}, 0.0, ""),
+        ({"n_sent": 5, "n_waiting": 3}, STUCK_S - 0.1, ""),
+        ({"n_sent": 5, "n_waiting": 3}, 0.2, "stands still, 3 records wait"),
+        ({"n_sent": 6, "n_waiting": 3}, 0.1, ""),
+        ({"n_sent": 6}, 10 * STUCK_S, ""),
+        ({"n_sent": 9, "n_waiting": 1, "busy_s": STUCK_S}, 0.1, "stands still, 1 records wait"),
+    ],
+    "dropped records are said for a while": [
+        ({}, 0.0, ""),
+        ({"n_dropped": 1}, 1.0, "drops records"),
+        ({"n_dropped": 1}, DROPPED_S - 1.0, "drops records"),
+        ({"n_dropped": 1}, 1.1, ""),
+        ({**REFUSED, "n_dropped": 2}, GRACE_S, "refused, drops records"),
+    ],
+}
+
+
+@pytest.mark.parametrize("story", STORIES)
+def test_what_is_trouble_and_for_how_long(story):
     now_s, sink = [100.0], Spy()
     watch = SinkWatch(lambda: now_s[0])
-
-    def look(after_s=0.0):
+    for state, after_s, said in STORIES[story]:
         now_s[0] += after_s
-        return watch.look([(None, sink)]).get((None, "x"), "")
-
-    look.sink = sink
-    return look
-
-
-def test_a_retry_that_helps_soon_is_no_trouble(looked):
-    assert looked() == ""
-    looked.sink.be(status="retrying", reason="refused")
-    assert looked(GRACE_S / 2) == ""
-    looked.sink.be(n_sent=1)
-    assert looked(1.0) == ""
-    looked.sink.be(status="retrying", reason="refused")
-    assert looked(GRACE_S - 0.1) == ""
-    assert looked(0.2) == "refused"
-    looked.sink.be(n_sent=2)
-    assert looked(0.1) == ""
-
-
-def test_records_that_wait_while_nothing_moves(looked):
-    looked.sink.be(n_sent=5, n_waiting=3)
-    assert looked() == ""
-    assert looked(STUCK_S - 0.1) == ""
-    assert looked(0.2) == "stands still, 3 records wait"
-    looked.sink.be(n_sent=6, n_waiting=3)
-    assert looked(0.1) == ""
-    looked.sink.be(n_sent=6)
-    assert looked(10 * STUCK_S) == ""
-    looked.sink.be(n_sent=9, n_waiting=1, busy_s=STUCK_S)
-    assert looked(0.1) == "stands still, 1 records wait"
-
-
-def test_dropped_records_are_said_for_a_while(looked):
-    assert looked() == ""
-    looked.sink.be(n_dropped=1)
-    assert looked(1.0) == "drops records"
-    assert looked(DROPPED_S - 1.0) == "drops records"
-    assert looked(1.1) == ""
-    looked.sink.be(status="retrying", reason="refused", n_dropped=2)
-    assert looked(GRACE_S) == "refused, drops records"
+        sink.be(**state)
+        assert watch.look([(None, sink)]).get((None, "x"), "") == said
 
 
 def test_a_sink_that_is_gone_and_comes_back_begins_anew():

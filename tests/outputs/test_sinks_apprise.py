@@ -66,18 +66,6 @@ def test_without_a_picture_the_alarm_goes_all_the_same(server, sink, tmp_path, m
     assert [m["attachments"] for m in posted(server, 2)] == [[], []]
 
 
-def test_a_refusal_is_given_up(server, sink):
-    server.code = 404
-    made = sink()
-    made.write(event(1, kind="fault"))
-    wait_for(lambda: made.state.n_dropped == 1)
-    assert made.state.reason == "the service answers 404"
-    assert made.name == "apprise:json"
-    server.code = 200
-    made.write(event(2))
-    wait_for(lambda: made.state.is_ok)
-
-
 def test_no_secret_is_told_however_much_is_logged(server):
     server.code = 404
     url = f"json://user:{TOKEN}@127.0.0.1:{server.port}/{TOKEN}"

@@ -10,6 +10,7 @@ from radard.config.sink_table import MqttSection, SinkOptions
 from radard.outputs.base import SinkContext
 from radard.outputs.mqtt import link as link_module
 from radard.outputs.mqtt.link import MqttLink, PacketLimits, Publication
+from radard.outputs.mqtt.sink import CommandReader
 from radard.outputs.registry import make_output
 from tests.sink_helpers import (
     PASSWORD,
@@ -82,37 +83,32 @@ def test_health_is_asked_for_and_not_only_heard_of(publish, listen):
     wait_for(lambda: json.loads(last(listener, "state"))["armed"] is False)
 
 
-def test_commands_and_what_is_none(publish, listen, caplog, monkeypatch):
-    monkeypatch.setattr("radard.outputs.mqtt.sink._WARN_S", 0.0)
+def test_commands_and_what_is_none(publish, listen, caplog):
     listener = listen(f"{BASE}/#")
     radar = well_host()
-    heard = radar.asked
     listener.say(f"{BASE}/command/disarm", "now", retain=True)
     publish(hello(), discovery="off", radar=radar)
     wait_for(lambda: "retained" in caplog.text)
-    for name, payload in (("arm", "1"), ("explode", ""), ("ack", "")):
-        listener.say(f"{BASE}/command/{name}", payload)
-    wait_for(lambda: heard)
-    for name in ("arm", "disarm", "calibrate"):
-        listener.say(f"{BASE}/command/{name}")
-    wait_for(lambda: len(heard) == 4)
-    assert heard == ["ack", "arm", "disarm", "calibrate"]
-    assert "no command 'explode'" in caplog.text
-    assert "payload must be empty" in caplog.text
-
-
-def test_a_flood_of_commands_that_are_none_is_logged_once(publish, listen, caplog):
-    listener = listen(f"{BASE}/#")
-    radar = well_host()
-    publish(hello(), status("online"), discovery="off", radar=radar)
-    wait_for(lambda: last(listener, "availability") == "online")
+    # A flood of what is none is logged once.
     for n in range(20):
         listener.say(f"{BASE}/command/explode{n}{'x' * 200}")
-    listener.say(f"{BASE}/command/ack")
-    wait_for(lambda: radar.asked)
-    lines = [r.getMessage() for r in caplog.records if "no command" in r.getMessage()]
-    assert len(lines) == 1
-    assert len(lines[0]) < 200
+    listener.say(f"{BASE}/command/arm", "1")
+    for name in ("ack", "arm", "disarm", "calibrate"):
+        listener.say(f"{BASE}/command/{name}")
+    wait_for(lambda: len(radar.asked) == 4)
+    assert radar.asked == ["ack", "arm", "disarm", "calibrate"]
+    lines = [r.getMessage() for r in caplog.records if " command " in r.getMessage()]
+    (line,) = [line for line in lines if "ignored" in line or "no command" in line]
+    assert len(line) < 200
+
+
+@pytest.mark.parametrize(
+    ("name", "payload", "words"),
+    [("explode", b"", "no command 'explode'"), ("arm", b"1", "payload must be empty")],
+)
+def test_what_is_no_command_is_told(name, payload, words):
+    with pytest.raises(ValueError, match=words):
+        CommandReader("b", MqttSection()).read(f"b/command/{name}", payload, is_retained=False)
 
 
 def test_a_stranger_cannot_disarm_where_nothing_is_said_of_commands(publish, listen, caplog):

@@ -9,9 +9,9 @@ from radard.cli import main
 from radard.config.config import load_config
 from radard.config.directories import calibration_file, for_service
 from radard.config.sections import GateSettings
-from radard.detect.calibration import Calibration, Provenance, load_calibration
-from radard.detect.gate import Gate, level_over
-from radard.detect.survey import RoomNotEmpty, RoomSurvey, _factors, _reach, _share_over
+from radard.detect.calibration import Provenance, load_calibration
+from radard.detect.gate import Gate
+from radard.detect.survey import RoomNotEmpty, RoomSurvey
 from radard.errors import ConfigError, NotAllowed, RadardError
 from radard.pipeline import Pipeline
 from radard.run.components import use_calibration
@@ -39,26 +39,6 @@ def surveyed(dwells, **options):
     return survey, made
 
 
-def test_factor_is_where_the_gate_itself_begins_to_open():
-    rng = np.random.default_rng(5)
-    floor, over = rng.uniform(0.5, 2, 64), rng.uniform(0.5, 3, 64)
-    for k in range(5):
-        dwell = dwell_of(noise(60, seed=k) * (1 + 2 * (np.arange(64) == 7)))
-        probe = Gate(GateSettings())
-        probe.read(dwell)
-        levels = level_over(floor, probe.residue)
-        u = float(np.exp(_factors([probe.cell_peak], [over * levels])[0]))
-        for factor, is_open in ((0.999, True), (1.001, False)):
-            calibration = Calibration(
-                frame_rate_hz=60.0,
-                bin_length_m=0.03,
-                range_offset_m=0.6,
-                floor=floor,
-                threshold_db=10 * np.log10(factor * u * over),
-            )
-            assert Gate(GateSettings(), calibration=calibration).read(dwell).is_open is is_open
-
-
 @pytest.mark.parametrize("level", [1e-12, 1.0, 1e12])
 def test_the_map_is_the_noise_in_any_unit(level):
     survey, made = surveyed(quiet_dwells(30, level=level))
@@ -81,27 +61,17 @@ def test_predicted_rate_is_kept_by_dwells_that_were_not_heard():
     assert 2 <= opened <= 2 * share * 700
 
 
-def test_a_longer_survey_promises_more():
-    log_u = np.random.default_rng(2).standard_normal(50)
-    reach = [_reach(log_u, 1e-4, independent) for independent in (8, 20, 200, 2e4)]
-    assert reach == sorted(reach, reverse=True)
-    # Without doubt about mean and spread it is the normal quantile, 3.719 sigma.
-    assert np.log(reach[-1]) == pytest.approx(log_u.mean() + 3.719 * log_u.std(ddof=1), rel=1e-3)
-    for independent in (8, 200):
-        at_the_reach = log_u - np.log(_reach(log_u, 1e-4, independent))
-        assert _share_over(at_the_reach, independent) == pytest.approx(1e-4, rel=1e-6)
+def humming(n, level=(2.5, 2.5)):
+    """Quiet dwells with a machine in one place."""
+    rng = np.random.default_rng(1)
+    for dwell in quiet_dwells(n):
+        frames = dwell.frames.copy()
+        frames[:, 9] += rng.uniform(*level) * np.exp(2j * np.pi * 8 * np.arange(60) / 60)
+        yield replace(dwell, frames=frames)
 
 
 def test_a_restless_corner_gets_a_higher_threshold_of_its_own():
-    rng = np.random.default_rng(1)
-
-    def restless():
-        for dwell in quiet_dwells(40):
-            frames = dwell.frames.copy()
-            frames[:, 9] += rng.uniform(0.5, 3) * np.exp(2j * np.pi * 8 * np.arange(60) / 60)
-            yield replace(dwell, frames=frames)
-
-    _, made = surveyed(restless())
+    _, made = surveyed(humming(40, (0.5, 3)))
     assert made.threshold_db[9] == made.threshold_db.max()
     assert made.threshold_db[9] > np.median(made.threshold_db) + 1
 
@@ -113,32 +83,20 @@ def test_who_walks_ends_the_survey_and_what_hums_may_be_taken():
         survey.add(replace(dwell_of(frames.astype(np.complex64)), t_s=11.0 + k))
     with pytest.raises(RoomNotEmpty, match=r"something moves at .* m, in \d+ of 20 windows"):
         survey.check_empty()
-
-    def humming():
-        for dwell in quiet_dwells(20):
-            frames = dwell.frames.copy()
-            frames[:, 9] += 2.5 * np.exp(2j * np.pi * 8 * np.arange(60) / 60)
-            yield replace(dwell, frames=frames)
-
-    survey, _ = surveyed(humming())
+    survey, _ = surveyed(humming(20))
     with pytest.raises(RoomNotEmpty, match="the room is not empty"):
         survey.check_empty()
     survey.check_empty(takes_machines=True)
 
 
-def test_too_little_is_no_calibration():
+def test_too_little_is_no_calibration_and_windows_with_losses_do_not_count():
     with pytest.raises(RadardError, match="too little was heard: 5 sound windows"):
         surveyed(quiet_dwells(5))
     survey = RoomSurvey(GateSettings(), 1.0)
+    for dwell in quiet_dwells(3):
+        survey.add(replace(dwell, n_lost=30, longest_gap_s=0.5))
     with pytest.raises(RadardError, match="nothing was heard"):
         survey.check_empty()
-
-
-def test_windows_with_losses_do_not_count():
-    survey = RoomSurvey(GateSettings(), 1.0)
-    dwell = next(quiet_dwells(1))
-    survey.add(replace(dwell, n_lost=30, longest_gap_s=0.5))
-    assert survey.n_dwells == 0
 
 
 def command(*arguments):
@@ -169,7 +127,6 @@ def test_command_keeps_map_and_provenance(made):
         (["--port", "sim:empty"], "--out FILE"),
         (["--out", "x.json"], "no port"),
         (["--port", "sim:empty", "--out", "x", "--duration", "5"], "--duration 5: must be 25"),
-        (["--port", "sim:empty", "--out", "x", "--delay", "-1"], "--delay -1"),
         (["--port", "sim:empty", "--out", "x", "--false-gates", "0"], "--false-gates 0"),
     ],
 )
@@ -296,9 +253,7 @@ def test_staleness(made_at, device, software, words):
 @pytest.mark.parametrize(
     ("change", "word"),
     [
-        (3, "provenance: input should be an object"),
         ({"colour": 1}, "provenance.colour: unknown"),
-        ({"device": 1}, "provenance.device"),
         ({"duration_s": "1"}, "provenance.duration_s"),
         ({"made_utc": "yesterday"}, "provenance.made_utc"),
         ({"made_utc": "2026-01-01T00:00:00"}, "no time zone"),

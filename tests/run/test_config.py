@@ -25,10 +25,11 @@ def write(text, name="config.yaml"):
     return path
 
 
-def test_built_in_values_without_any_file_and_with_an_empty_one():
+def test_built_in_values_without_a_file_with_an_empty_one_and_with_the_documented_one():
     assert load_config(environ={}) == Config()
     write("")
     assert load_config(environ={}) == Config()
+    assert load_config(ROOT / "config.yaml", environ={}) == Config()
 
 
 @pytest.mark.parametrize("nothing", ["", "  # a line\n", "~", "null"])
@@ -59,25 +60,16 @@ def test_a_file_that_is_named_and_not_there_is_said(capsys):
     assert capsys.readouterr().err == "radard: mqtt.password_file: gone: no such file\n"
 
 
-def test_the_documented_default_is_the_built_in_one():
-    assert load_config(ROOT / "config.yaml", environ={}) == Config()
-
-
 def test_order_file_environment_options():
     write("gate: {false_alarms_per_day: 5, adapt_db: 1}\nmodel: {name: a}\n")
+    other = write("model: {name: there}", "other.yaml")
+    assert load_config(other, environ={}).model.name == "there"
     environ = {"RADARD_GATE__ADAPT_DB": "2", "RADARD_MODEL__NAME": "b", "OTHER": "x"}
     config = load_config(environ=environ, options={"model": {"name": "c"}, "output": ["null"]})
     assert config.gate.false_alarms_per_day == 5
     assert config.gate.adapt_db == 2
     assert config.model.name == "c"
     assert config.output == ("null",)
-
-
-def test_named_file_wins_over_the_one_that_lies_here():
-    write("model: {name: here}")
-    other = write("model: {name: there}", "other.yaml")
-    assert load_config(other, environ={}).model.name == "there"
-    assert load_config(environ={}).model.name == "here"
 
 
 @pytest.mark.parametrize(
@@ -185,20 +177,13 @@ def test_variables_of_a_container_platform_are_left_out_with_a_warning(caplog):
     assert sorted(left) == sorted(set(environ) - {"RADARD_OUTPUT"})
 
 
-@pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf"])
-@pytest.mark.parametrize("end", [b"", b"\r\n", b" \nmore"])
-def test_the_first_line_of_a_file_is_the_secret(tmp_path, mark, end):
-    file = tmp_path / "secret"
-    file.write_bytes(mark + "wört".encode() + end)
-    assert read_secret("x", file, None) == "wört"
-
-
-@pytest.mark.parametrize("text", ["wört", "wört\n", "\ufeffwört \r\nmore"])
-def test_so_is_that_of_a_variable(text, monkeypatch):
+@pytest.mark.parametrize("mark", ["", "\ufeff"])
+@pytest.mark.parametrize("end", ["", "\r\n", " \nmore"])
+def test_the_first_line_of_a_file_or_a_variable_is_the_secret(tmp_path, monkeypatch, mark, end):
+    file, text = tmp_path / "secret", f"{mark}wört{end}"
+    file.write_bytes(text.encode())
     monkeypatch.setenv("SECRET", text)
-    assert read_secret("x", None, "SECRET") == "wört"
-    write("\ufeffmodel: {name: marked}\n")
-    assert load_config(environ={}).model.name == "marked"
+    assert read_secret("x", file, None) == read_secret("x", None, "SECRET") == "wört"
 
 
 @pytest.mark.parametrize("is_private", [True, False])

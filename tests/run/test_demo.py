@@ -1,15 +1,13 @@
 """The demo of `./run`: what somebody sees who has no module yet."""
 
 import json
-import os
-import subprocess
 from pathlib import Path
 
 import pytest
 
 from radard.config.config import load_config
 from radard.config.directories import clip_dir, demo_state, log_path, own_folder
-from tests.radar_helpers import python
+from tests.processes import environ, ran
 from tests.waiting import free_port
 
 pytestmark = pytest.mark.integration
@@ -19,18 +17,12 @@ PAGE = "http://127.0.0.1:8434"
 
 def test_the_alarm_ends_before_the_next_dog_and_its_clip_with_the_demo(tmp_path):
     (tmp_path / "tmp").mkdir()
-    command = [python(), "-m", "radard", "--port", "sim:demo?seed=1", "--speed", "max"]
+    command = ["-m", "radard", "--port", "sim:demo?seed=1", "--speed", "max"]
     command += ["--duration", "44", "-o", "json", "-o", f"http://127.0.0.1:{free_port()}"]
-    ran = subprocess.run(
-        command,
-        env={**os.environ, "HOME": str(tmp_path / "home"), "TMPDIR": str(tmp_path / "tmp")},
-        capture_output=True,
-        check=True,
-        text=True,
-        cwd=tmp_path,
-    )
-    assert "clips, labels and settings end with it; --state DIR keeps them" in ran.stderr
-    records = [json.loads(line) for line in ran.stdout.splitlines()]
+    home = environ(HOME=str(tmp_path / "home"), TMPDIR=str(tmp_path / "tmp"))
+    done = ran(*command, env=home, cwd=tmp_path, check=True)
+    assert "clips, labels and settings end with it; --state DIR keeps them" in done.stderr
+    records = [json.loads(line) for line in done.stdout.splitlines()]
     events = [r for r in records if r["type"] == "event" and r["kind"] == "alarm"]
     assert (events[0]["phase"], events[-1]["phase"]) == ("new", "end")
     assert len({e["id"] for e in events}) == 1

@@ -3,40 +3,18 @@
 import codecs
 import json
 
+import numpy as np
 import pytest
 
 from radard.config.config import load_config
-from radard.detect.calibration import load_calibration
+from radard.detect.calibration import Calibration, load_calibration
 from radard.judge.bundle import load_bundle, sidecar_path
 from radard.web.labels import FORMAT, read_labels
+from tests.bodies.test_recorded import BVH
 from x2radar.sim.scene.scene import load_scene
 
 LABEL = {"format": FORMAT, "format_version": 1, "event": 26 * "0", "label": "pet", "kind": "fault"}
-CALIBRATION = {
-    "format": "radard-calibration",
-    "format_version": 2,
-    "frame_rate_hz": 60.0,
-    "bin_length_m": 0.03,
-    "range_offset_m": 0.6,
-    "noise_floor_db": [-60.0],
-    "threshold_db": [9.0],
-}
-BVH = """HIERARCHY
-ROOT hips
-{
-  OFFSET 0 0 0
-  CHANNELS 3 Xposition Yposition Zposition
-  End Site
-  {
-    OFFSET 0 1 0
-  }
-}
-MOTION
-Frames: 2
-Frame Time: 0.02
-0 1 0
-0 1 1
-"""
+CALIBRATION = Calibration(60.0, 0.03, 0.6, np.full(1, 1e-6), np.full(1, 9.0))
 
 
 def finetune_labels(path):
@@ -71,7 +49,7 @@ READERS = {
     "list.csv": (labelled, "file,start,end,label\na.h5,1,2,pet\n"),
     "list.yaml": (labelled, "- {file: a.h5, label: pet}\n"),
     "walk.bvh": (motions, BVH),
-    "room.json": (lambda p: load_calibration(p).text(), json.dumps(CALIBRATION)),
+    "room.json": (lambda p: load_calibration(p).text(), CALIBRATION.text()),
     "fast.json": (bundle, sidecar_path("fast").read_text(encoding="utf-8")),
 }
 

@@ -5,10 +5,7 @@ import logging
 import numpy as np
 import pytest
 
-from radard.config.config import load_config
-from radard.config.directories import kept_calibration
 from radard.detect.calibration import load_calibration
-from radard.run.room_calibration import can_calibrate
 from tests.daemon_helpers import told
 from tests.waiting import wait_for
 
@@ -93,27 +90,3 @@ def test_without_calibration_the_gate_learns_anew(launch, monkeypatch):
     daemon.radar.command("calibrate")
     wait_for(lambda: restarted)
     assert daemon.panel()["calibration"] is None
-
-
-@pytest.mark.parametrize(
-    ("port", "calibration", "name"),
-    [
-        ("/dev/ttyACM0", "auto", "hall.calibration.json"),
-        ("sim:empty", "auto", "hall.sim.calibration.json"),
-        ("/dev/ttyACM0", "/etc/own.json", "own.json"),
-        ("replay:x.h5", "auto", None),
-        ("/dev/ttyACM0", "none", None),
-    ],
-)
-def test_where_it_is_kept(tmp_path, port, calibration, name):
-    config = load_config(
-        environ={},
-        options={
-            "sensor": {"name": "hall", "port": port},
-            "service": {"state_dir": tmp_path},
-            "gate": {"calibration": calibration},
-        },
-    )
-    assert can_calibrate(config) is (name is not None)
-    if name:
-        assert kept_calibration(config).name == name

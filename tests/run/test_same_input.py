@@ -1,15 +1,18 @@
 """The same input gives the same output: what was done yesterday changes nothing unasked."""
 
+from pathlib import Path
+
 import pytest
 
 from radard.alarm.state_store import KeptState, StateStore
+from radard.cli import main
 from radard.config.config import load_config
 from radard.config.directories import saved_file
 from radard.config.saved import change
 from radard.log import EventLog
 from tests.alarm_helpers import write_recording
 from tests.processes import ran
-from tests.radar_helpers import noise, run_radard
+from tests.radar_helpers import noise, run_radard, stable
 
 PORT = "sim:thesis_human?run=test"
 COMMON = ("--speed", "max", "--duration", "9", "-o", "json")
@@ -43,12 +46,7 @@ def told(*argv):
     """What a run says: hello apart, then its lines without the clock on the wall."""
     code, records, err = run_radard(*argv)
     assert code == 0
-    hello, *rest = records
-    return (
-        hello,
-        [{k: v for k, v in r.items() if k not in {"time", "latency_ms"}} for r in rest],
-        err,
-    )
+    return records[0], stable(records), err
 
 
 @pytest.mark.parametrize("what", ["simulated", "replayed"])
@@ -82,8 +80,6 @@ def test_what_is_asked_for_is_taken_and_said(state, tmp_path):
 
 
 def test_a_recording_is_judged_alike_by_both_commands(state, tmp_path, capsys):
-    from radard.cli import main
-
     write_recording(tmp_path / "r.h5", noise(600))
     yesterday(state)
     config = tmp_path / "own.yaml"
@@ -133,12 +129,8 @@ def test_a_demos_page_changes_its_own_run_and_no_later_one(state):
 def test_every_command_says_what_it_takes_from_a_file_that_nobody_named(
     name, argv, state, capsys, caplog
 ):
-    from radard.cli import main
-
-    tmp_path = state.parents[1]
-
-    write_recording(tmp_path / "r.h5", noise(300))
-    (tmp_path / "config.yaml").write_text("model: {name: none}\n")
+    write_recording("r.h5", noise(300))
+    Path("config.yaml").write_text("model: {name: none}\n")
     assert main([name, *argv]) == 0
     lines = [*capsys.readouterr().err.splitlines(), *caplog.messages]
     told = [line for line in lines if "nobody named" in line]

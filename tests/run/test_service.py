@@ -8,12 +8,13 @@ import h5py
 import numpy as np
 import pytest
 
+from radard.cli import main
 from radard.config.config import Config
 from radard.stream.source import open_source
 from tests.alarm_helpers import write_recording
 from tests.device_helpers import plugged
 from tests.processes import ran, started
-from tests.radar_helpers import faults, run_radard, stable
+from tests.radar_helpers import faults, noise, run_radard, stable
 from x2radar.errors import TransportClosed
 from x2radar.sim.module.module import SimulatedModule
 from x2radar.sim.scene.scene import load_scene
@@ -74,13 +75,8 @@ def test_a_foreign_recording_in_any_unit_with_somebody_there_from_the_start(tmp_
     assert {d["gate"] for d in decisions(records)} == {"closed"}
 
 
-def quiet_samples(n, n_range=64):
-    parts = np.random.default_rng(0).standard_normal((n, n_range, 2))
-    return (parts[..., 0] + 1j * parts[..., 1]).astype(np.complex64)
-
-
 def test_start_keeps_file_time_and_loop_goes_on(tmp_path):
-    write_recording(tmp_path / "r.h5", quiet_samples(600))
+    write_recording(tmp_path / "r.h5", noise(600))
     port = f"replay:{tmp_path / 'r.h5'}"
     gate = ("--model", "none", "-o", "json")
     _, records, _ = run_radard("--port", f"{port}?start=4", *gate)
@@ -96,7 +92,7 @@ def test_start_keeps_file_time_and_loop_goes_on(tmp_path):
 
 def test_lost_frames_in_a_recording(tmp_path):
     path = tmp_path / "r.h5"
-    write_recording(path, quiet_samples(600))
+    write_recording(path, noise(600))
     keep = np.delete(np.arange(600), [100, 101, *range(300, 320)])
     with h5py.File(path, "r+") as file:
         for name in ("samples", "counter", "t_s"):
@@ -127,27 +123,20 @@ def test_who_moves_in_the_place_of_a_scene_is_seen(scene):
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="the real X4M03 recording is not on this machine")
-def test_a_real_recording_opens_the_gate_while_somebody_moves():
-    code, records, _ = run_radard("--port", f"replay:{REAL}", "--model", "none", "-o", "json")
-    assert code == 0
-    made = decisions(records)
-    moving = [d["gate"] == "open" for d in made if 6 <= d["t_s"] <= 68]
-    still = [d["gate"] == "open" for d in made if d["t_s"] > 71]
-    assert np.mean(moving) >= 0.95
-    # Somebody still sits there, 27 dB over the noise: nothing of it was learned from the motion.
-    assert np.mean(still) >= 0.95
-    assert all(d["label"] is None for d in made if d["gate"] == "open")
-    assert not any(d["alarm"] for d in made)
-
-
-@pytest.mark.skipif(not REAL.is_dir(), reason="the real X4M03 recording is not on this machine")
 @pytest.mark.parametrize(
-    ("bundle", "share"), [("fast", 0.9), ("balanced", 0.9), ("accurate", 0.6)]
+    ("bundle", "share"), [("none", 0), ("fast", 0.9), ("balanced", 0.9), ("accurate", 0.6)]
 )
-def test_a_real_recording_raises_the_alarm(bundle, share):
+def test_a_real_recording_opens_the_gate_and_raises_the_alarm(bundle, share):
     code, records, _ = run_radard("--port", f"replay:{REAL}", "--model", bundle, "-o", "json")
     assert code == 0
     made = decisions(records)
+    # From 71 s somebody sits still, 27 dB over the noise: nothing was learned from the motion.
+    for begin_s, end_s in ((6, 68), (71, np.inf)):
+        opened = [d["gate"] == "open" for d in made if begin_s <= d["t_s"] <= end_s]
+        assert np.mean(opened) >= 0.95
+    if bundle == "none":
+        assert not any(d["alarm"] for d in made)
+        return
     assert any(d["alarm"] for d in made if d["t_s"] <= 6)
     # The body moves until 22 s, then the head alone (docs/evaluation.md). `accurate` takes it for
     # a pet for six seconds of that, which are too few to end the alarm.
@@ -157,11 +146,14 @@ def test_a_real_recording_raises_the_alarm(bundle, share):
     assert np.mean([d["alarm"] for d in made if 6 <= d["t_s"] <= 22]) >= share
 
 
+SHORT = ("--speed", "max", "--duration", "25")
+
+
 @pytest.mark.parametrize(
     ("argv", "code", "words"),
     [
-        ((), 2, "no port"),
-        (("--port", "/dev/ttyNONE"), 66, "no such port"),
+        ((), 2, "no port: give --port"),
+        (("--port", "/dev/ttyNONE"), 66, "no such port; is the module plugged in?"),
         (("--port", "sim:nope"), 66, "no scene 'nope'"),
         (("--port", "sim:"), 2, "nothing behind"),
         (("--port", "sim:human?sped=1"), 2, "'sped'"),
@@ -169,13 +161,16 @@ def test_a_real_recording_raises_the_alarm(bundle, share):
         (("--port", "sim:human?rate=0"), 2, "frame_rate_hz"),
         (("--port", "sim:human?kind=ap"), 2, "'kind'"),
         (("--port", "replay:nope.h5"), 66, "nope.h5"),
+        (("--port", f"replay:{__file__}"), 66, "not an HDF5 file, or damaged"),
         (("--port", "sim:human?rate=300"), 4, "frame_rate_hz is 300"),
+        (("--port", "sim:human?rate=200", "--model", "thesis"), 4, "does not fit this stream"),
+        (("--port", "sim:human?fault=safe_mode:1"), 1, "is in fail-safe mode"),
+        (("--port", "sim:human", "-o", "http://0.0.0.0:8434"), 78, "others can reach this"),
+        (("calibrate", "--port", "sim:human", *SHORT, "--out", "c"), 1, "is not empty"),
         (("--port", "sim:human", "--model", "nope"), 66, "no model 'nope'"),
         (("--port", "sim:human", "--speed", "0"), 2, "--speed"),
         (("--port", "sim:human", "--duration", "-1"), 2, "--duration"),
-        (("--port", "sim:human", "-o", "smoke:signal"), 2, "smoke:signal"),
         (("--port", "sim:human", "-o", "json", "-o", "table"), 2, "stdout"),
-        (("--port", "sim:human", "-o", "json:/nowhere/x"), 1, "/nowhere/x"),
         (("--port", "sim:human", "--config", "gone.yaml"), 78, "gone.yaml"),
         (("--port", "sim:human", "--record", "/nowhere/x.h5"), 66, "/nowhere/x.h5"),
         (("--bogus",), 2, "--bogus"),
@@ -193,23 +188,14 @@ def test_wrong_input_is_one_line_with_its_exit_code(argv, code, words, tmp_path,
     assert list(tmp_path.iterdir()) == []
 
 
-def test_config_subcommands(capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    from radard.cli import main
-
-    assert main(["config", "check"]) == 0
+def test_config_subcommands(capsys):
     assert main(["config", "show"]) == 0
     assert f"false_alarms_per_day: {Config().gate.false_alarms_per_day}" in capsys.readouterr().out
     assert main(["config", "schema"]) == 0
     assert json.loads(capsys.readouterr().out)["title"] == "Config"
-    Path("config.yaml").write_text("gate: {false_alarm_per_day: 1}")
-    assert main(["config", "check"]) == 78
-    assert "did you mean 'false_alarms_per_day'" in capsys.readouterr().err
 
 
 def test_json_file_and_table(tmp_path, capsys):
-    from radard.cli import main
-
     file = tmp_path / "out.jsonl"
     argv = ["--port", "sim:human", "--speed", "max", "--duration", "14"]
     assert main([*argv, "-o", "table", "-o", f"json:{file}"]) == 0
@@ -220,14 +206,14 @@ def test_json_file_and_table(tmp_path, capsys):
 
 
 def start(*argv):
-    return started("-m", "radard", *argv, text=True)
+    return started("-m", "radard", "--port", "sim:empty", *argv, text=True)
 
 
 @pytest.mark.integration
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signals_end_cleanly(number, tmp_path):
     file = tmp_path / "run.h5"
-    process = start("--port", "sim:empty", "-o", "json", "--record", str(file))
+    process = start("-o", "json", "--record", str(file))
     for line in process.stdout:
         if '"decision"' in line:
             break
@@ -241,7 +227,7 @@ def test_signals_end_cleanly(number, tmp_path):
 
 @pytest.mark.integration
 def test_a_reader_that_goes_away_is_no_error():
-    process = start("--port", "sim:empty", "--speed", "max", "-o", "json")
+    process = start("--speed", "max", "-o", "json")
     process.stdout.readline()
     process.stdout.close()
     assert process.wait(timeout=60) == 0

@@ -9,8 +9,9 @@ from radard.errors import ModelMismatch
 from radard.judge.classifier import Classifier
 from radard.pipeline import Pipeline
 from tests.alarm_helpers import write_recording
-from tests.radar_helpers import run_radard, stable
+from tests.radar_helpers import noise, run_radard, stable
 from x2radar.device.link import Deadlines
+from x2radar.recording.registry import open_recording
 
 FAST = ("--speed", "max", "-o", "json")
 GATE = ("--model", "none", "-o", "json")
@@ -22,10 +23,6 @@ def events(records, kind):
 
 def states(records):
     return [(r["state"], r["reason"]) for r in records if r["type"] == "status"]
-
-
-def phases(made):
-    return [e["phase"] for e in made]
 
 
 def test_invalid_windows_are_a_fault_within_three_seconds_of_the_first_frame():
@@ -58,17 +55,14 @@ def test_a_model_error_is_a_fault_and_not_the_end(monkeypatch, error):
     made = [r for r in records if r["type"] == "decision"]
     assert [d["seq"] for d in made] == list(range(1, 14))
     assert [d["seq"] for d in made if d["label"] == "invalid"] == [3, 4]
-    assert phases(events(records, "fault")) == ["new", "end"]
+    assert [e["phase"] for e in events(records, "fault")] == ["new", "end"]
     assert str(error) in events(records, "fault")[0]["reason"]
-    assert [state for state, _ in states(records)] == [
-        *("starting", "online", "degraded", "online", "offline")
-    ]
+    told = ["starting", "online", "degraded", "online", "offline"]
+    assert [state for state, _ in states(records)] == told
 
 
 def test_a_dead_sensor_is_a_fault(tmp_path):
-    rng = np.random.default_rng(0)
-    parts = rng.standard_normal((1200, 64, 2)).astype(np.float32)
-    frames = parts[..., 0] + 1j * parts[..., 1]
+    frames = noise(1200)
     frames[600:900] = frames[600]
     write_recording(tmp_path / "r.h5", frames)
     _, records, _ = run_radard("--port", f"replay:{tmp_path / 'r.h5'}", *GATE)
@@ -130,13 +124,11 @@ def test_a_quiet_period_takes_the_clock_of_the_recording(tmp_path, monkeypatch):
     file = tmp_path / "r.h5"
     run_radard("--port", "sim:thesis_human", *FAST, "--duration", "12", "--record", str(file))
     monkeypatch.setenv("RADARD_ALARM__TIMEZONE", "UTC")
-    from x2radar.recording.hdf5_reader import RecordingReader
-
-    with RecordingReader(file) as reader:
+    with open_recording(file) as reader:
         hour = int(reader.started_utc[11:13])
-    for hours, is_quiet in ((f"{hour:02}:00-{(hour + 2) % 24:02}:00", True), (None, False)):
-        quiet = hours or f"{(hour + 4) % 24:02}:00-{(hour + 6) % 24:02}:00"
-        monkeypatch.setenv("RADARD_ALARM__QUIET", f"['{quiet}']")
+    for later_h, is_quiet in ((0, True), (4, False)):
+        begin, end = ((hour + later_h + k) % 24 for k in (0, 2))
+        monkeypatch.setenv("RADARD_ALARM__QUIET", f"['{begin:02}:00-{end:02}:00']")
         _, records, _ = run_radard("--port", f"replay:{file}", "-o", "json")
         assert any(r["alarm"] for r in records if r["type"] == "decision")
         assert (events(records, "alarm") == []) is is_quiet

@@ -2,8 +2,6 @@
 
 import errno
 import os
-import subprocess
-import sys
 
 import pytest
 
@@ -12,6 +10,7 @@ from radard.config.config import load_config
 from radard.config.credentials import redact
 from radard.config.directories import runtime_dir, state_lock
 from radard.errors import ConfigError
+from tests.processes import started
 
 
 def configured(folder, port="/dev/ttyACM0", **more):
@@ -43,8 +42,7 @@ def test_the_lock_ends_with_a_process_that_is_killed(tmp_path):
         "    print('held', flush=True); time.sleep(600)\n"
     )
     config = configured(tmp_path)
-    command = [sys.executable, "-c", code, str(tmp_path)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, cwd=tmp_path) as other:
+    with started("-c", code, tmp_path, cwd=tmp_path, stderr=None) as other:
         try:
             assert other.stdout.readline() == b"held\n"
             with pytest.raises(ConfigError, match="another radard"), state_lock(config):
@@ -131,6 +129,8 @@ def test_a_runtime_directory_that_another_could_have_made_is_not_used(
         ("mqtt://u@h/a", "mqtt://u@h/a"),
         ("http://127.0.0.1:8434 and me@h", "http://127.0.0.1:8434 and me@h"),
         ("webhook:http://h:1/x", "webhook:http://h:1/***"),
+        ("apprise:tgram://pw:pw/pw?token=pw", "apprise:tgram://***"),
+        ("exec:notify --key pw", "exec:notify ***"),
         ("webhook:http://u:pa/ss@h/x", "webhook:/***"),
         ("webhook:http://u:p@ss@h/x", "webhook:/***"),
     ],

@@ -1,4 +1,8 @@
-"""Prometheus: a running daemon really feeds every metric that there is."""
+"""What the daemon tells of itself: every metric that there is, readiness, resources."""
+
+import contextlib
+import socket
+import time
 
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
@@ -6,6 +10,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from radard.pipeline import Pipeline
 from radard.stream.frame_timing import Drift
 from radard.web.metrics import HELP, Metrics, exposition
+from tests import alarm_helpers
 from tests.sink_helpers import decision, event, hello
 from tests.waiting import free_port, wait_for
 from tests.web_helpers import ask, wait
@@ -118,3 +123,39 @@ def test_a_test_alarm_is_no_alarm_for_those_who_count():
     found = samples(exposition([metrics]))
     assert found["radard_event_active", ("kind", "alarm")] == 0
     assert not any(name == "radard_events_total" for name, *_ in found)
+
+
+def test_ready_is_more_than_alive(make):
+    client = make()
+    health = client.run.health
+    assert client.get("/readyz").status_code == 503
+    health.on_decision(alarm_helpers.decision(1.0, t_mono_s=time.monotonic()))
+    assert client.get("/readyz").json() == {"state": "online", "reason": ""}
+    health.complain("mqtt", "no broker")
+    assert client.get("/healthz").status_code == 200
+    answer = client.get("/readyz")
+    assert (answer.status_code, answer.json()["reason"]) == (503, "mqtt: no broker")
+    health.on_end("stopped")
+    assert client.get("/readyz").status_code == 503
+
+
+def test_what_the_process_uses(make):
+    client = make()
+    client.tell({"type": "status", "state": "online", "reason": ""})
+
+    def scrape():
+        return {name: value for (name, *_), value in samples(client.get("/metrics").text).items()}
+
+    before = scrape()
+    assert 10e6 < before["radard_process_resident_memory_bytes"] < 4e9
+    end_s = time.process_time() + 0.2
+    while time.process_time() < end_s:
+        pass
+    with contextlib.ExitStack() as stack:
+        for _ in range(20):
+            stack.enter_context(socket.socket())
+        after = scrape()
+    used_s = after["radard_process_cpu_seconds_total"] - before["radard_process_cpu_seconds_total"]
+    assert 0.15 < used_s < 60
+    assert after["radard_process_open_fds"] >= before["radard_process_open_fds"] + 15
+    assert after["radard_process_threads"] >= 1

@@ -6,7 +6,6 @@ import struct
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 
 import h5py
@@ -20,6 +19,7 @@ from radard.web.pictures.clip_view import clip_view
 from tests.alarm_helpers import write_recording
 from tests.radar_helpers import BASEBAND, frames_of, noise
 from tests.sink_helpers import decision
+from tests.waiting import wait_for
 from tests.web_helpers import event
 from x2radar.frame import StreamInfo
 
@@ -81,9 +81,7 @@ def test_a_clip_that_does_not_end_stops_nothing_else(make, clip, hanging, monkey
 
     asking = threading.Thread(target=ask)
     asking.start()
-    while not hanging.exists():
-        assert asking.is_alive()
-        time.sleep(0.01)
+    wait_for(hanging.exists)
     assert client.get("/healthz").status_code == 503
     assert asking.is_alive()
     asking.join(60)
@@ -127,13 +125,23 @@ def test_a_clip_that_is_read_can_be_written(clip):
     assert reader.returncode == 0
 
 
-@pytest.mark.parametrize("damage", ["none", "huge", "elsewhere", "link", "short", "flat"])
-def test_decisions_of_a_clip_are_read_without_trust(tmp_path, damage):
-    path = tmp_path / f"{ULID}.h5"
+def begun(path):
+    """A clip of 200 frames that is being written."""
     stream = StreamInfo(BASEBAND, 60.0, "test")
     clip = ClipFile(path, stream, first_index=0, started_utc="2026-01-01T00:00:00Z", attributes={})
     clip.write(list(frames_of(noise(200))))
-    clip.finish([decision()], {})
+    return clip
+
+
+def decisions_of(data):
+    (n,) = struct.unpack_from("<I", data)
+    return json.loads(data[4 : 4 + n])["decisions"]
+
+
+@pytest.mark.parametrize("damage", ["none", "huge", "elsewhere", "link", "short", "flat"])
+def test_decisions_of_a_clip_are_read_without_trust(tmp_path, damage):
+    path = tmp_path / f"{ULID}.h5"
+    begun(path).finish([decision()], {})
     with h5py.File(path, "r+") as file:
         group = file["decisions"]
         if damage != "none":
@@ -146,9 +154,7 @@ def test_decisions_of_a_clip_are_read_without_trust(tmp_path, damage):
             group["range_m"] = h5py.ExternalLink("/etc/passwd", "/x")
         elif damage == "flat":
             group["range_m"] = 1.0
-    data = clip_view(path)
-    (n,) = struct.unpack_from("<I", data)
-    made = json.loads(data[4 : 4 + n])["decisions"]
+    made = decisions_of(clip_view(path))
     assert [row["range_m"] for row in made] == ([2.1] if damage == "none" else [])
     if damage == "none":
         assert (made[0]["label"], made[0]["alarm"]) == ("human", True)
@@ -156,12 +162,8 @@ def test_decisions_of_a_clip_are_read_without_trust(tmp_path, damage):
 
 def test_a_clip_is_shown_while_it_is_written(tmp_path):
     path = tmp_path / f"{ULID}.h5"
-    stream = StreamInfo(BASEBAND, 60.0, "test")
-    clip = ClipFile(path, stream, first_index=0, started_utc="2026-01-01T00:00:00Z", attributes={})
-    clip.write(list(frames_of(noise(200))))
-    data = asyncio.run(read_clip(path))
-    (n,) = struct.unpack_from("<I", data)
-    assert json.loads(data[4 : 4 + n])["decisions"] == []
+    clip = begun(path)
+    assert decisions_of(asyncio.run(read_clip(path))) == []
     clip.finish([], {})
     assert asyncio.run(read_clip(path))
 
@@ -187,6 +189,4 @@ def test_a_clip_that_asks_for_gigabytes_gets_none(tmp_path):
         group.create_dataset("t_s", (1_000_000_000,), "f8", chunks=(1_000_000,), fillvalue=0.0)
     assert path.stat().st_size < 1_000_000
     # Its pictures come; of what is more than the file can hold nothing is read.
-    data = asyncio.run(read_clip(path))
-    (n,) = struct.unpack_from("<I", data)
-    assert len(json.loads(data[4 : 4 + n])["decisions"]) <= 1
+    assert len(decisions_of(asyncio.run(read_clip(path)))) <= 1

@@ -3,6 +3,8 @@
 import contextlib
 import http.client
 import json
+import resource
+import signal
 import socket
 import threading
 import time
@@ -10,9 +12,12 @@ import time
 import pytest
 from starlette.routing import Route
 
+from radard.stream.playback import Playback
 from radard.web import server
 from tests.dashboard_helpers import all_routes, post
-from tests.web_helpers import HEADERS, event
+from tests.processes import started
+from tests.waiting import free_port, wait_for
+from tests.web_helpers import HEADERS, ask, event
 
 TOKEN = "-".join(("may", "look", "and", "arm"))
 STRANGER = "127.0.0.9"
@@ -172,8 +177,9 @@ ODD = ("NaN", "Infinity", '"\\ud800"')
 
 @pytest.mark.parametrize("number", LARGE + ODD)
 def test_numbers_of_any_length_in_json(make, caplog, number):
-    client = make()
-    client.run.host.player = FakePlayback()
+    client = make(tokens=(None, TOKEN))
+    client.run.player = Playback(10.0, None)
+    headers = {**HEADERS, "Authorization": f"Bearer {TOKEN}"}
     for path, text in (
         ("playback", '{"action": "seek", "value": %s}'),
         ("playback", '{"action": "speed", "value": %s}'),
@@ -182,29 +188,8 @@ def test_numbers_of_any_length_in_json(make, caplog, number):
         ("command", '{"command": %s}'),
         ("login", '{"token": %s}'),
     ):
-        answer = client.post(f"/api/v1/{path}", (text % number).encode(), HEADERS)
+        answer = client.post(f"/api/v1/{path}", (text % number).encode(), headers)
         assert answer.status_code in {400, 401, 404, 413}, (path, answer.status_code)
-    assert "Traceback" not in caplog.text
-
-
-class FakePlayback:
-    """A replay of ten seconds."""
-
-    def seek(self, position_s):
-        if not 0 <= position_s < 10:
-            msg = f"position {position_s:g}"
-            raise ValueError(msg)
-
-    def set_speed(self, speed):
-        if not 0.25 <= speed <= 64:
-            msg = f"speed {speed:g}"
-            raise ValueError(msg)
-
-
-def test_half_a_surrogate_pair_is_no_token(make, caplog):
-    client = make(tokens=(None, TOKEN))
-    answer = client.post("/api/v1/login", b'{"token": "\\ud800 and so on"}', HEADERS)
-    assert answer.status_code == 401
     assert "Traceback" not in caplog.text
 
 
@@ -238,3 +223,48 @@ def test_no_get_changes_anything(make):
             assert code == 405, (method, route.path)
     assert client.run.asked == []
     assert client.get("/api/v1/events").json()["events"][0]["label"] is None
+
+
+MAX_FILES = 48
+
+
+@pytest.mark.integration
+def test_more_pages_and_commands_than_files(tmp_path):
+    """Decisions go on, it is said once, and pages come back."""
+    port, out = free_port(), tmp_path / "out.jsonl"
+    options = ["--port", "sim:empty", "--speed", "4", "--model", "none", "--state", tmp_path]
+    outputs = ["-o", f"json:{out}", "-o", f"http://127.0.0.1:{port}"]
+    limits = (resource.RLIMIT_NOFILE, (MAX_FILES, MAX_FILES))
+    said = (tmp_path / "said").open("w+")
+    daemon = started(
+        *("-m", "radard", *options, *outputs),
+        stdout=said,
+        stderr=said,
+        preexec_fn=lambda: resource.setrlimit(*limits),
+    )
+
+    def n_decisions():
+        return out.read_text().count('"type":"decision"') if out.exists() else 0
+
+    def is_well():
+        with contextlib.suppress(OSError):
+            return ask(f"http://127.0.0.1:{port}/healthz")[0] == 200
+
+    try:
+        wait_for(is_well)
+        lines = [socket.create_connection(("127.0.0.1", port)) for _ in range(MAX_FILES + 20)]
+        seen = n_decisions()
+        wait_for(lambda: n_decisions() > seen + 20)
+        for line in lines:
+            line.close()
+        wait_for(is_well)
+        daemon.send_signal(signal.SIGTERM)
+        assert daemon.wait(20) == 0
+    finally:
+        daemon.kill()
+        daemon.wait()
+    said.seek(0)
+    told = said.read().splitlines()
+    said.close()
+    assert sum("no further page can be opened" in line for line in told) == 1, told
+    assert len(told) < 20, told

@@ -1,6 +1,7 @@
 """The dashboard as an output of a running daemon: it helps, and never hinders."""
 
 import asyncio
+import contextlib
 import json
 import os
 import socket
@@ -21,17 +22,14 @@ pytestmark = pytest.mark.integration
 @pytest.fixture
 def launch(tmp_path):
     """A function that starts daemons; all end with the test."""
-    made = []
+    with contextlib.ExitStack() as stack:
 
-    def start(*arguments, **options):
-        folder = tmp_path / f"run{len(made)}"
-        folder.mkdir()
-        made.append(Running(folder, *arguments, **options))
-        return made[-1]
+        def start(*arguments, **options):
+            running = Running(tmp_path, *arguments, **options)
+            stack.callback(running.end)
+            return running
 
-    yield start
-    for running in made:
-        running.end()
+        yield start
 
 
 def test_a_page_gets_decisions_and_pictures_of_a_live_stream(launch):
