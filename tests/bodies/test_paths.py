@@ -10,8 +10,6 @@ from hypothesis import strategies as st
 from x2radar.sim.bodies.path.courses import COURSES, draw_course
 from x2radar.sim.bodies.path.path import Agility, Path
 from x2radar.sim.bodies.path.prints import Footprints, StridePhase
-from x2radar.sim.bodies.skeleton.skeleton import STRETCHED_TO, two_links
-from x2radar.sim.bodies.wander import Wander
 
 
 @pytest.mark.parametrize("name", COURSES)
@@ -85,30 +83,3 @@ def test_a_standing_foot_stands_and_a_standing_body_takes_no_strides(seed):
     strides, still = phase.at(t_s), path.at(t_s).speed_mps == 0
     assert still.sum() > 100
     assert np.abs(np.diff(strides)[still[1:] & still[:-1]]).max() < 5e-3
-
-
-@pytest.mark.parametrize("is_soft", [False, True])
-@pytest.mark.parametrize("far_m", [0.02, 0.3, 0.8, 1.5])
-def test_a_limb_of_two_links_reaches_or_is_stretched(far_m, is_soft):
-    top, end, up = (np.array([row]) for row in ([0.0, 0, 1], [far_m, 0, 1], [0.0, 0, 1]))
-    stiff_to = 0.9 if is_soft else STRETCHED_TO
-    joint, reached = two_links(top, end, 0.5, 0.4, up, stiff_to=stiff_to, is_soft=is_soft)
-    assert np.linalg.norm(joint - top) == pytest.approx(0.5)
-    assert np.linalg.norm(reached - joint) == pytest.approx(0.4)
-    assert joint[0, 2] >= 1.0
-    reach = reached[0, 0]
-    if 0.11 < far_m < 0.9 * stiff_to:
-        assert reach == pytest.approx(far_m)
-    else:
-        assert 0.105 < reach <= 0.9
-        assert (reach < far_m) == (far_m > 0.5)
-
-
-def test_a_wander_keeps_its_limits_and_its_rate():
-    limits, rate = np.array([0.3, 1.0, 0.0]), np.array([0.5, 2.0, 0.0])
-    wander = Wander.draw(np.random.default_rng(0), limits, rate)
-    values = wander.at(np.arange(0, 500, 0.01))
-    assert (np.abs(values).max(axis=0) <= limits + 1e-12).all()
-    assert np.abs(values).max(axis=0) == pytest.approx(limits, rel=0.3)
-    rms = np.sqrt((np.gradient(values, 0.01, axis=0) ** 2).mean(axis=0))
-    assert rms == pytest.approx(rate, rel=0.05)

@@ -17,24 +17,6 @@ def walker(speed_mps, seed=0, motion="gait"):
     return drawn("human", "walk", seed, path=path, speed_mps=speed_mps, motion=motion)
 
 
-def ankles(person):
-    """Where both ankles are at the times `T_S`."""
-    pose, shank_m = person.motion.pose(T_S), person.motion.build.shank_m
-    for name in ("left shank", "right shank"):
-        k = PERSON.names.index(name)
-        yield pose.centre_m[:, k] - pose.axis[:, k] * shank_m / 2
-
-
-@pytest.mark.parametrize("speed", [0.9, 1.2, 1.5])
-def test_ankles_stand_still_and_swing_as_fast_as_people_do(speed):
-    v = np.array([speeds(a, STEP_S) for seed in range(8) for a in ankles(walker(speed, seed))])
-    peaks = v.max(axis=1) / speed
-    assert 2.7 <= peaks.mean() <= 3.5
-    assert peaks.max() < 4.0
-    # From foot-flat to heel-off, about 40 % of the cycle.
-    assert np.mean(v < 0.05) == pytest.approx(0.42, abs=0.06)
-
-
 @pytest.mark.parametrize("motion", MOTIONS)
 @pytest.mark.parametrize("speed", [0.6, 1.3])
 def test_every_motion_has_the_cadence_and_the_feet_of_people(motion, speed):

@@ -6,15 +6,12 @@ import numpy as np
 import pytest
 
 from tests.body_helpers import (
-    ANTENNA_M,
-    BIRDS,
     GOING,
     PETS,
     draw,
     drawn,
     past,
     places,
-    speeds,
 )
 from x2radar.sim.bodies.flyer import BIRD_MASS_KG, MOTH_BEAT_HZ
 from x2radar.sim.bodies.motion.quadrupeds.gait import GRAVITY_MPS2, duty, froude, stride_m
@@ -153,22 +150,6 @@ def test_one_that_stays_does_so_where_the_path_begins(species, style):
     plays = style == "play"
     assert np.abs(pose.centre_m[:, 0, :2] - [1.0, 2.0]).max() < (0.4 if plays else 0.03)
     assert (pose.axis[:, 0, 1].min() > 0.7) is not plays
-
-
-FLYERS = [*BIRDS, ("moth", "")]
-MANY_S = np.arange(0, 60, 0.37)
-
-
-@pytest.mark.parametrize(("kind", "style"), FLYERS)
-def test_flight_has_no_jumps_and_stays_near_home(kind, style):
-    home_m = (0.3, 2.0, 1.5)
-    for seed in range(2):
-        flyer = drawn(kind, style, seed, home_m=home_m)
-        place, _, effort = flyer.motion.flight.at(np.arange(0, 62, 0.002))
-        assert speeds(place, 0.002).max() < 8
-        assert 0 <= effort.min() <= effort.max() <= 1
-        away = np.linalg.norm(flyer.at(MANY_S, ANTENNA_M).position_m - home_m, axis=-1)
-        assert away.max() < (0.4 if kind == "moth" else 1.6) + flyer.motion.build.span_m
 
 
 def test_small_birds_and_moths_beat_faster_and_within_what_is_published():

@@ -88,15 +88,6 @@ def test_too_large_a_file_shrinks_and_keeps_its_events(path):
     assert (newest, 0 < n < 9000, ids(path)) == (9000, True, [ulid(1)])
 
 
-def test_a_file_that_is_damaged_at_the_start_is_put_aside(path, caplog):
-    filled(path, [event(1)])
-    path.write_bytes(b"not a database at all" * 400)
-    filled(path, [event(2)])
-    assert ids(path) == [ulid(2)]
-    assert path.with_name("radard.db.broken").exists()
-    assert "put aside" in caplog.text
-
-
 def test_a_file_that_is_damaged_at_work_is_put_aside_and_said(path, monkeypatch):
     def check(_path):
         monkeypatch.undo()

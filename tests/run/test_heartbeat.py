@@ -62,27 +62,15 @@ def test_without_a_watchdog_nothing_is_fed(environ):
     notifier.send("READY=1")
 
 
-class Spy(Notifier):
-    def __init__(self):
-        super().__init__({"WATCHDOG_USEC": "2000000"})
-        self.sent = []
-
-    def send(self, *lines):
-        self.sent += [line.partition("=")[0] for line in lines if "STATUS" not in line]
-
-
 def make_heart(health, tmp_path):
-    spy = Spy()
-    path = status_path(tmp_path, "radar")
-    watched = Watched("radar", health, path, lambda: {"armed": True, "seq": 7})
-    heartbeat = Heartbeat([watched], spy)
-    return heartbeat, spy
+    watched = Watched("radar", health, status_path(tmp_path, "radar"), lambda: {"seq": 7})
+    return Heartbeat([watched], Notifier({"WATCHDOG_USEC": "2000000"}))
 
 
 def test_the_status_file_of_another_process_is_left_alone(health, tmp_path, caplog):
     path = status_path(tmp_path, "radar")
     write_status(path, Status("online", ""), {"pid": os.getppid()})
-    heartbeat, _ = make_heart(health, tmp_path)
+    heartbeat = make_heart(health, tmp_path)
     heartbeat.start()
     heartbeat.stop()
     assert json.loads(path.read_text())["pid"] == os.getppid()
@@ -90,7 +78,7 @@ def test_the_status_file_of_another_process_is_left_alone(health, tmp_path, capl
 
 
 def test_a_sensor_removed_while_the_heart_beats_leaves_no_status_file(health, tmp_path):
-    heartbeat, _ = make_heart(health, tmp_path)
+    heartbeat = make_heart(health, tmp_path)
     path = status_path(tmp_path, "attic")
     removes = []
 
@@ -117,7 +105,7 @@ def test_a_sensor_removed_while_the_heart_beats_leaves_no_status_file(health, tm
 def test_a_full_disk_silences_the_status_only_while_it_is_full(
     health, tmp_path, monkeypatch, caplog
 ):
-    heartbeat, _ = make_heart(health, tmp_path)
+    heartbeat = make_heart(health, tmp_path)
     path = status_path(tmp_path, "radar")
 
     def full(*_args, **_more):

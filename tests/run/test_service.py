@@ -90,27 +90,6 @@ def test_start_keeps_file_time_and_loop_goes_on(tmp_path):
     assert "degraded" not in {r.get("state") for r in records}
 
 
-def test_lost_frames_in_a_recording(tmp_path):
-    path = tmp_path / "r.h5"
-    write_recording(path, noise(600))
-    keep = np.delete(np.arange(600), [100, 101, *range(300, 320)])
-    with h5py.File(path, "r+") as file:
-        for name in ("samples", "counter", "t_s"):
-            data = file[f"frames/{name}"][()][keep]
-            del file[f"frames/{name}"]
-            file[f"frames/{name}"] = data
-    _, records, _ = run_radard("--port", f"replay:{path}", "--model", "none", "-o", "json")
-    made = decisions(records)
-    assert made[0]["dropped"] == 2
-    assert made[0]["gate"] == "closed"
-    invalid = [d for d in made if d["gate"] == "invalid"]
-    assert [d["t_s"] for d in invalid] == [5.45, 6.45, 7.45]
-    assert {d["label"] for d in invalid} == {"invalid"}
-    faults = [r for r in records if r["type"] == "event" and r["kind"] == "fault"]
-    assert [f["phase"] for f in faults] == ["new", "end"]
-    assert faults[0]["t_s"] == 5.45
-
-
 MOVERS = "human_busy human_search human_child human_sit human_exercise cat_groom dog_scratch"
 
 
@@ -193,16 +172,6 @@ def test_config_subcommands(capsys):
     assert f"false_alarms_per_day: {Config().gate.false_alarms_per_day}" in capsys.readouterr().out
     assert main(["config", "schema"]) == 0
     assert json.loads(capsys.readouterr().out)["title"] == "Config"
-
-
-def test_json_file_and_table(tmp_path, capsys):
-    file = tmp_path / "out.jsonl"
-    argv = ["--port", "sim:human", "--speed", "max", "--duration", "14"]
-    assert main([*argv, "-o", "table", "-o", f"json:{file}"]) == 0
-    table = capsys.readouterr().out
-    assert "ALARM" in table
-    assert "sim:human" in table
-    assert len(decisions([json.loads(line) for line in file.read_text().splitlines()])) == 12
 
 
 def start(*argv):

@@ -144,23 +144,6 @@ def panel_of(daemon, key, wanted):
     wait_for(lambda: daemon.panel().get(key) == wanted)
 
 
-def test_disarmed_is_kept_over_a_restart_and_so_is_armed(launch):
-    daemon = launch()
-    panel_of(daemon, "armed", True)
-    daemon.radar.command("disarm")
-    panel_of(daemon, "armed", False)
-    assert daemon.stop() == 0
-    daemon = launch()
-    panel_of(daemon, "armed", False)
-    daemon.radar.command("arm")
-    panel_of(daemon, "armed", True)
-    assert daemon.stop() == 0
-    daemon = launch(alarm={"armed": False})
-    panel_of(daemon, "armed", True)
-    with pytest.raises(ValueError, match="known are arm, arm-home, disarm, ack, calibrate"):
-        daemon.radar.command("dance")
-
-
 @pytest.mark.parametrize(
     ("entry_delay_s", "panel", "phases"),
     [(0, "alarm", ["update", "end"]), (600, "entry", ["new", "end"])],
@@ -191,20 +174,6 @@ def test_an_alarm_and_an_entry_delay_outlive_a_restart_until_acknowledged(
     if panel == "entry":
         assert "restarted during the entry delay" in events[0]["reason"]
         assert Path(events[0]["clip"]).is_file()
-
-
-def test_an_exit_delay_goes_on_after_a_restart(launch):
-    alarm = {"armed": False, "exit_delay_s": 600}
-    daemon = launch(alarm=alarm)
-    wait_for(lambda: daemon.panel().get("seq", 0) >= 1)
-    daemon.radar.command("arm-home")
-    panel_of(daemon, "panel", "exit")
-    assert daemon.stop() == 0
-    daemon = launch(alarm=alarm)
-    panel_of(daemon, "panel", "exit")
-    panel = daemon.panel()
-    assert (panel["mode"], panel["armed"]) == ("home", True)
-    assert 0 < panel["delay_left_s"] <= 600
 
 
 def test_reload_changes_the_policy_the_outputs_and_the_clips(tmp_path, launch):

@@ -10,7 +10,7 @@ import pytest
 
 from radard.cli import main
 from radard.commands.setup.coverage import CoverageOptions, snr_db
-from radard.commands.setup.files import UDEV_FILE, UNIT_FILE, systemd_unit, udev_rules
+from radard.commands.setup.files import systemd_unit, udev_rules
 from radard.errors import UsageError
 from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.bodies.thesis_bodies import SEED_GAIN
@@ -75,21 +75,6 @@ def test_unit_starts_what_was_named(program, port, line):
 def test_what_no_unit_can_hold(program, port):
     with pytest.raises(UsageError):
         systemd_unit(Path(program), port)
-
-
-def test_install_writes_keeps_the_old_and_says_what_comes_next(tmp_path, capsys):
-    out = printed(capsys, "udev", "--install", "--root", str(tmp_path))
-    path = tmp_path / UDEV_FILE
-    assert path.read_text() == udev_rules()
-    assert path.stat().st_mode & 0o777 == 0o644
-    assert "udevadm control --reload" in out
-    assert "is there already" in printed(capsys, "udev", "--install", "--root", str(tmp_path))
-    path.write_text("mine")
-    printed(capsys, "udev", "--install", "--root", str(tmp_path))
-    assert path.with_name(path.name + ".old").read_text() == "mine"
-    out = printed(capsys, "systemd", "--install", "--root", str(tmp_path))
-    assert "systemctl daemon-reload" in out
-    assert (tmp_path / UNIT_FILE).is_file()
 
 
 def test_install_without_the_right_to(tmp_path, monkeypatch, capsys):

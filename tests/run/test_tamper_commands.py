@@ -1,6 +1,6 @@
 """Commands while a tamper event is on, and zones that no range of the swath is in."""
 
-from dataclasses import dataclass, field
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,30 +9,16 @@ from radard.alarm.state_store import StateStore
 from radard.alarm.zones import zone_fault, zone_warnings
 from radard.config.config import load_config
 from radard.config.sections import ZonesSection
-from radard.errors import ConfigError
 from radard.health.health import Health
 from radard.log import EventLog
 from radard.pipeline import Pipeline
 from radard.run.components import make_parts
 from radard.run.worker import Worker
-from radard.stream.ring import Dwell, Notice
-from tests.radar_helpers import BASEBAND, noise, run_radard
+from radard.stream.ring import Notice
+from tests.radar_helpers import BASEBAND, dwell_of, noise, run_radard
 from x2radar.frame import StreamInfo
 
 STREAM = StreamInfo(axis=BASEBAND, frame_rate_hz=60.0, device="test")
-
-
-@dataclass
-class Outputs:
-    """What would go to the outputs."""
-
-    records: list = field(default_factory=list)
-
-    def put(self, record, **_options):
-        self.records.append(record)
-
-    def events(self, kind):
-        return [r for r in self.records if r["type"] == "event" and r["kind"] == kind]
 
 
 class Room:
@@ -49,27 +35,36 @@ class Room:
         config = load_config(environ={}, options=options)
         self.config, self.pipeline = config, Pipeline(STREAM, config)
         parts = make_parts(config, self.pipeline, now=lambda _t_s: None, is_live=False)
-        self.outputs = Outputs()
-        ring = self.pipeline.make_ring()
-        self.worker = Worker(
-            parts, ring, self.outputs.put, Health(), StateStore(EventLog(None), None)
-        )
+        self.records = []
+        ring, store = self.pipeline.make_ring(), StateStore(EventLog(None), None)
+        self.worker = Worker(parts, ring, self._put, Health(), store)
         rng = np.random.default_rng(2)
         self.echoes = (30 * rng.standard_normal((2, 64))).T @ [1, 1j]
         self.t_s = 0.0
+
+    def _put(self, record, **_options):
+        self.records.append(record)
+
+    def events(self, kind):
+        return [r for r in self.records if r["type"] == "event" and r["kind"] == kind]
 
     def listen(self, seconds, gain=1.0):
         for _ in range(seconds):
             self.t_s += 1.0
             frames = noise(147, seed=int(self.t_s)) + gain * self.echoes
-            rows = frames.astype(np.complex64)
-            valid = np.ones(147, np.bool_)
-            end = round(60 * self.t_s)
-            dwell = Dwell(rows, valid, BASEBAND, 60.0, self.t_s, t_mono_s=0.0, end_frame=end)
-            self.worker.handle(dwell)
+            dwell = dwell_of(frames.astype(np.complex64))
+            self.worker.handle(replace(dwell, t_s=self.t_s, end_frame=round(60 * self.t_s)))
 
     def command(self, name):
         self.worker.handle(Notice("command", name, self.t_s))
+
+    def reload(self, section, **changes):
+        """Take up a section of the configuration, changed, as a reload does."""
+        changed = getattr(self.config, section).model_copy(update=changes)
+        config, old = self.config.model_copy(update={section: changed}), self.worker.parts
+        given = {"now": lambda _t_s: None, "is_live": False, "old": old}
+        self.worker.exchange(make_parts(config, self.pipeline, **given))
+        self.worker.handle(Notice("reload", "", self.t_s))
 
     def cover(self):
         self.listen(30)
@@ -84,13 +79,13 @@ def test_arming_does_not_end_a_tamper_that_lasts_and_says_so():
         room.command(name)
         room.listen(30, gain=0.1)
     assert room.worker.tracker.panel.is_armed
-    made = room.outputs.events("tamper")
+    made = room.events("tamper")
     assert [e["phase"] for e in made if e["phase"] != "update"] == ["new"]
     assert len([e for e in made if e["reason"].endswith("; armed all the same")]) == 2
     # Only this is for the asking: what is there now is as it should be.
     room.command("calibrate")
     room.listen(2, gain=0.1)
-    assert room.outputs.events("tamper")[-1]["phase"] == "end"
+    assert room.events("tamper")[-1]["phase"] == "end"
 
 
 def test_arming_can_be_refused():
@@ -98,9 +93,9 @@ def test_arming_can_be_refused():
     room.cover()
     room.command("arm")
     assert not room.worker.tracker.panel.is_armed
-    assert room.outputs.events("tamper")[-1]["reason"].endswith("; arming was refused")
+    assert room.events("tamper")[-1]["reason"].endswith("; arming was refused")
     room.listen(30)
-    assert room.outputs.events("tamper")[-1]["phase"] == "end"
+    assert room.events("tamper")[-1]["phase"] == "end"
     room.command("arm")
     assert room.worker.tracker.panel.is_armed
 
@@ -137,26 +132,13 @@ def test_zones_outside_the_swath_end_the_start(tmp_path):
 def test_zones_outside_the_swath_are_a_fault_while_it_runs():
     room = Room()
     room.listen(3)
-    config = room.config.model_copy(
-        update={"zones": room.config.zones.model_copy(update={"include": ((50.0, 60.0),)})}
-    )
-    with pytest.raises(ConfigError):
-        make_parts(config, room.pipeline, now=lambda _t_s: None, is_live=False)
-    old = room.worker.parts
-    room.worker.exchange(
-        make_parts(config, room.pipeline, now=lambda _t_s: None, is_live=False, old=old)
-    )
-    room.worker.handle(Notice("reload", "", room.t_s))
+    room.reload("zones", include=((50.0, 60.0),))
     room.listen(2)
-    (fault,) = room.outputs.events("fault")
+    (fault,) = room.events("fault")
     assert fault["reason"].startswith("zones: nothing counts")
-    assert room.worker._health.status.state == "degraded"
-    room.worker.exchange(
-        make_parts(room.config, room.pipeline, now=lambda _t_s: None, is_live=False, old=old)
-    )
-    room.worker.handle(Notice("reload", "", room.t_s))
+    room.reload("zones", include=())
     room.listen(2)
-    assert room.outputs.events("fault")[-1]["phase"] == "end"
+    assert room.events("fault")[-1]["phase"] == "end"
 
 
 def test_a_calibration_that_fails_ends_no_tamper_and_one_that_is_made_does(tmp_path):
@@ -180,7 +162,7 @@ def test_a_calibration_that_fails_ends_no_tamper_and_one_that_is_made_does(tmp_p
     assert notice.kind == "calibrated"
     room.worker.handle(notice)
     room.listen(1, gain=0.1)
-    made = room.outputs.events("tamper")
+    made = room.events("tamper")
     assert made[-2]["reason"].endswith("; taken for the room: it was calibrated")
     assert made[-1]["phase"] == "end"
 
@@ -188,13 +170,8 @@ def test_a_calibration_that_fails_ends_no_tamper_and_one_that_is_made_does(tmp_p
 def test_a_reload_of_other_settings_ends_no_tamper():
     room = Room()
     room.cover()
-    config = room.config.model_copy(
-        update={"tamper": room.config.tamper.model_copy(update={"hold_s": 8.0})}
-    )
-    old, watch = room.worker.parts, room.pipeline.tamper
-    parts = make_parts(config, room.pipeline, now=lambda _t_s: None, is_live=False, old=old)
+    watch = room.pipeline.tamper
+    room.reload("tamper", hold_s=8.0)
     assert room.pipeline.tamper is not watch
-    room.worker.exchange(parts)
-    room.worker.handle(Notice("reload", "", room.t_s))
     room.listen(4, gain=0.1)
     assert "tamper" in room.worker.tracker.open_events

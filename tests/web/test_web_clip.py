@@ -3,8 +3,6 @@
 import asyncio
 import json
 import struct
-import subprocess
-import sys
 import threading
 from pathlib import Path
 
@@ -12,7 +10,6 @@ import h5py
 import pytest
 
 from radard.clips.clip_file import ClipFile
-from radard.errors import RadardError
 from radard.web.pictures import clip_process
 from radard.web.pictures.clip_process import read_clip
 from radard.web.pictures.clip_view import clip_view
@@ -106,25 +103,6 @@ def test_nobody_waits_for_the_process_when_the_dashboard_ends(clip, hanging):
     assert not is_running(hanging.read_text().strip())
 
 
-HOLD = """
-import sys, h5py
-with h5py.File(sys.argv[1], "r"):
-    print("open", flush=True)
-    sys.stdin.read()
-"""
-
-
-def test_a_clip_that_is_read_can_be_written(clip):
-    command = [sys.executable, "-P", "-c", HOLD, str(clip)]
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
-    with subprocess.Popen(command, env=clip_process.environ(), **pipes) as reader:
-        assert reader.stdout.readline() == b"open\n"
-        # As a clip that ends does, to add its decisions.
-        h5py.File(clip, "r+", libver="latest").close()
-        reader.communicate()
-    assert reader.returncode == 0
-
-
 def begun(path):
     """A clip of 200 frames that is being written."""
     stream = StreamInfo(BASEBAND, 60.0, "test")
@@ -166,16 +144,6 @@ def test_a_clip_is_shown_while_it_is_written(tmp_path):
     assert decisions_of(asyncio.run(read_clip(path))) == []
     clip.finish([], {})
     assert asyncio.run(read_clip(path))
-
-
-@pytest.mark.parametrize("where", [0.001, 0.01, 0.5])
-def test_a_cut_clip_is_an_error_of_one_line(clip, where):
-    data = clip.read_bytes()
-    clip.write_bytes(data[: int(len(data) * where)])
-    with pytest.raises(RadardError) as err:
-        asyncio.run(read_clip(clip))
-    assert "\n" not in str(err.value)
-    assert "Traceback" not in str(err.value)
 
 
 def test_a_clip_that_asks_for_gigabytes_gets_none(tmp_path):

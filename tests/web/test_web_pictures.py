@@ -7,9 +7,9 @@ import threading
 import numpy as np
 import pytest
 
-from radard.dsp.pictures import GAIT_S, SPANS_DB, Spectrograms
+from radard.dsp.pictures import GAIT_S, Spectrograms
 from radard.web.pictures.picture_thread import PictureThread
-from radard.web.pictures.wire import TIMED, axes, encode_columns, encode_gait
+from radard.web.pictures.wire import TIMED, encode_columns, encode_gait
 from tests.radar_helpers import BASEBAND, copy_ring, frames_of, noise, walker
 from tests.waiting import wait_for
 
@@ -115,19 +115,6 @@ def test_bytes_hold_what_the_page_reads():
     assert list(gait[HEAD.size :]) == [0, 3, 1, 4, 2, 5]
 
 
-def test_axes_name_units_and_spans():
-    told = axes(Spectrograms(BASEBAND, RATE_HZ))
-    assert [p["name"] for p in told["pictures"]] == [*TIMED, "gait"]
-    assert [p["unit"] for p in told["pictures"]] == ["m", "m/s", "m/s", "m/s"]
-    assert {p["name"]: p["span_db"] for p in told["pictures"]} == SPANS_DB
-    # c fp / (2 f): as wide as the spectrogram, whose rows repeat beyond it.
-    doppler = told["pictures"][2]
-    assert told["unambiguous_mps"] == pytest.approx(
-        299_792_458 * RATE_HZ / (2 * BASEBAND.carrier_hz)
-    )
-    assert told["unambiguous_mps"] == pytest.approx(doppler["step"] * doppler["n_rows"], rel=0.02)
-
-
 # The ring and the picture thread ----------------------------------------------------------------
 
 
@@ -141,27 +128,6 @@ def ring_of(samples):
     ring.end()
     taken.join()
     return ring
-
-
-def test_recent_never_hands_out_torn_rows():
-    """While a reader writes as fast as it can, rows seen are rows written, in their order."""
-    n = 30_000
-    samples = np.repeat(np.arange(1, n + 1, dtype=np.complex64)[:, None], 64, axis=1)
-    ring = copy_ring(60, RATE_HZ)
-    taker = threading.Thread(target=lambda: [None for _ in iter(ring.next_item, None)])
-    writer = threading.Thread(target=lambda: [ring.push(f) for f in frames_of(samples)])
-    taker.start()
-    writer.start()
-    n_seen = 0
-    while writer.is_alive():
-        recent = ring.recent()
-        rows = recent.frames.real
-        assert (rows == rows[:, :1]).all()
-        assert (np.diff(rows[:, 0]) == 1).all()
-        n_seen += len(rows)
-    ring.end()
-    taker.join()
-    assert n_seen > 0
 
 
 class Told:

@@ -1,17 +1,14 @@
 """The dashboard as an output of a running daemon: it helps, and never hinders."""
 
-import asyncio
 import contextlib
 import json
 import os
 import socket
 import struct
-import threading
 
 import pytest
 
 from radard.dsp.pictures import COLUMN_RATE_HZ
-from radard.web.server import WebServer
 from tests.alarm_helpers import write_recording
 from tests.radar_helpers import noise, run_radard, stable
 from tests.web_helpers import Client, Running, wait
@@ -50,36 +47,6 @@ def test_a_page_gets_decisions_and_pictures_of_a_live_stream(launch):
     assert len(texts["axes"]) == 1
     status = running.get("/api/v1/status")[1]
     assert status["hello"]["port"] == "sim:human?seed=1"
-
-
-def test_the_server_stays_until_pages_know_how_the_run_has_ended(monkeypatch):
-    monkeypatch.setattr("radard.web.server._LAST_WORDS_S", 60)
-    is_asked, may_end = threading.Event(), threading.Event()
-
-    async def app(scope, _receive, send):
-        assert scope["type"] == "http"
-        await send({"type": "http.response.start", "status": 204, "headers": []})
-        await send({"type": "http.response.body"})
-
-    async def beside(_loop):
-        await asyncio.Event().wait()
-
-    async def last_words():
-        is_asked.set()
-        await asyncio.to_thread(may_end.wait, 60)
-
-    trouble = []
-    server = WebServer("127.0.0.1", 0, app, beside, trouble.append, last_words=last_words)
-    server.start()
-    assert trouble == [""]
-    client = Client(server.address[1])
-    assert client.get("/").status_code == 204
-    server.stop()
-    server.stop()
-    assert is_asked.wait(60)
-    assert client.get("/").status_code == 204
-    may_end.set()
-    assert server.join(60)
 
 
 def test_a_busy_port_is_a_warning_and_waited_for(launch, monkeypatch):

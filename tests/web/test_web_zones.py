@@ -9,7 +9,7 @@ from radard.config.config import Config, load_with_origins
 from radard.config.directories import saved_file
 from radard.config.saved import change, forget
 from radard.errors import ConfigError, OutputError
-from tests.sink_helpers import Listener, MqttBroker
+from tests.waiting import wait_for
 from tests.web_helpers import Running
 
 
@@ -57,20 +57,20 @@ def test_saved_zones_hold_at_once_and_after_a_restart(run, tmp_path):
 
 
 @pytest.mark.integration
-def test_zones_are_saved_although_an_output_cannot_be_made_again_and_it_goes_on(tmp_path):
-    broker = MqttBroker(tmp_path)
-    listener = Listener(broker.port, "radard/#")
-    file = tmp_path / "config.yaml"
+def test_zones_are_saved_although_an_output_cannot_be_made_again_and_it_goes_on(
+    tmp_path, broker, listen
+):
+    listener, file = listen("radard/#"), tmp_path / "config.yaml"
     file.write_text("{}\n")
     argv = ("--port", "sim:empty", "--model", "none", "--config", str(file))
     running = Running(tmp_path, *argv, "-o", f"mqtt://127.0.0.1:{broker.port}").wait_online()
 
     def last(name):
-        found = [m for t, m, _ in list(listener.messages) if t.endswith(f"/{name}")]
-        return found[-1] if found else b""
+        return listener.on(f"radard/radar-simulated/{name}")[-1]
 
     try:
-        running.wait(lambda: last("availability") == b"online")
+        wait_for(lambda: listener.on("radard/radar-simulated/availability"))
+        wait_for(lambda: last("availability") == b"online")
         # To save zones reads all of the configuration again, and so this mistake.
         file.write_text("mqtt: {username: u, password_file: /nowhere/words}\n")
         wanted = {"include": [], "exclude": [[1.2, 1.9]], "away": []}
@@ -80,8 +80,6 @@ def test_zones_are_saved_although_an_output_cannot_be_made_again_and_it_goes_on(
         assert last("availability") == b"online"
     finally:
         running.end()
-        listener.close()
-        broker.stop()
 
 
 def load(tmp_path, **environ):
