@@ -1,18 +1,14 @@
 """Sensitivities, what they do to rates, quiet hours, and `radard explain`."""
 
 import itertools
-import json
 from datetime import UTC, datetime, timedelta
-from importlib import resources
 
 import pytest
 
 from radard.alarm.panel import AlarmPanel, AlarmPolicy, Sight
 from radard.alarm.sensitivity import alarm_policy, sensitivity_choices
 from radard.cli import main
-from radard.commands.explain import explained
 from radard.commands.explain_rates import alarm_probability
-from radard.config.config import load_config
 from radard.config.quiet_hours import (
     QuietHours,
     parse_quiet,
@@ -142,19 +138,3 @@ def test_explain_prints_policy_delay_and_rates_and_follows_options(capsys):
     assert "made by: train-export evaluate --model accurate " in told()
     with pytest.raises(SystemExit):
         main(["explain", "--pass-time", "0"])
-
-
-def test_explain_counts_the_entry_delay_and_a_card_without_rates(tmp_path):
-    models = resources.files("radard.models")
-    raw = json.loads((models / "thesis.json").read_text())
-    raw["metrics"] = {"false alarms per day": 0.3}
-    (tmp_path / "own.json").write_text(json.dumps(raw))
-    (tmp_path / "own.onnx").write_bytes((models / "thesis.onnx").read_bytes())
-    config = load_config(environ={}, options={"model": {"name": str(tmp_path / "own.onnx")}})
-    text = "\n".join(explained(config, pass_s=5))
-    assert "the card says: false alarms per day = 0.3" in text
-    assert "unknown" in text
-    slow = load_config(
-        environ={}, options={"alarm": {"entry_delay_s": 20}, "model": {"name": "thesis"}}
-    )
-    assert "22 s, 23 s" in "\n".join(explained(slow, pass_s=5))

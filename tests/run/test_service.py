@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 import pytest
 
+from radard import cli
 from radard.cli import main
 from radard.config.config import Config
 from radard.stream.source import open_source
@@ -225,3 +226,24 @@ def test_a_device_that_goes_ends_the_run_when_asked():
         list(frames)
     assert caught.value.exit_code == 3
     source.close()
+
+
+def said(capsys, *argv):
+    with pytest.raises(SystemExit) as ended:
+        cli.main(list(argv))
+    assert ended.value.code == 0
+    return capsys.readouterr().out
+
+
+def test_first_help_fits_a_screen(capsys):
+    lines = said(capsys, "-h").splitlines()
+    assert len(lines) <= 24
+    assert max(map(len, lines)) <= 80
+
+
+@pytest.mark.parametrize("name", cli._COMMANDS)
+def test_every_command_shows_an_example(name, capsys):
+    out = said(capsys, name, "--help")
+    _, _, examples = out.partition("example")
+    assert f"radard {name}" in examples
+    assert max(map(len, examples.splitlines())) <= 85

@@ -1,5 +1,7 @@
 """What tests of the dashboard share: a browser, and a daemon before which somebody walks."""
 
+import contextlib
+
 import pytest
 
 from tests.browser_helpers import CHROMIUM, Tab
@@ -38,11 +40,22 @@ def radard(tmp_path_factory):
 
 
 @pytest.fixture
-def empty(tmp_path):
+def launched(tmp_path):
+    """A function that starts daemons in processes of their own; all end with the test."""
+    with contextlib.ExitStack() as stack:
+
+        def start(*arguments, **options):
+            running = Running(tmp_path, *arguments, **options)
+            stack.callback(running.end)
+            return running
+
+        yield start
+
+
+@pytest.fixture
+def empty(launched):
     """A daemon before an empty room."""
-    running = Running(tmp_path, "--port", "sim:empty", "--model", "none").wait_online()
-    yield running
-    running.end()
+    return launched("--port", "sim:empty", "--model", "none").wait_online()
 
 
 @pytest.fixture

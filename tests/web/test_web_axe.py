@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from tests.browser_helpers import MARKS, Tab
-from tests.web_helpers import Running
 
 # Where .ci/run has npm put it.
 AXE = Path(
@@ -88,15 +87,11 @@ def test_banners(tab, scheme):
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_the_question_for_a_token(browser, tmp_path, scheme):
+def test_the_question_for_a_token(browser, launched, scheme):
     environ = {"RADARD_WEB__TOKEN_ENV": "LOOK", "LOOK": "-".join(("a", "token", "to", "look"))}
-    running = Running(tmp_path, "--port", "sim:empty", "--model", "none", environ=environ)
-    try:
-        running.wait_online()
-        one = Tab(browser, running, scheme=scheme)
-        one.page.goto(running.base)
-        one.page.wait_for_selector("#token")
-        assert faults(one) == []
-        one.page.close()
-    finally:
-        running.end()
+    running = launched("--port", "sim:empty", "--model", "none", environ=environ).wait_online()
+    one = Tab(browser, running, scheme=scheme)
+    one.page.goto(running.base)
+    one.page.wait_for_selector("#token")
+    assert faults(one) == []
+    one.page.close()

@@ -7,7 +7,7 @@ from tests.alarm_helpers import write_recording
 from tests.browser_helpers import MARKS, Tab
 from tests.radar_helpers import noise
 from tests.waiting import wait_for
-from tests.web_helpers import Running, is_finished
+from tests.web_helpers import is_finished
 from x2train.finetune.labels import labelled_clips
 from x2train.finetune.windows import own_windows
 
@@ -210,68 +210,56 @@ def test_colours_are_even_and_follow_the_page(tab):
     assert one.page.evaluate("getComputedStyle(document.body).backgroundColor") != before
 
 
-def test_a_lost_connection_says_so_and_recovers(browser, tmp_path):
-    first = Running(tmp_path, "--port", "sim:empty", "--model", "none").wait_online()
-    one, other = Tab(browser, first).open(), Tab(browser, first).open("setup")
+def test_a_lost_connection_says_so_and_recovers(browser, empty, launched):
+    one, other = Tab(browser, empty).open(), Tab(browser, empty).open("setup")
     one.until("document.querySelector('.health .state').textContent === 'Online'")
     other.until("!document.querySelector('#page button.primary').disabled")
-    first.end()
+    empty.end()
     enabled = "[...document.querySelectorAll('#arm, #page button.primary, #page input:enabled')]"
     other.until(f"{enabled}.every((e) => e.disabled)")
     other.page.close()
     one.page.wait_for_selector(".banner.lost")
     assert "Connection lost" in one.page.inner_text(".banner")
     assert "radard has ended (stopped)" in one.page.inner_text(".banner")
-    second = Running(tmp_path, "--port", "sim:empty", "--model", "none", port=first.port)
-    try:
-        one.until("document.querySelector('.health .state').textContent === 'Online'")
-        assert one.page.locator(".banner.lost").count() == 0
-        one.until("document.querySelectorAll('.decisions tbody tr').length > 0")
-    finally:
-        one.page.close()
-        second.end()
+    launched("--port", "sim:empty", "--model", "none", port=empty.port)
+    one.until("document.querySelector('.health .state').textContent === 'Online'")
+    assert one.page.locator(".banner.lost").count() == 0
+    one.until("document.querySelectorAll('.decisions tbody tr').length > 0")
+    one.page.close()
 
 
-def test_a_replay_has_controls_and_does_not_look_live(tab, tmp_path):
+def test_a_replay_has_controls_and_does_not_look_live(tab, launched, tmp_path):
     path = tmp_path / "r.h5"
     write_recording(path, noise(60 * 120))
     argv = ("--port", f"replay:{path}", "--speed", "1", "--model", "none")
-    running = Running(tmp_path, *argv).wait_online()
-    try:
-        one = tab(running).open()
-        one.until("document.querySelector('#badge').textContent === 'Replayed'")
-        assert "no model" in one.page.inner_text("header")
-        one.page.get_by_role("button", name="Pause").click()
-        one.page.wait_for_selector("button[aria-label=Play]")
-        one.page.get_by_label("Position in the recording").fill("90")
-        one.until("document.querySelector('#player output').textContent.startsWith('1:30')")
-        one.page.get_by_label("Speed").select_option("4")
-        one.page.get_by_role("button", name="Play").click()
-        one.until("parseFloat(document.querySelector('#player input').value) > 93")
-        # Nothing is wrong with a replay that was held.
-        assert one.page.locator(".banner.alarm").count() == 0
-        one.page.close()
-    finally:
-        running.end()
+    one = tab(launched(*argv).wait_online()).open()
+    one.until("document.querySelector('#badge').textContent === 'Replayed'")
+    assert "no model" in one.page.inner_text("header")
+    one.page.get_by_role("button", name="Pause").click()
+    one.page.wait_for_selector("button[aria-label=Play]")
+    one.page.get_by_label("Position in the recording").fill("90")
+    one.until("document.querySelector('#player output').textContent.startsWith('1:30')")
+    one.page.get_by_label("Speed").select_option("4")
+    one.page.get_by_role("button", name="Play").click()
+    one.until("parseFloat(document.querySelector('#player input').value) > 93")
+    # Nothing is wrong with a replay that was held.
+    assert one.page.locator(".banner.alarm").count() == 0
+    one.page.close()
 
 
-def test_a_token_is_asked_for_and_kept_out_of_the_page(browser, tmp_path):
+def test_a_token_is_asked_for_and_kept_out_of_the_page(browser, launched):
     token = "-".join(("a", "token", "for", "looking"))
     environ = {"RADARD_WEB__TOKEN_ENV": "LOOK", "LOOK": token}
-    running = Running(tmp_path, "--port", "sim:empty", "--model", "none", environ=environ)
-    try:
-        running.wait_online()
-        one = Tab(browser, running)
-        one.page.goto(running.base)
-        one.page.fill("#token", "the wrong token")
-        one.page.keyboard.press("Enter")
-        one.until("document.querySelector('#error').textContent.includes('not the token')")
-        one.page.fill("#token", token)
-        one.page.keyboard.press("Enter")
-        one.page.wait_for_selector("#page .card")
-        one.until("document.querySelector('#arm')?.disabled === true")
-        assert token not in one.page.content()
-        assert one.page.evaluate("document.cookie") == ""
-        one.page.close()
-    finally:
-        running.end()
+    running = launched("--port", "sim:empty", "--model", "none", environ=environ).wait_online()
+    one = Tab(browser, running)
+    one.page.goto(running.base)
+    one.page.fill("#token", "the wrong token")
+    one.page.keyboard.press("Enter")
+    one.until("document.querySelector('#error').textContent.includes('not the token')")
+    one.page.fill("#token", token)
+    one.page.keyboard.press("Enter")
+    one.page.wait_for_selector("#page .card")
+    one.until("document.querySelector('#arm')?.disabled === true")
+    assert token not in one.page.content()
+    assert one.page.evaluate("document.cookie") == ""
+    one.page.close()

@@ -8,7 +8,7 @@ import numpy as np
 
 from radard.detect.calibration import Calibration, Provenance
 from tests.browser_helpers import MARKS, Tab
-from tests.web_helpers import Running, decision, open_decision
+from tests.web_helpers import decision, open_decision
 
 pytestmark = MARKS
 STATIC = resources.files("radard.web") / "static"
@@ -159,9 +159,8 @@ def test_at_home_is_offered_where_it_differs(empty, tab):
     assert re.search(r"Armed in \d+ s", one.page.inner_text(".banner.calm"))
 
 
-def test_the_shell_opens_while_the_daemon_is_away(browser, tmp_path):
-    first = Running(tmp_path, "--port", "sim:empty", "--model", "none").wait_online()
-    one = Tab(browser, first).open()
+def test_the_shell_opens_while_the_daemon_is_away(browser, empty):
+    one = Tab(browser, empty).open()
     one.page.evaluate("navigator.serviceWorker.ready.then(() => true)")
     paths = """async () => {
         const cache = await caches.open('radard-shell');
@@ -176,13 +175,13 @@ def test_the_shell_opens_while_the_daemon_is_away(browser, tmp_path):
     assert {path for path in shell if f'"{path[1:]}"' not in page} == {"/"}
     one.until(f"(async () => (await ({paths})()).length === {len(shell)})()")
     assert set(one.page.evaluate(paths)) == shell
-    one.page.goto(f"{first.base}/#/events")
+    one.page.goto(f"{empty.base}/#/events")
     one.page.wait_for_selector(".event, .loading")
     # Nothing that the radar says is kept.
     assert set(one.page.evaluate(paths)) == shell
-    first.end()
+    empty.end()
     one.page.goto("about:blank")
-    one.page.goto(first.base)
+    one.page.goto(empty.base)
     one.until("document.querySelector('.health .state').textContent === 'No connection'")
     assert one.page.inner_text("#page .loading") == "Connecting to the radar …"
     one.page.close()

@@ -1,6 +1,5 @@
 """The dashboard as an output of a running daemon: it helps, and never hinders."""
 
-import contextlib
 import json
 import os
 import socket
@@ -11,26 +10,13 @@ import pytest
 from radard.dsp.pictures import COLUMN_RATE_HZ
 from tests.alarm_helpers import write_recording
 from tests.radar_helpers import noise, run_radard, stable
-from tests.web_helpers import Client, Running, wait
+from tests.web_helpers import Client, wait
 
 pytestmark = pytest.mark.integration
 
 
-@pytest.fixture
-def launch(tmp_path):
-    """A function that starts daemons; all end with the test."""
-    with contextlib.ExitStack() as stack:
-
-        def start(*arguments, **options):
-            running = Running(tmp_path, *arguments, **options)
-            stack.callback(running.end)
-            return running
-
-        yield start
-
-
-def test_a_page_gets_decisions_and_pictures_of_a_live_stream(launch):
-    running = launch("--port", "sim:human?seed=1", "--model", "none").wait_online()
+def test_a_page_gets_decisions_and_pictures_of_a_live_stream(launched):
+    running = launched("--port", "sim:human?seed=1", "--model", "none").wait_online()
     page = Client(running.port).socket()
     page.send('{"pictures": true}')
     texts, n_columns = {}, 0
@@ -49,7 +35,7 @@ def test_a_page_gets_decisions_and_pictures_of_a_live_stream(launch):
     assert status["hello"]["port"] == "sim:human?seed=1"
 
 
-def test_a_busy_port_is_a_warning_and_waited_for(launch, monkeypatch):
+def test_a_busy_port_is_a_warning_and_waited_for(launched, monkeypatch):
     monkeypatch.setattr("radard.web.server._RETRY_S", 0.1)
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
@@ -61,13 +47,13 @@ def test_a_busy_port_is_a_warning_and_waited_for(launch, monkeypatch):
         assert sum(r["type"] == "decision" for r in records) == 8
         assert err.count("cannot listen") == 1
         assert f"Address already in use by process {os.getpid()} (" in err
-        running = launch("--port", "sim:empty", "--model", "none", port=port)
+        running = launched("--port", "sim:empty", "--model", "none", port=port)
         running.wait(lambda: "cannot listen" in running.log)
     running.wait_online()
     assert running.end() == 0
 
 
-def test_decisions_are_the_same_with_a_dashboard_and_pages(launch, tmp_path):
+def test_decisions_are_the_same_with_a_dashboard_and_pages(launched, tmp_path):
     recording = tmp_path / "human.h5"
     made = ("--port", "sim:human?seed=2", "--duration", "12", "--record", str(recording))
     assert run_radard(*made, "--speed", "max")[0] == 0
@@ -75,7 +61,9 @@ def test_decisions_are_the_same_with_a_dashboard_and_pages(launch, tmp_path):
     argv = ("--port", f"replay:{recording}")
     _, alone, _ = run_radard(*argv, "--speed", "max", "-o", "json")
     environ = {"RADARD_CLIPS__ENABLED": "false"}
-    running = launch(*argv, "--speed", "3", "-o", f"json:{tmp_path / 'o.jsonl'}", environ=environ)
+    running = launched(
+        *argv, "--speed", "3", "-o", f"json:{tmp_path / 'o.jsonl'}", environ=environ
+    )
     pages = []
     for _ in range(5):
         page = wait(Client(running.port).socket)
@@ -89,10 +77,10 @@ def test_decisions_are_the_same_with_a_dashboard_and_pages(launch, tmp_path):
         page.close()
 
 
-def test_a_replay_is_paused_moved_and_let_go(launch, tmp_path):
+def test_a_replay_is_paused_moved_and_let_go(launched, tmp_path):
     path = tmp_path / "r.h5"
     write_recording(path, noise(60 * 60))
-    running = launch("--port", f"replay:{path}", "--model", "none", "--speed", "4")
+    running = launched("--port", f"replay:{path}", "--model", "none", "--speed", "4")
     running.wait_online()
 
     def play(action, value=None):

@@ -10,23 +10,14 @@ from radard.config.directories import saved_file
 from radard.config.saved import change, forget
 from radard.errors import ConfigError, OutputError
 from tests.waiting import wait_for
-from tests.web_helpers import Running
 
 
 @pytest.fixture
-def run(tmp_path):
+def run(launched, tmp_path):
     """A daemon before an empty room, whose configuration has a zone of its own."""
     (tmp_path / "config.yaml").write_text("zones: {include: [[0.5, 5.0]]}\n")
     argv = ("--port", "sim:empty", "--model", "none", "--config", str(tmp_path / "config.yaml"))
-    made = []
-
-    def start(**environ):
-        made.append(Running(tmp_path, *argv, environ=environ).wait_online())
-        return made[-1]
-
-    yield start
-    for running in made:
-        running.end()
+    return lambda: launched(*argv).wait_online()
 
 
 def zones_now(running):
@@ -58,28 +49,25 @@ def test_saved_zones_hold_at_once_and_after_a_restart(run, tmp_path):
 
 @pytest.mark.integration
 def test_zones_are_saved_although_an_output_cannot_be_made_again_and_it_goes_on(
-    tmp_path, broker, listen
+    launched, tmp_path, broker, listen
 ):
     listener, file = listen("radard/#"), tmp_path / "config.yaml"
     file.write_text("{}\n")
     argv = ("--port", "sim:empty", "--model", "none", "--config", str(file))
-    running = Running(tmp_path, *argv, "-o", f"mqtt://127.0.0.1:{broker.port}").wait_online()
+    running = launched(*argv, "-o", f"mqtt://127.0.0.1:{broker.port}").wait_online()
 
     def last(name):
         return listener.on(f"radard/radar-simulated/{name}")[-1]
 
-    try:
-        wait_for(lambda: listener.on("radard/radar-simulated/availability"))
-        wait_for(lambda: last("availability") == b"online")
-        # To save zones reads all of the configuration again, and so this mistake.
-        file.write_text("mqtt: {username: u, password_file: /nowhere/words}\n")
-        wanted = {"include": [], "exclude": [[1.2, 1.9]], "away": []}
-        assert running.post("/api/v1/zones", wanted)[0] == 202
-        running.wait(lambda: zones_now(running) == wanted)
-        running.wait(lambda: b"mqtt.password_file" in last("health"))
-        assert last("availability") == b"online"
-    finally:
-        running.end()
+    wait_for(lambda: listener.on("radard/radar-simulated/availability"))
+    wait_for(lambda: last("availability") == b"online")
+    # To save zones reads all of the configuration again, and so this mistake.
+    file.write_text("mqtt: {username: u, password_file: /nowhere/words}\n")
+    wanted = {"include": [], "exclude": [[1.2, 1.9]], "away": []}
+    assert running.post("/api/v1/zones", wanted)[0] == 202
+    running.wait(lambda: zones_now(running) == wanted)
+    running.wait(lambda: b"mqtt.password_file" in last("health"))
+    assert last("availability") == b"online"
 
 
 def load(tmp_path, **environ):

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import urlsplit
 
+from radard.config.redact import redact
 from radard.config.sink_table import SinkOptions
 from radard.errors import UsageError
 from radard.log_file import marks_of
@@ -63,6 +64,7 @@ def _parse_address(rest: str) -> Address | None:
         return None
     if rest.startswith("/"):
         return rest
+    shown = repr(redact(f"syslog:{rest}"))
     try:
         parts = urlsplit(rest)
         is_bare = not set("@?#") & set(rest) and not parts.path.strip("/")
@@ -70,9 +72,9 @@ def _parse_address(rest: str) -> Address | None:
             check_host("syslog", rest)
             return Server(parts.scheme, parts.hostname, parts.port or _PORTS[parts.scheme])
     except ValueError as err:
-        raise UsageError(f"--output syslog:{rest}: {err}") from err
+        raise UsageError(f"--output {shown}: {err}") from err
     forms = "syslog:, syslog:/socket, syslog:udp://host[:port], tcp: or tls:"
-    raise UsageError(f"--output syslog:{rest}: use {forms}")
+    raise UsageError(f"--output {shown}: use {forms}")
 
 
 class SyslogSink(DirectSink):

@@ -8,6 +8,7 @@ import logging
 from typing import Any
 from urllib.parse import urlsplit
 
+from radard.config.redact import redact
 from radard.config.sink_table import SinkOptions, WebSection
 from radard.errors import UsageError
 from radard.log import EventLog
@@ -41,8 +42,8 @@ def parse_address(url: str) -> tuple[str, int]:
     is_plain = parts.path in {"", "/"} and not set("?#@") & set(url)
     host = parts.hostname or ""
     if parts.scheme != "http" or not is_host(host) or not is_plain:
-        msg = f"--output '{url}': use http://127.0.0.1:{PORT}, or another address of this machine"
-        raise UsageError(msg)
+        fault = f"use http://127.0.0.1:{PORT}, or another address of this machine"
+        raise UsageError(f"--output {redact(url)!r}: {fault}")
     return host, port
 
 
