@@ -1,23 +1,36 @@
 """Run by the Python of a Home Assistant, not by ours: a core that talks MQTT, told what to do.
 
 Usage: ``python home_assistant_probe.py CONFIG_FOLDER BROKER_PORT``. It reads lines of JSON and
-answers each with one: ``{"states": true}`` with all states; ``{"picture": "image.x"}`` with an
-image, in base64; ``{"call": ["domain.service", {...}]}`` calls a service; ``{"blueprint": PATH,
-"input": {...}}`` makes an automation of a blueprint.
+answers each with one: ``{"states": true}`` with all states; ``{"version": true}`` with year and
+month of its release; ``{"picture": "image.x"}`` with an image, in base64; ``{"call":
+["domain.service", {...}]}`` calls a service; ``{"blueprint": PATH, "input": {...}}`` makes an
+automation of a blueprint.
 """
 
 import asyncio
 import base64
+import inspect
 import json
 import sys
 from pathlib import Path
+
+LATER = {"discovery_keys": {}, "subentries_data": ()}
+"""What entries need besides in later releases."""
+
+
+def _asked(config_entries):
+    return inspect.signature(config_entries.ConfigEntry).parameters
 
 
 async def started(folder, port):
     """Start a core with MQTT and nothing that needs the world."""
     from homeassistant import bootstrap, config_entries, core, loader
-    from homeassistant.core_config import async_process_ha_core_config
     from homeassistant.setup import async_setup_component
+
+    try:
+        from homeassistant.core_config import async_process_ha_core_config
+    except ImportError:  # before 2024.11
+        from homeassistant.config import async_process_ha_core_config
 
     hass = core.HomeAssistant(folder)
     hass.config.skip_pip = True
@@ -38,8 +51,7 @@ async def started(folder, port):
         source=config_entries.SOURCE_USER,
         options={},
         unique_id=None,
-        discovery_keys={},
-        subentries_data=(),
+        **{name: empty for name, empty in LATER.items() if name in _asked(config_entries)},
     )
     await hass.config_entries.async_add(entry)
     await hass.async_start()
@@ -53,6 +65,10 @@ async def answer(hass, wanted):
             state.entity_id: {"state": state.state, **_plain(state.attributes)}
             for state in hass.states.async_all()
         }
+    if "version" in wanted:
+        from homeassistant.const import MAJOR_VERSION, MINOR_VERSION
+
+        return [MAJOR_VERSION, MINOR_VERSION]
     if "picture" in wanted:
         entity = hass.data["image"].get_entity(wanted["picture"])
         return base64.b64encode(await entity.async_image() or b"").decode()

@@ -141,7 +141,6 @@ SHORT = ("--speed", "max", "--duration", "25")
         (("--port", "sim:human?rate=0"), 2, "frame_rate_hz"),
         (("--port", "sim:human?kind=ap"), 2, "'kind'"),
         (("--port", "replay:nope.h5"), 66, "nope.h5"),
-        (("--port", f"replay:{__file__}"), 66, "not an HDF5 file, or damaged"),
         (("--port", "sim:human?rate=300"), 4, "frame_rate_hz is 300"),
         (("--port", "sim:human?rate=200", "--model", "thesis"), 4, "does not fit this stream"),
         (("--port", "sim:human?fault=safe_mode:1"), 1, "is in fail-safe mode"),

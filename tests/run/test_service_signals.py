@@ -96,7 +96,8 @@ def test_hup_reloads_without_losing_the_stream_and_usr1_dumps(tmp_path, far):
     (dump,) = [line for line in err.splitlines() if " state {" in line]
     state = json.loads(dump.partition(" state ")[2])
     assert state["state"] == "online"
-    assert {"MainThread", "reader", "worker", "heartbeat"} <= set(state["threads"])
+    assert {"MainThread", "reader", "heartbeat"} <= set(state["threads"])
+    assert any(name.startswith("worker") for name in state["threads"])
 
 
 def test_absent_at_boot_then_plugged_in(tmp_path, far):

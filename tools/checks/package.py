@@ -1,7 +1,8 @@
 """What is built and pinned is what should be: `python tools/checks/package.py`.
 
 Wheel and source distribution are built twice, from two folders, and must be the same bytes; the
-wheel has every file of the three packages; pins have hashes; files of deploy/ name what there is.
+wheel has every file of the three packages; pins have hashes; a Debian package has its files where
+they belong; files of deploy/ name what there is.
 """
 
 import os
@@ -18,15 +19,47 @@ from email import message_from_bytes
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
+PARTS = (
+    *("pyproject.toml", "MANIFEST.in", "README.md", "LICENSE", "CHANGELOG.md", "CONTRIBUTING.md"),
+    *("config.yaml", "constraints.txt", "requirements.txt", "x2radar", "daemon", "training"),
+    *("models", "deploy", "docs", "tools"),
+)
+_NOISE = shutil.ignore_patterns("__pycache__", "*.egg-info", "images", "*.png.tmp")
+_BUILD = "import sys, build_backend; print(getattr(build_backend, sys.argv[1])(sys.argv[2]))"
+_EPOCH = "1700000000"
 sys.path[:0] = [str(ROOT), str(ROOT / "daemon"), str(ROOT / "training")]
 
-from tests.packaging_helpers import build, copy_source  # noqa: E402 - the path comes first
+from radard.commands.setup import files  # noqa: E402 - the path comes first
 from x2radar.device.discovery import USB_IDS  # noqa: E402
 from x2radar.extras import DISTRIBUTION  # noqa: E402
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 SOURCES = {"x2radar": "x2radar", "daemon/radard": "radard", "training/x2train": "x2train"}
 SCRIPTS = {"radard", "x2radar", "train-export"}
+
+
+def copy_source(folder: Path) -> Path:
+    """Copy what a distribution is built from, as an installer gets it; links stay links."""
+    folder.mkdir(parents=True)
+    for part in PARTS:
+        source = ROOT / part
+        if source.is_dir():
+            shutil.copytree(source, folder / part, symlinks=True, ignore=_NOISE)
+        else:
+            shutil.copy(source, folder / part)
+    return folder
+
+
+def build(what: str, source: Path, out: Path, *, umask: int = 0o022) -> Path:
+    """Run a hook of the build backend (`build_wheel`, `build_sdist`) as a build front end does."""
+    out.mkdir(parents=True, exist_ok=True)
+    environ = {**os.environ, "PYTHONPATH": str(source / "tools"), "SOURCE_DATE_EPOCH": _EPOCH}
+    argv = [sys.executable, "-c", _BUILD, what, str(out)]
+    given = {"cwd": source, "env": environ, "umask": umask}
+    done = subprocess.run(argv, capture_output=True, text=True, check=False, **given)
+    if done.returncode:
+        sys.exit(done.stderr)
+    return out / done.stdout.splitlines()[-1]
 
 
 def built(folder: Path) -> tuple[dict[str, Path], list[str]]:
@@ -114,6 +147,59 @@ def pins() -> Iterator[str]:
             yield f"requirements.txt: {name} is missing"
 
 
+def debian(wheel: Path, folder: Path) -> Iterator[str]:
+    """Yield what is wrong in the Debian package, made without the packages of others."""
+    dpkg = shutil.which("dpkg-deb")
+    if dpkg is None:
+        return
+    given = {"WHEEL": str(wheel), "PYTHON": sys.executable, "OTHERS": "none", "COMPRESS": "gzip"}
+    given |= {"RADARD": f"{sys.executable} -m radard", "SOURCE_DATE_EPOCH": _EPOCH}
+    made = subprocess.check_output(
+        [ROOT / "deploy/deb/build", folder / "deb"], env={**os.environ, **given}, text=True
+    ).strip()
+    deb = folder / "content"
+    subprocess.run([dpkg, "-R", made, deb], check=True)
+    yield from debian_files(deb)
+    listed = subprocess.check_output([dpkg, "-c", made], text=True).splitlines()
+    for mode, owner, _, day, rest in (line.split(None, 4) for line in listed):
+        is_open = mode[0] != "l" and "w" in mode[5] + mode[8]
+        if owner != "root/root" or day > "2023-11-14" or is_open:
+            yield f"deb: {mode} {owner} {day} {rest}"
+
+
+def debian_files(deb: Path) -> Iterator[str]:
+    """Yield what is wrong among the unpacked files, with the control files below DEBIAN."""
+    program = Path("/opt/radard/bin/radard")
+    expected = {
+        "usr/lib/systemd/system/radard.service": files.systemd_unit(program),
+        "usr/lib/systemd/system/radard@.service": files.systemd_instance_unit(program),
+        "usr/lib/udev/rules.d/60-x2radar.rules": files.udev_rules(),
+        "usr/lib/sysusers.d/radard.conf": files.shipped("radard.sysusers"),
+        "etc/radard/config.yaml": files.first_config(),
+        "usr/share/doc/uwb-radar-alarm/copyright": (ROOT / "LICENSE").read_text(),
+        "DEBIAN/conffiles": "/etc/radard/config.yaml\n",
+    }
+    yield from (f"deb: {n} is another" for n, t in expected.items() if (deb / n).read_text() != t)
+    for name in ("radard", "x2radar"):
+        first = (deb / "opt/radard/bin" / name).read_text().splitlines()[0]
+        if not re.fullmatch(r"#!/opt/radard/bin/python[\d.]*", first):
+            yield f"deb: {name} begins with {first}"
+        if str((deb / "usr/bin" / name).readlink()) != f"/opt/radard/bin/{name}":
+            yield f"deb: usr/bin/{name} is no link to it"
+        for path in (f"man/man1/{name}.1.gz", f"bash-completion/completions/{name}"):
+            if not (deb / "usr/share" / path).stat().st_size:
+                yield f"deb: {path} is empty"
+    if not list((deb / "opt/radard/lib").glob("python3.*/site-packages/radard/models/*.onnx")):
+        yield "deb: no bundles"
+    yield from (f"deb: {path} is left over" for path in deb.rglob("__pycache__"))
+    minor = sys.version_info.minor
+    wanted = f"python3 (>= 3.{minor}), python3 (<< 3.{minor + 1})"
+    if wanted not in (deb / "DEBIAN/control").read_text():
+        yield "deb: control names another Python"
+    for name in ("postinst", "prerm", "postrm"):
+        subprocess.run(["/bin/sh", "-n", deb / "DEBIAN" / name], check=True)
+
+
 def deployed() -> Iterator[str]:
     """Yield what files of deploy/ name and is not there."""
     rules = (ROOT / "deploy/udev/60-x2radar.rules").read_text()
@@ -139,7 +225,8 @@ def main() -> int:
     """Print what is wrong; return 1 if there is anything."""
     with tempfile.TemporaryDirectory() as name:
         made, found = built(Path(name))
-        found += [*content(made["build_wheel"]), *pins(), *deployed()]
+        wheel = made["build_wheel"]
+        found += [*content(wheel), *pins(), *debian(wheel, Path(name)), *deployed()]
         if subprocess.run(
             [sys.executable, "-m", "check_wheel_contents", made["build_wheel"]],
             cwd=ROOT,
