@@ -17,7 +17,7 @@ from radard.errors import FeatureError, ModelMismatch
 from radard.judge.features import FeatureSettings, FeatureStream, feature_shape
 from radard.outputs.base import SinkContext
 from radard.outputs.registry import make_output
-from radard.stream.source import open_source, plugin_scheme
+from radard.stream.source import open_source
 from tests.radar_helpers import dwell_of, noise, run_radard
 from x2radar.errors import PluginError, SceneError
 from x2radar.plugins import find_plugin, plugin_names

@@ -14,7 +14,8 @@ from tests.bodies.test_recorded import BVH
 from x2radar.sim.scene.scene import load_scene
 
 LABEL = {"format": FORMAT, "format_version": 1, "event": 26 * "0", "label": "pet", "kind": "fault"}
-CALIBRATION = Calibration(60.0, 0.03, 0.6, np.full(1, 1e-6), np.full(1, 9.0))
+NUMBERS = {"frame_rate_hz": 60.0, "bin_length_m": 0.03, "range_offset_m": 0.6}
+CALIBRATION = Calibration(**NUMBERS, floor=np.full(1, 1e-6), threshold_db=np.full(1, 9.0))
 
 
 def finetune_labels(path):

@@ -248,7 +248,7 @@ def test_only_so_many_are_brought_up_at_once_and_those_that_are_away_count_not(
                 now[0] -= not is_away
 
     monkeypatch.setattr(Sensor, "open", counted)
-    monkeypatch.setattr("radard.run.keeper._MAX_AT_ONCE", 2)
+    monkeypatch.setattr("radard.run.process.MAX_AT_ONCE", 2)
     away = {f"away{k}": {"port": f"/dev/nothing{k}"} for k in range(4)}
     there = {f"r{k}": {"port": f"sim:empty?seed={k}"} for k in range(6)}
     daemon = launch(sensors={**away, **there}, sensor={"speed": "max"})

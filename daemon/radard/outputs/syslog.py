@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import urlsplit
 
-from radard.config.redact import redact
+from radard.config.credentials import redact
 from radard.config.sink_table import SinkOptions
 from radard.errors import UsageError
 from radard.log_file import marks_of

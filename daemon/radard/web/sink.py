@@ -8,7 +8,7 @@ import logging
 from typing import Any
 from urllib.parse import urlsplit
 
-from radard.config.redact import redact
+from radard.config.credentials import redact
 from radard.config.sink_table import SinkOptions, WebSection
 from radard.errors import UsageError
 from radard.log import EventLog
