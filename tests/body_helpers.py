@@ -52,7 +52,7 @@ def places(body, t_s):
 
 def parts(body, t_s):
     """Return where the middles of the parts are, by name, breath and skin apart."""
-    centre_m = body.motion.pose(t_s).centre_m
+    centre_m = body.motion(t_s).centre_m
     return {name: centre_m[:, k] for k, name in enumerate(body.names)}
 
 

@@ -28,7 +28,7 @@ def body_of(kind, style, motion, skin, seed=3):
 
 
 def mean_m2(body, t_s):
-    pose = body.motion.pose(t_s)
+    pose = body.motion(t_s)
     side = np.broadcast_to(pose.side, pose.axis.shape)
     return body.skin.mean_total_m2(Pose(pose.centre_m, pose.axis, side))
 
@@ -95,12 +95,11 @@ LIMBS = {
 )
 def test_bones_keep_their_lengths_and_limbs_join(kind, style, motion):
     body = drawn(kind, style, 3, path=((0.0, 9.0), (0.0, 1.0)), motion=motion)
-    pose = body.motion.pose(np.linspace(0, 12, 300))
+    pose = body.motion(np.linspace(0, 12, 300))
     assert np.linalg.norm(pose.axis, axis=-1) == pytest.approx(
         np.ones(pose.axis.shape[:2]), abs=0.02
     )
-    motion_of = getattr(body.motion, "motion", body.motion)
-    half = np.array(motion_of.build.half_lengths())[:, 0]
+    half = body.skin.half_m[:, 0]
     for pair in LIMBS[kind]:
         upper, lower = (body.names.index(name) for name in pair)
         ends = [

@@ -127,7 +127,7 @@ def test_masses_and_hips_are_those_of_pets():
 @pytest.mark.parametrize(("species", "style"), STAYING)
 def test_one_that_stays_does_so_where_the_path_begins(species, style):
     pet = drawn(species, style, 0, path=Path.through(((1.0, 2.0), (1.0, 4.0)), 0.5))
-    pose = pet.motion.pose(np.arange(0, 30, 0.5))
+    pose = pet.motion(np.arange(0, 30, 0.5))
     plays = style == "play"
     assert np.abs(pose.centre_m[:, 0, :2] - [1.0, 2.0]).max() < (0.4 if plays else 0.03)
     assert (pose.axis[:, 0, 1].min() > 0.7) is not plays

@@ -73,11 +73,11 @@ def test_the_velocity_between_frames_does_not_jump(tmp_path):
     np.savez(file, position_m=position_m, parent=[-1, 0], frame_rate_hz=30.0)
     motion = read_motion(str(file), up="z")
     fine_s = np.arange(0.5, 2.5, 1e-3)
-    x = 2 * motion.pose(fine_s).centre_m[:, 0, 0]
+    x = 2 * motion(fine_s).centre_m[:, 0, 0]
     assert x == pytest.approx(np.sin(4 * np.pi * fine_s), abs=0.01)
     # 158 m/s2 at most; straight lines between the frames would jump by 5 m/s.
     assert np.abs(np.diff(x, n=2)).max() / 1e-3**2 < 250
-    frames = motion.pose(t_s).centre_m[:, 0]
+    frames = motion(t_s).centre_m[:, 0]
     assert frames == pytest.approx(position_m.mean(axis=1), abs=1e-12)
 
 
@@ -108,7 +108,7 @@ def test_standard_joints_move_the_parts_of_a_kind_with_its_girths(tmp_path, skel
     size_m = 1.7 if skeleton is PERSON else 0.5
     girth = np.array([part.half_girth for part in skeleton.parts])
     assert motion.half_m[:, 1:] == pytest.approx(size_m * girth, rel=0.02)
-    pose = motion.pose(np.array([0.5]))
+    pose = motion(np.array([0.5]))
     at = dict(zip(names, position_m[15], strict=True))
     for k, part in enumerate(skeleton.parts):
         begin, end = (at[name] for name in part.joints)

@@ -46,7 +46,7 @@ class Body:
     breath: Breath | None = None
 
     def at(self, t_s: Array, antenna_m: Array) -> Points:
-        pose = self.motion.pose(t_s)
+        pose = self.motion(t_s)
         if self.breath:
             # Breathing moves the surface of the trunk towards the antenna.
             trunk = pose.centre_m[:, : len(self.breath.shares)]
@@ -57,25 +57,23 @@ class Body:
         return self.skin.points(pose, antenna_m)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Carrying:
-    """A motion with something in its arms, which is one more part."""
+def carrying(motion: Motion, burden_m: Array) -> Motion:
+    """Return a motion with one more part in its arms, (3,): ahead of, left of, over the chest."""
 
-    motion: Motion
-    burden_m: Array  # (3,): ahead of the chest, to the left of it, over it
-
-    def pose(self, t_s: Array) -> Pose:
-        pose = self.motion.pose(t_s)
+    def pose(t_s: Array) -> Pose:
+        pose = motion(t_s)
         left, up = pose.side[:, 0], pose.axis[:, _CHEST]
-        ahead, burden = np.cross(left, up), self.burden_m
-        place = pose.centre_m[:, _CHEST] + burden[0] * ahead + burden[1] * left + burden[2] * up
-        side = pose.side
+        ahead, side = np.cross(left, up), pose.side
+        place = pose.centre_m[:, _CHEST]
+        place = place + burden_m[0] * ahead + burden_m[1] * left + burden_m[2] * up
         return Pose(
             np.concatenate([pose.centre_m, place[:, None]], axis=1),
             np.concatenate([pose.axis, left[:, None]], axis=1),
             # What is carried has the trunk's side.
             side if side.shape[1] == 1 else np.concatenate([side, side[:, :1]], axis=1),
         )
+
+    return pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,5 +92,5 @@ class BodyPlan:
     ) -> Body:
         """Return the body with a skin drawn; its mean total is over the times `looks_s`."""
         drawn = draw_skin(rng, skin, self.half_m, self.n_trunk, self.gain)
-        drawn = sized(drawn, rng, total_rcs_dbsm, self.motion.pose(looks_s))
+        drawn = sized(drawn, rng, total_rcs_dbsm, self.motion(looks_s))
         return Body(self.label, drawn.names(self.parts), self.motion, drawn)

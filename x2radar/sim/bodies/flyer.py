@@ -87,7 +87,7 @@ class Flying:
     build: FlyerBuild
     flight: Flight
 
-    def pose(self, t_s: Array) -> Pose:
+    def __call__(self, t_s: Array) -> Pose:
         b = self.build
         place, heading, effort = self.flight.at(t_s)
         cos, sin, zero = np.cos(heading), np.sin(heading), np.zeros_like(heading)

@@ -8,10 +8,10 @@ import numpy as np
 
 from x2radar.errors import SceneError
 from x2radar.keys import Key
-from x2radar.sim.bodies.body import Body, BodyPlan, Breath, Carrying
+from x2radar.sim.bodies.body import Body, BodyPlan, Breath, carrying
 from x2radar.sim.bodies.motion import MOTIONS
 from x2radar.sim.bodies.motion.angles import AnglePerson
-from x2radar.sim.bodies.motion.people.crawling import Crawling
+from x2radar.sim.bodies.motion.people.crawling import draw_crawling
 from x2radar.sim.bodies.motion.people.footfalls import FootfallPerson
 from x2radar.sim.bodies.motion.people.gait import FASTEST_WALK, STYLES, PersonStyle
 from x2radar.sim.bodies.motion.people.striding import draw_gesture
@@ -63,7 +63,7 @@ def draw_person(
     _check_speed(row.kind, max(course.cruise_mps, speed_mps or 0.0), build)
     moves: Motion
     if row.kind == "crawl":
-        moves = Crawling.draw(rng, course, build, traits)
+        moves = draw_crawling(rng, course, build, traits)
     elif motion == "gait" or row.speed_mps is None or row.does:
         moves = OnFeet.draw(rng, row, course, build, traits)
     elif motion == "footfalls":
@@ -75,7 +75,7 @@ def draw_person(
         name, size = _CARRIED[style]
         names = (*names, name)
         half = np.vstack([half, np.array(size) * (0.8 + 0.4 * share[7])])
-        moves = Carrying(moves, np.array([0.14, 0.0, -0.05]) * build.stature_m)
+        moves = carrying(moves, np.array([0.14, 0.0, -0.05]) * build.stature_m)
     plan = BodyPlan("human", names, half, moves, PERSON.n_trunk, PERSON.gain)
     looks_s = np.linspace(course.start_s, max(course.end_s, course.start_s + 4.0), _N_LOOKS)
     body = plan.dressed(rng, skin, total_rcs_dbsm, looks_s)

@@ -19,8 +19,8 @@ from x2radar.sim.bodies.motion.quadrupeds.gait import (
     usual_gait,
 )
 from x2radar.sim.bodies.motion.quadrupeds.hung import Action, Hung, draw_manner
-from x2radar.sim.bodies.motion.quadrupeds.jumping import Jumping
-from x2radar.sim.bodies.motion.quadrupeds.staying import Romping, draw_staying
+from x2radar.sim.bodies.motion.quadrupeds.jumping import draw_jumping
+from x2radar.sim.bodies.motion.quadrupeds.staying import draw_romping, draw_staying
 from x2radar.sim.bodies.path.courses import Waypoints, apart, draw_course, off_wall
 from x2radar.sim.bodies.path.path import Agility, Path
 from x2radar.sim.bodies.pose import Motion
@@ -100,10 +100,10 @@ def draw_pet(
     action: Action
     looks_s = (0.0, _STAYS_S)
     if style == "jump":
-        action = jumping = Jumping.draw(rng, build, course, row)
-        looks_s = course.start_s, jumping.leaps[-1].end_s
+        action, end_s = draw_jumping(rng, build, course, row)
+        looks_s = course.start_s, end_s
     elif style == "play":
-        action = Romping.draw(rng, build, course)
+        action = draw_romping(rng, build, course)
     elif PET_STYLES[style].froude is None:
         action = draw_staying(rng, build, style, course)
     else:

@@ -4,9 +4,8 @@ A motion gives a `Pose` at given times, a skin makes echoes of it: that is all t
 other.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -42,9 +41,5 @@ def rod(middle_m: Array, axis: Array) -> Ends:
     return middle_m - 0.5 * axis, middle_m + 0.5 * axis
 
 
-class Motion(Protocol):
-    """A body's poses over time; a function of time alone."""
-
-    def pose(self, t_s: Array) -> Pose:
-        """Return where its segments are at times of shape (n_slow,), in any order."""
-        ...
+Motion = Callable[[Array], Pose]
+"""A body's pose at times of shape (n_slow,), in any order; a function of time alone."""

@@ -2,7 +2,7 @@
 
 People and four-legged animals have three generators each, so that a network cannot learn one by
 heart: published strides (`people.walking`, `quadrupeds.hung`), drawn ones (`people.footfalls`),
-joint angles (`angles`); and there is recorded motion. A further source is a class with a `pose`.
+joint angles (`angles`); and there is recorded motion. A further source is a function of time.
 """
 
 MOTIONS = ("gait", "footfalls", "angles")  # generators of people and four-legged animals

@@ -19,7 +19,7 @@ from x2radar.sim.bodies.motion.people.striding import (
     Moment,
     StridingPerson,
     Swing,
-    Torso,
+    draw_torso,
 )
 from x2radar.sim.bodies.motion.quadrupeds.footfalls import (
     LEAPS,
@@ -148,7 +148,7 @@ class AnglePerson(StridingPerson):
             StridePhase.along(path, lambda v: stride * (v / cruise) ** 0.5),
             cruise,
             gesture,
-            Torso.draw(rng),
+            draw_torso(rng),
             (*legs, shoulder, elbow),
             np.array([0.0, 0.5 + limp, 0.04 * z[5], 0.5 + 0.04 * z[6]]),
             {"crouch": 0.7, "stealth": 0.45}.get(style, 0.05) + 0.08 * float(u[1]),
@@ -159,7 +159,7 @@ class AnglePerson(StridingPerson):
             surge,
         )
 
-    def pose(self, t_s: Array) -> Pose:
+    def __call__(self, t_s: Array) -> Pose:
         state = self.path.at(t_s)
         vigour = np.clip(state.speed_mps / self.cruise_mps, 0.0, 1.0)
         p = (-1.0 if self.turned_rad else 1.0) * self.phase.at(t_s)
@@ -242,7 +242,7 @@ class AngleQuadruped(StridingQuadruped):
             float((0.08 if gait in LEAPS else 0.02) * np.exp(0.3 * z[1])),
         )
 
-    def pose(self, t_s: Array) -> Pose:
+    def __call__(self, t_s: Array) -> Pose:
         b, w = self.build, self.bearing
         state = self.path.at(t_s)
         vigour = np.clip(state.speed_mps / self.cruise_mps, 0.0, 1.0)

@@ -73,7 +73,7 @@ class RecordedMotion:
         velocity = np.gradient(position_m, axis=0) if len(position_m) > 1 else 0 * position_m
         return cls(skeleton, half, at, position_m, velocity, float(frame_rate_hz))
 
-    def pose(self, t_s: Array) -> Pose:
+    def __call__(self, t_s: Array) -> Pose:
         last = len(self.position_m) - 1
         at = np.clip((t_s - self.start_s) * self.frame_rate_hz, 0.0, last)
         k = np.minimum(at.astype(np.int64), max(last - 1, 0))

@@ -18,8 +18,8 @@ from x2radar.sim.bodies.motion.people.striding import (
     Moment,
     StridingPerson,
     Swing,
-    Torso,
     draw_gesture,
+    draw_torso,
 )
 from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.bodies.path.prints import Footprints, StridePhase
@@ -90,9 +90,9 @@ class FootfallPerson(StridingPerson):
             for side in SIDES
         )
         cruise = max(path.cruise_mps, 0.1)
-        return cls(path, build, phase, cruise, gesture, Torso.draw(rng), params, prints)
+        return cls(path, build, phase, cruise, gesture, draw_torso(rng), params, prints)
 
-    def pose(self, t_s: Array) -> Pose:
+    def __call__(self, t_s: Array) -> Pose:
         b, w = self.build, self.params
         state = self.path.at(t_s)
         vigour = np.clip(state.speed_mps / self.cruise_mps, 0.0, 1.0)

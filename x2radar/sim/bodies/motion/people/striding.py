@@ -6,8 +6,8 @@ amplitudes are wide.
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 
@@ -43,34 +43,28 @@ class Moment:
     gesture: Array  # (n_slow, 6): added to shoulders and elbows, left and right; turn and nod
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Torso:
-    """Swing of a trunk over its hips, in step with the stride."""
+Torso = Callable[[Array, Moment, Array], Array]
+"""Unit vectors from hips to neck, (n_slow, 3), at times, about a forward lean (n_slow,)."""
 
-    pitch_rad: float  # amplitudes at cruising speed, forward and to the left
-    roll_rad: float
-    pitch_lag: float  # in periods, against the left foot's landing
-    roll_lag: float
-    wander: Wander  # what is added to lean and roll, whether the body goes or stands
 
-    @classmethod
-    def draw(cls, rng: np.random.Generator) -> Self:
-        """Draw how far and with which lags the trunk pitches and rolls, and how it wanders."""
-        pitch_lag, roll_lag = rng.random(2)
-        pitch, roll = _SWING_RAD * np.abs(rng.standard_normal(2)).clip(0, _MAX_SIGMAS)
-        wander = Wander.draw(rng, _WANDER_RAD, _WANDER_RAD_S)
-        return cls(float(pitch), float(roll), float(pitch_lag), float(roll_lag), wander)
+def draw_torso(rng: np.random.Generator) -> Torso:
+    """Draw how a trunk swings over its hips in step with the stride, and how it wanders."""
+    # In periods, against the left foot's landing; amplitudes at cruising speed.
+    pitch_lag, roll_lag = rng.random(2)
+    swings_rad = _SWING_RAD * np.abs(rng.standard_normal(2)).clip(0, _MAX_SIGMAS)
+    pitch_rad, roll_rad = swings_rad.tolist()
+    # Added to lean and roll, whether the body goes or stands.
+    wanders = Wander.draw(rng, _WANDER_RAD, _WANDER_RAD_S)
 
-    def up(
-        self, t_s: Array, facing_rad: Array, lean_rad: Array, phase: Array, vigour: Array
-    ) -> Array:
-        """Return unit vectors from hips to neck, (n_slow, 3), about a forward lean (n_slow,)."""
-        wander = self.wander.at(t_s)
-        pitch = self.pitch_rad * vigour * np.sin(2 * np.pi * (2 * phase - self.pitch_lag))
-        roll = self.roll_rad * vigour * np.sin(2 * np.pi * (phase - self.roll_lag)) + wander[:, 1]
-        upright = direction(facing_rad, 0.5 * np.pi - (lean_rad + pitch + wander[:, 0]))
-        left = direction(facing_rad + 0.5 * np.pi)
+    def up(t_s: Array, now: Moment, lean_rad: Array) -> Array:
+        wander, phase = wanders.at(t_s), now.phase
+        pitch = pitch_rad * now.vigour * np.sin(2 * np.pi * (2 * phase - pitch_lag))
+        roll = roll_rad * now.vigour * np.sin(2 * np.pi * (phase - roll_lag)) + wander[:, 1]
+        upright = direction(now.facing_rad, 0.5 * np.pi - (lean_rad + pitch + wander[:, 0]))
+        left = direction(now.facing_rad + 0.5 * np.pi)
         return np.cos(roll)[:, None] * upright + np.sin(roll)[:, None] * left
+
+    return up
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,9 +79,7 @@ class StridingPerson(ABC):
     torso: Torso
 
     @abstractmethod
-    def _arm_swing(
-        self, k: int, now: Moment, chest_rad: Array
-    ) -> tuple[Array, Array, Array, float]:
+    def _arm_swing(self, k: int, now: Moment, chest_rad: Array) -> Swing:
         """Return how an arm swings, given where the chest faces."""
 
     def _over_hips(
@@ -101,7 +93,7 @@ class StridingPerson(ABC):
         """Return the pose over hips and legs; `leans_rad` are those of trunk and head."""
         b = self.build
         lean, look_lean = leans_rad
-        up = self.torso.up(t_s, now.facing_rad, lean, now.phase, now.vigour)
+        up = self.torso(t_s, now, lean)
         left = direction(now.facing_rad + 0.5 * np.pi)
         top = middle_m + b.trunk_m * up
         gaze = now.facing_rad + now.gesture[:, 4]

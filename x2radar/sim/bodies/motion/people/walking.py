@@ -10,7 +10,13 @@ from typing import Self
 
 import numpy as np
 
-from x2radar.sim.bodies.motion.people.doing import Busy, Doer, Doing, Exercise, Seated
+from x2radar.sim.bodies.motion.people.doing import (
+    Doer,
+    Doing,
+    draw_busy,
+    draw_exercise,
+    draw_seated,
+)
 from x2radar.sim.bodies.motion.people.gait import Carriage, PersonStyle, carriage_at, gait_of
 from x2radar.sim.bodies.motion.people.striding import SIDES
 from x2radar.sim.bodies.path.feet import Feet, FootState
@@ -91,7 +97,7 @@ class OnFeet:
             _draw_doer(rng, style.does, build.leg_m),
         )
 
-    def pose(self, t_s: Array) -> Pose:
+    def __call__(self, t_s: Array) -> Pose:
         b, c = self.build, self.carriage
         state, feet = self.path.at(t_s), self.feet.at(t_s)
         strides = self.feet.clock.at(t_s)
@@ -108,7 +114,7 @@ class OnFeet:
         bend, lean = np.full(len(t_s), c.bend), np.full(len(t_s), c.lean_rad)
         heading, up, look = state.heading_rad, sway[:, 2], sway[:, 3:5]
         cos, sin = np.cos(heading), np.sin(heading)
-        doing = self.doer.at(t_s, vigour) if self.doer else None
+        doing = self.doer(t_s, vigour) if self.doer else None
         if doing:
             bend, lean, look = bend + doing.crouch, lean + doing.lean_rad, look + doing.look_rad
             ahead, aside = ahead + doing.shift_m[:, 0], aside + doing.shift_m[:, 1]
@@ -229,11 +235,9 @@ def _reach(
 
 
 def _draw_doer(rng: np.random.Generator, does: str, leg_m: float) -> Doer | None:
-    if does == "sit":
-        return Seated.draw(rng, leg_m)
-    if does == "exercise":
-        return Exercise.draw(rng, leg_m)
-    return Busy.draw(rng) if does else None
+    if does in {"sit", "exercise"}:
+        return (draw_seated if does == "sit" else draw_exercise)(rng, leg_m)
+    return draw_busy(rng) if does else None
 
 
 def _scattered(c: Carriage, z: Array, build: PersonBuild) -> Carriage:

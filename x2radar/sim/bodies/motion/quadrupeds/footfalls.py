@@ -141,7 +141,7 @@ class FootfallQuadruped(StridingQuadruped):
         bearing = Bearing.draw(rng, gait, style)
         return cls(path, build, bearing, phase, cruise, prints, height)
 
-    def pose(self, t_s: Array) -> Pose:
+    def __call__(self, t_s: Array) -> Pose:
         b, w = self.build, self.bearing
         state = self.path.at(t_s)
         vigour = np.clip(state.speed_mps / self.cruise_mps, 0.0, 1.0)

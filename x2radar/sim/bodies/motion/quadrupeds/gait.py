@@ -128,7 +128,7 @@ class Going:
         feet = Feet.plan(path, gait)
         return cls(path, feet, work, gait.offset, build, low * h, cruise, share, crouch)
 
-    def at(self, t_s: Array) -> Stance:
+    def __call__(self, t_s: Array) -> Stance:
         f, h = self.footwork, self.build.hip_m
         state = self.path.at(t_s)
         feet = self.feet.at(t_s)

@@ -4,10 +4,9 @@ A skeleton hung between feet and a moving trunk, which an `Action` gives. Restin
 ``53.5 M^-0.26`` a minute (Stahl 1967, recalled); panting is at 4 to 6 Hz (recalled).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Protocol
 
 import numpy as np
 
@@ -172,12 +171,8 @@ class Stance(Trunk):
     paw_m: Array  # (n_slow, 4, 3): soles, in the order of `LEGS`
 
 
-class Action(Protocol):
-    """A movement of trunk and paws; a function of time alone."""
-
-    def at(self, t_s: Array) -> Stance:
-        """Return where trunk and paws are at times of shape (n_slow,)."""
-        ...
+Action = Callable[[Array], Stance]
+"""Where trunk and paws are at times of shape (n_slow,); a function of time alone."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -188,8 +183,8 @@ class Hung:
     action: Action
     manner: Manner
 
-    def pose(self, t_s: Array) -> Pose:
-        s, b = self.action.at(t_s), self.build
+    def __call__(self, t_s: Array) -> Pose:
+        s, b = self.action(t_s), self.build
         ahead, left = direction(s.heading_rad), direction(s.heading_rad + 0.5 * np.pi)
         end, side = 0.5 * ENDS * b.back_m, 0.9 * SIDES * b.half_track_m
         joint = s.middle_m[:, None] + end[:, None] * direction(s.heading_rad, s.pitch_rad)[:, None]

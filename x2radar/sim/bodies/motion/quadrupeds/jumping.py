@@ -6,11 +6,12 @@ from typing import Self
 import numpy as np
 
 from x2radar.sim.bodies.motion.quadrupeds.gait import GRAVITY_MPS2
-from x2radar.sim.bodies.motion.quadrupeds.hung import Stance
-from x2radar.sim.bodies.motion.quadrupeds.staying import Staying, draw_staying
+from x2radar.sim.bodies.motion.quadrupeds.hung import Action, Stance
+from x2radar.sim.bodies.motion.quadrupeds.staying import draw_staying
 from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.bodies.pose import UP
 from x2radar.sim.bodies.skeleton.quadrupeds import ENDS, SIDES, QuadrupedBuild
+from x2radar.sim.bodies.skeleton.skeleton import direction
 from x2radar.sim.bodies.skeleton.species import Species
 from x2radar.sim.bodies.wander import smooth_step
 from x2radar.sim.points import Array
@@ -103,62 +104,49 @@ class Leap:
         return off, smooth_step((t_s - lands) / quick + 1.0)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Jumping:
-    """Jumps one after the other, all ahead, and standing in between."""
+def draw_jumping(
+    rng: np.random.Generator, build: QuadrupedBuild, path: Path, species: Species
+) -> tuple[Action, float]:
+    """Draw one that jumps onto something, stays, and jumps down on its other side.
 
-    standing: Staying  # the posture before the first jump
-    build: QuadrupedBuild  # sizes
-    leaps: tuple[Leap, ...]  # in order of time
+    It goes all ahead, and stands in between; beside it is when it stands for good, in seconds.
+    """
+    standing = draw_staying(rng, build, "jump", path)
+    h = build.hip_m
+    climb = float(np.clip(h * rng.uniform(*species.jump), 0.2, 0.9))
+    crouch = rng.uniform(0.3, 0.7, 2)
+    up = Leap.over(rng.uniform(0.8, 2.0), climb, h * rng.uniform(1.2, 2.2), h, crouch[0])
+    stays = rng.uniform(1.5, 6.0)
+    down = Leap.over(up.end_s + stays, -climb, h * rng.uniform(1.5, 2.5), h, crouch[1])
 
-    @classmethod
-    def draw(
-        cls, rng: np.random.Generator, build: QuadrupedBuild, path: Path, species: Species
-    ) -> Self:
-        """Draw one that jumps onto something, stays, and jumps down on its other side."""
-        standing = draw_staying(rng, build, "jump", path)
-        h = build.hip_m
-        climb = float(np.clip(h * rng.uniform(*species.jump), 0.2, 0.9))
-        crouch = rng.uniform(0.3, 0.7, 2)
-        up = Leap.over(rng.uniform(0.8, 2.0), climb, h * rng.uniform(1.2, 2.2), h, crouch[0])
-        stays = rng.uniform(1.5, 6.0)
-        down = Leap.over(up.end_s + stays, -climb, h * rng.uniform(1.5, 2.5), h, crouch[1])
-        return cls(standing, build, (up, down))
-
-    def at(self, t_s: Array) -> Stance:
-        s = self.standing.at(t_s)
-        ahead = np.stack(
-            [np.cos(s.heading_rad), np.sin(s.heading_rad), np.zeros_like(t_s)], axis=-1
-        )
+    def at(t_s: Array) -> Stance:
+        s = standing(t_s)
+        ahead = direction(s.heading_rad)
         middle, pitch, paw = s.middle_m, s.pitch_rad, s.paw_m
-        for leap in self.leaps:
+        for leap in (up, down):
             way, height, tip = leap.trunk(t_s)
             middle = middle + way[:, None] * ahead + height[:, None] * UP
             pitch = pitch + tip
-        for leap in self.leaps:
+        for leap in (up, down):
             end = paw + (leap.ahead_m * ahead + leap.climb_m * UP)[:, None]
-            off, on = (
-                np.stack(x, axis=1)[..., None]
-                for x in zip(
-                    *(leap.paw_share(t_s, is_fore=bool(k % 2)) for k in range(4)), strict=True
-                )
-            )
-            tucked = self._tucked(middle, pitch, ahead)
+            shares = (leap.paw_share(t_s, is_fore=bool(k % 2)) for k in range(4))
+            off, on = (np.stack(x, axis=1)[..., None] for x in zip(*shares, strict=True))
+            tucked = _tucked(build, middle, pitch, ahead)
             paw = paw * (1.0 - off) + off * ((1.0 - on) * tucked + on * end)
         return replace(s, middle_m=middle, pitch_rad=pitch, paw_m=paw)
 
-    def _tucked(self, middle: Array, pitch: Array, ahead: Array) -> Array:
-        """Return where paws are in the air: under hip and shoulder, legs half bent."""
-        long = np.cos(pitch)[:, None] * ahead + np.sin(pitch)[:, None] * UP
-        left = np.cross(UP, ahead)
-        side = SIDES * self.build.half_track_m
-        end = 0.5 * ENDS * self.build.back_m
-        below = 0.62 * self.build.hip_m
-        return np.asarray(
-            middle[:, None]
-            + end[:, None] * long[:, None]
-            + side[:, None] * left[:, None]
-            + 0.15 * self.build.hip_m * ENDS[:, None] * ahead[:, None]
-            - below * UP,
-            dtype=np.float64,
-        )
+    return at, down.end_s
+
+
+def _tucked(b: QuadrupedBuild, middle: Array, pitch: Array, ahead: Array) -> Array:
+    """Return where paws are in the air: under hip and shoulder, legs half bent."""
+    long = np.cos(pitch)[:, None] * ahead + np.sin(pitch)[:, None] * UP
+    left = np.cross(UP, ahead)
+    return np.asarray(
+        middle[:, None]
+        + (0.5 * ENDS * b.back_m)[:, None] * long[:, None]
+        + (SIDES * b.half_track_m)[:, None] * left[:, None]
+        + 0.15 * b.hip_m * ENDS[:, None] * ahead[:, None]
+        - 0.62 * b.hip_m * UP,
+        dtype=np.float64,
+    )
