@@ -29,7 +29,6 @@ from campaigns.fault_run import Run
 from campaigns.fault_world import Module
 from radard.stream.coalesced_reads import CoalescedReads
 from x2radar.device.transport import PtyTransport, SerialTransport
-from x2radar.sim.module.faults import FaultPlan
 from x2radar.sim.module.host import serve
 
 _RATE_HZ = 20.0
@@ -197,7 +196,7 @@ def injected_run(n: int, seed: int) -> dict[str, Any]:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         served = PtyTransport()
         stack.callback(served.close)
-        module = Module(FaultPlan(), own_seed, 0.0)
+        module = Module({}, own_seed, 0.0)
         serving = _thread(lambda: serve(module, served, stop=halt.is_set))
         stack.callback(serving.join, _STUCK_S)
         stack.callback(halt.set)

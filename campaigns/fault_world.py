@@ -71,7 +71,7 @@ class Module(SimulatedModule):
     def heal(self) -> None:
         """Let nothing go wrong from here on; what was held back comes now."""
         queue = [piece for _, piece in self._line._queue]
-        plan = FaultPlan()
+        plan = {}
         dice = Dice(plan, 0)
         self._faults, self._line = ModuleFaults(dice), Line(dice)
         for piece in queue:
@@ -174,7 +174,7 @@ class World:
         if module.has_hung_up:
             self._pull(self._rng.uniform(0.1, 5.0))
             self._seed += 1_000_003
-            plan = FaultPlan() if self._is_healed else self._plan
+            plan = {} if self._is_healed else self._plan
             self._module, self._n_boots = Module(plan, self._seed, self._now_s), 0
         elif module.n_boots > self._n_boots:
             self._n_boots = module.n_boots
@@ -279,7 +279,7 @@ def drawn_plan(n: int, seed: int) -> FaultPlan:
     names = list(KINDS)
     is_alone = n < len(names)
     drawn = [names[n]] if is_alone else list(rng.choice(names, rng.integers(1, 5), False))
-    return FaultPlan({str(name): _value(str(name), rng, is_top=is_alone) for name in drawn})
+    return {str(name): _value(str(name), rng, is_top=is_alone) for name in drawn}
 
 
 def _value(name: str, rng: np.random.Generator, *, is_top: bool) -> float:

@@ -10,9 +10,9 @@ from tests.radar_helpers import BASEBAND, noise
 from tests.sim_helpers import axis_with
 from x2radar.command import new_parser, run_command
 from x2radar.commands import convert, decode, info, record
-from x2radar.frame import StreamInfo
+from x2radar.frame import CounterTracker, StreamInfo
 from x2radar.modules.x2 import RadarSettings
-from x2radar.recording.blocks import Block, unwrap
+from x2radar.recording.blocks import Block
 from x2radar.recording.hdf5_writer import RecordingWriter, write_labels
 
 RATE_HZ = 60.25
@@ -43,7 +43,9 @@ def make(path, kind="baseband", counters=None, *, samples=None, rate_hz=RATE_HZ,
         | {"dac_max": 8191, "sample_delay_s": 4e-9},
     } | attributes
     with RecordingWriter(path, StreamInfo(axis, rate_hz, "module 7"), **about) as writer:
-        t_s = unwrap(counters).index / rate_hz
+        tracker = CounterTracker()
+        index = [(tracker.update(n), tracker.index)[1] for n in counters.tolist()]
+        t_s = np.array(index) / rate_hz
         writer.write_block(Block(samples, counters.astype(np.uint32), t_s))
     write_labels(path, LABELS)
     return path, samples

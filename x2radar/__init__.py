@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from x2radar.api import open as open  # noqa: A004 - x2radar.open reads as the file of a radar
     from x2radar.api import open_async as open_async
     from x2radar.api import open_reconnecting as open_reconnecting
-    from x2radar.arrays import read_frames as read_frames
-    from x2radar.arrays import simulate as simulate
+    from x2radar.api import read_frames as read_frames
+    from x2radar.api import simulate as simulate
     from x2radar.device.device import RadarStats as RadarStats
     from x2radar.device.device import X2Radar as X2Radar
     from x2radar.device.link import Deadlines as Deadlines
@@ -37,8 +37,7 @@ if TYPE_CHECKING:
     from x2radar.recording.registry import open_recording as open_recording
 
 _PLACES = {
-    "api": ("open", "open_async", "open_reconnecting"),
-    "arrays": ("read_frames", "simulate"),
+    "api": ("open", "open_async", "open_reconnecting", "read_frames", "simulate"),
     "device.device": ("RadarStats", "X2Radar"),
     "device.link": ("Deadlines",),
     "device.reconnect": ("ReconnectingRadar", "StreamEvent"),

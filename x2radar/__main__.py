@@ -3,7 +3,7 @@
 import os
 import sys
 
-from x2radar.start import start
+from x2radar.startup import start
 
 # As radard does, before numpy loads: a second thread burns up to three times what the work takes.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

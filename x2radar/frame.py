@@ -7,7 +7,7 @@ stated, never hidden: `CounterTracker` says for every frame how many are missing
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import lru_cache
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,8 +103,7 @@ class Step(Enum):
 class CounterTracker:
     """Unwrap a 32-bit frame counter and name every irregularity."""
 
-    def __init__(self, longest_gap: int = LONGEST_GAP) -> None:
-        self._longest_gap = longest_gap
+    def __init__(self) -> None:
         self._last: int | None = None
         self.index = -1
 
@@ -117,7 +116,7 @@ class CounterTracker:
         ahead = (counter - last) % _WRAP
         if ahead == 0:
             return Step.REPEAT, 0
-        if ahead - 1 > self._longest_gap:
+        if ahead - 1 > LONGEST_GAP:
             self.index += 1
             return Step.RESTART, 0
         self.index += ahead
@@ -155,3 +154,19 @@ class FrameCounts:
 def read_only(samples: Samples) -> None:
     """Make an array read-only in place, as all arrays that leave the driver are."""
     samples.flags.writeable = False
+
+
+class Closing:
+    """Base of what frames come from or go to: closed at the end of its `with` block."""
+
+    def __enter__(self) -> Self:
+        """Return the object itself, for `with ... as`."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close it, whatever happened in the block."""
+        self.close()
+
+    def close(self) -> None:
+        """Let go of what is held; a second call does nothing."""
+        raise NotImplementedError

@@ -37,3 +37,13 @@ def begin() -> None:
 def end_at_once(_number: int, _frame: object) -> None:
     """End the process with 0, whatever it is doing."""
     os._exit(0)
+
+
+def start(prog: str, module: str) -> int:
+    """Run a command as a process; a signal while `module` is imported ends it at once."""
+    begin()
+    # Late: signals are heard before anything else is loaded.
+    from importlib import import_module  # noqa: PLC0415
+
+    run = import_module("x2radar.command").run_command
+    return int(run(prog, lambda argv: int(import_module(module).main(argv)), is_loaded=False))

@@ -3,7 +3,7 @@
 import signal
 import sys
 
-from x2radar.start import start
+from x2radar.startup import start
 
 
 def main() -> int:

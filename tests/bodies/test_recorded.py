@@ -173,7 +173,7 @@ def test_a_scene_plays_it(walk):
         "mine",
         "mine.yaml",
     )
-    (actor,) = scene.steps[0].actors
+    (actor,) = scene.steps[0][0].actors
     mover = actor.make(np.random.default_rng(0))
     assert mover.label == "pet"
     points = mover.at(np.array([0.0, 1.1]), np.array([0.0, 0.0, 1.0]))

@@ -151,8 +151,8 @@ def test_frames_share_one_axis_until_it_changes() -> None:
 AXIS = axis_with("rf", 4, 0.5, 2.0, bandwidth_hz=0, sample_rate_hz=0)
 
 
-def track(counters: list[int], longest_gap: int = 36_000) -> list[tuple[Step, int, int]]:
-    tracker = CounterTracker(longest_gap)
+def track(counters: list[int]) -> list[tuple[Step, int, int]]:
+    tracker = CounterTracker()
     return [(*tracker.update(c), tracker.index) for c in counters]
 
 
@@ -164,8 +164,8 @@ def test_range_axis() -> None:
 
 
 def test_longest_gap_is_a_gap_and_one_more_a_restart() -> None:
-    assert track([0, 11], longest_gap=10)[1] == (Step.GAP, 10, 11)
-    assert track([0, 12], longest_gap=10)[1] == (Step.RESTART, 0, 1)
+    assert track([0, 36_001])[1] == (Step.GAP, 36_000, 36_001)
+    assert track([0, 36_002])[1] == (Step.RESTART, 0, 1)
 
 
 @given(

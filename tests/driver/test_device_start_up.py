@@ -35,7 +35,6 @@ from x2radar.errors import (
     TransportClosed,
 )
 from x2radar.modules.x2 import RadarSettings
-from x2radar.sim.module.faults import FaultPlan
 from x2radar.sim.module.host import serve
 from x2radar.sim.module.module import SimulatedModule
 from x2radar.sim.scene.scene import load_scene
@@ -307,7 +306,7 @@ def test_a_module_that_restarts_in_mid_stream_is_told_again_and_its_frames_marke
 
 
 def test_a_simulated_module_that_reboots_again_and_again_streams_on() -> None:
-    plan = FaultPlan({"reboot": 0.01})
+    plan = {"reboot": 0.01}
     patient = replace(SHORT, stall_s=60.0)
     near, far = memory_pair()
     thread = in_thread(serve, SimulatedModule(load_scene("human"), 3, plan), far, speed=4.0)

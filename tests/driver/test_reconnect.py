@@ -24,7 +24,6 @@ from x2radar.errors import (
 )
 from x2radar.frame import Frame
 from x2radar.modules.x2 import RadarSettings
-from x2radar.sim.module.faults import FaultPlan
 from x2radar.sim.module.host import serve
 from x2radar.sim.module.module import SimulatedModule
 from x2radar.sim.scene.scene import load_scene
@@ -155,7 +154,7 @@ def test_closing_from_another_thread_ends_it_at_once(socket, plugged):
 
 
 def test_gaps_repeats_and_reboots_are_told_before_the_frame_that_they_concern():
-    plan = FaultPlan({"drop_frames": 0.03, "duplicate": 0.03, "reboot": 0.005})
+    plan = {"drop_frames": 0.03, "duplicate": 0.03, "reboot": 0.005}
     near, far = memory_pair()
     thread = threading.Thread(
         target=serve,

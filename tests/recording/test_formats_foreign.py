@@ -7,16 +7,12 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.io import savemat
 
 from tests.radar_helpers import noise
 from tests.recording_helpers import content, make
 from x2radar.errors import RecordingError
-from x2radar.frame import CounterTracker, Step
 from x2radar.recording.about import Overrides
-from x2radar.recording.blocks import unwrap
 from x2radar.recording.formats.xethru import META, X4_BIN_LENGTH_M, XethruReader
 from x2radar.recording.formats.xethru import write as write_xethru
 from x2radar.recording.registry import open_recording
@@ -25,29 +21,6 @@ from x2radar.recording.stamps import count_by_stamps
 DATA = Path(__file__).parents[3] / "shared" / "data"
 P4XX = DATA / "p410_walk_101.mat"
 PERIOD_S = 0.0327996
-
-
-# ---------------------------------------------------------------- counters
-
-
-@given(st.lists(st.integers(0, 2**32 - 1) | st.integers(0, 5), max_size=30), st.integers(0, 30))
-def test_unwrapping_at_once_is_unwrapping_one_by_one(counters, cut):
-    counters = [0, *counters]
-    tracker = CounterTracker()
-    want = []
-    for counter in counters:
-        step, lost = tracker.update(counter)
-        want.append((tracker.index, lost, step is Step.RESTART, step is Step.REPEAT))
-    first = unwrap(np.array(counters[: cut + 1]))
-    rest = unwrap(np.array(counters[cut + 1 :]), counters[: cut + 1][-1], int(first.index[-1]))
-    got = [
-        row
-        for s in (first, rest)
-        for row in zip(
-            *(x.tolist() for x in (s.index, s.lost, s.restarted, s.repeated)), strict=True
-        )
-    ]
-    assert got == want
 
 
 @pytest.mark.parametrize("lost", [[], [5], [5, 6, 7, 300], list(range(100, 150))])

@@ -4,7 +4,7 @@ from hypothesis import strategies as st
 
 from x2radar.errors import SceneError
 from x2radar.sim.scene.cast import BODIES
-from x2radar.sim.scene.scene import SceneStep, builtin_scenes, load_scene, scene_names
+from x2radar.sim.scene.scene import builtin_scenes, load_scene, scene_names
 from x2radar.sim.things import THINGS
 
 STEP = "steps: [{body: thesis_cat, duration_s: 5}]\n"
@@ -28,7 +28,7 @@ def test_every_body_and_thing_is_in_some_builtin_scene():
     named = {actor.kind for scene in builtin_scenes() for actor in scene.background}
     for scene in builtin_scenes():
         for step in scene.steps:
-            for one in (step,) if isinstance(step, SceneStep) else step.steps:
+            for one in step:
                 named |= {actor.kind for actor in one.actors}
     # Recorded motion needs a file.
     assert named == {*BODIES, *THINGS} - {"motion"}
@@ -44,7 +44,7 @@ def test_a_file_says_the_same_as_a_builtin_scene(tmp_path):
     scene = load_scene(str(path))
     assert scene.name == "room"
     assert scene.description == "A room, in two lines."
-    dog, nobody = scene.steps
+    (dog,), (nobody,) = scene.steps
     assert [(a.kind, dict(a.options)) for a in dog.actors] == [("thesis_dog", {})]
     assert (nobody.actors, nobody.least_s, nobody.most_s) == ((), 1.5, 1.5)
     assert [(p.range_m, p.rcs_m2) for p in scene.clutter] == [(1.0, 2500.0)]
@@ -77,9 +77,9 @@ def test_everything_that_a_scene_may_name(tmp_path):
     assert dict(scene.mount) == {"hum_hz": 12}
     assert scene.receiver.lost_share == 0.01
     assert scene.background[0].probability == 0.5
-    step, choice = scene.steps
+    (step,), choice = scene.steps
     assert (step.least_s, step.most_s, len(step.actors)) == (2, 4, 2)
-    assert [s.weight for s in choice.steps] == [2, 1]
+    assert [s.weight for s in choice] == [2, 1]
 
 
 FAULTS = [

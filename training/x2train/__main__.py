@@ -2,7 +2,7 @@
 
 import sys
 
-from x2radar.start import start
+from x2radar.startup import start
 
 
 def main() -> int:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.arrays import read_frames, stacked
+from x2radar.api import read_frames, stacked
 from x2radar.atomic import write_picture
 from x2radar.command import StatusLine, legible
 from x2radar.commands import Commands, add_command, check_above_zero

@@ -17,16 +17,10 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from x2radar import errors
 from x2radar.command import StatusLine
 from x2radar.commands import Commands, add_command, check_above_zero
 from x2radar.device.device import X2Radar
-from x2radar.errors import (
-    ReadTimeout,
-    RecordingError,
-    SettingsError,
-    TransportClosed,
-    X2RadarError,
-)
 from x2radar.frame import Frame
 from x2radar.ports import PORT_FORMS, Port, parse_port, parse_speed
 from x2radar.radars import make_radar
@@ -77,7 +71,7 @@ def _run(args: argparse.Namespace) -> int:
     radar = make_radar(port, speed=parse_speed(args.speed))
     paths = (args.file, args.capture_wire) if args.capture_wire else (args.file,)
     if (free := free_bytes(*paths)) < args.free_floor * _MB:
-        raise X2RadarError(
+        raise errors.X2RadarError(
             f"{args.file}: {free / _MB:.0f} MB are free there, less than the "
             f"{args.free_floor:g} MB to leave (--free-floor)"
         )
@@ -126,7 +120,7 @@ def _run(args: argparse.Namespace) -> int:
     line = f"{args.file}: {tally.n_frames} frames, {tally.n_frames / rate_hz:.1f} s{lost}{parts}"
     if tally.is_full:
         msg = f"{line}; stopped, less than {args.free_floor:g} MB are free (--free-floor)"
-        raise X2RadarError(msg)
+        raise errors.X2RadarError(msg)
     print(line, file=sys.stderr)
     return 0
 
@@ -139,9 +133,9 @@ def _check(args: argparse.Namespace) -> None:
     check_above_zero("--rotate-size", args.rotate_size, "MB")
     check_above_zero("--rotate-time", args.rotate_time, "seconds")
     if args.label is not None and not (args.label and args.label.isprintable()):
-        raise SettingsError("--label: must be a word, such as human or pet")
+        raise errors.SettingsError("--label: must be a word, such as human or pet")
     if not 0 <= args.free_floor < 1e9:
-        raise SettingsError(f"--free-floor {args.free_floor:g}: must be 0 or more, in MB")
+        raise errors.SettingsError(f"--free-floor {args.free_floor:g}: must be 0 or more, in MB")
 
 
 def _labels(name: str | None, port: Port, radar: X2Radar, counter: int) -> "list[Label]":
@@ -213,9 +207,9 @@ def record(
                 break
             try:
                 writer.write(frame)
-            except RecordingError as err:
+            except errors.RecordingError as err:
                 # No bad input, as reading a recording would be: exit code 1.
-                raise X2RadarError(str(err)) from err
+                raise errors.X2RadarError(str(err)) from err
             tally.n_frames += 1
             tally.n_lost += frame.lost if tally.n_frames > 1 else 0
             if tally.n_frames % check_every == 0:
@@ -227,7 +221,7 @@ def record(
                 )
             if stop.is_set() or tally.is_full:
                 break
-    except (ReadTimeout, TransportClosed):
+    except (errors.ReadTimeout, errors.TransportClosed):
         if not stop.is_set():
             raise
     finally:

@@ -13,13 +13,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Self
 
-from x2radar.closing import Closing
 from x2radar.device.assemble import FrameAssembler
 from x2radar.device.bring_up import BringUp, FrameReceiver
 from x2radar.device.link import READ_S, RETRIES, Deadlines, Link, Listener
 from x2radar.device.transport import Transport
 from x2radar.errors import DeviceError, ReadTimeout, TransportClosed
-from x2radar.frame import Frame, StreamInfo
+from x2radar.frame import Closing, Frame, StreamInfo
 from x2radar.modules.base import ModuleSettings, SettingsChooser
 from x2radar.modules.x2 import RadarSettings
 from x2radar.wire.messages import GetSystemInfo, Message, Reply, Reset, SetBaudRate, Unknown

@@ -11,15 +11,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+from x2radar import errors
 from x2radar.device.transport import SerialTransport
-from x2radar.errors import (
-    MessageError,
-    PortBusy,
-    PortDenied,
-    PortError,
-    PortNotFound,
-    TransportClosed,
-)
 from x2radar.wire import framing
 from x2radar.wire.codec import decode_response, encode
 from x2radar.wire.framing import Packet, PacketData, PacketDecoder
@@ -93,7 +86,7 @@ def probe(path: str, timeout_s: float = _ANSWER_S) -> str:
             if heard:
                 # Its answer may still stand behind data; but that it is a module is clear.
                 return heard
-    except TransportClosed:
+    except errors.TransportClosed:
         return ""
     finally:
         transport.close()
@@ -107,7 +100,9 @@ def find_module(candidates: Iterable[str] | None = None, timeout_s: float = _ANS
         candidates = [r.path for r in list_ports() if "/rfcomm" not in r.path]
     paths = list({os.path.realpath(path): path for path in candidates}.values())
     if not paths:
-        raise PortNotFound("no module answers: there is no serial port; is the module plugged in?")
+        raise errors.PortNotFound(
+            "no module answers: there is no serial port; is the module plugged in?"
+        )
     # Late, as above.
     from concurrent.futures import ThreadPoolExecutor  # noqa: PLC0415
 
@@ -121,18 +116,18 @@ def find_module(candidates: Iterable[str] | None = None, timeout_s: float = _ANS
         msg = f"several modules answer; name one of them as the port: {listed}"
     else:
         msg = f"no module answers; asked: {listed}"
-    raise PortNotFound(msg)
+    raise errors.PortNotFound(msg)
 
 
 def port_state(path: str, timeout_s: float = _ANSWER_S) -> tuple[bool, str]:
     """Probe a port; return whether a module answers, and a few words for people."""
     try:
         said = probe(path, timeout_s)
-    except PortError as err:
+    except errors.PortError as err:
         words = {
-            PortBusy: "in use",
-            PortDenied: "no permission: see the group 'dialout'",
-            PortNotFound: "gone",
+            errors.PortBusy: "in use",
+            errors.PortDenied: "no permission: see the group 'dialout'",
+            errors.PortNotFound: "gone",
         }
         return False, words.get(type(err), "cannot be opened")
     return bool(said), said or "silent"
@@ -144,7 +139,7 @@ def _meaning(data: PacketData) -> str:
         return ""
     try:
         message = decode_response(data)
-    except MessageError:
+    except errors.MessageError:
         return ""
     if isinstance(message, Pong):
         known = message.code in set(PongCode)
@@ -164,4 +159,4 @@ def _refuse_locked(path: str) -> None:
             pass
         except (OSError, ValueError, IndexError, OverflowError):
             continue
-        raise PortBusy(f"{path}: in use by another program")
+        raise errors.PortBusy(f"{path}: in use by another program")

@@ -10,21 +10,13 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Literal
 
+from x2radar import errors
 from x2radar.backoff import Backoff
-from x2radar.closing import Closing
 from x2radar.device.device import RadarStats, X2Radar
-from x2radar.errors import (
-    DeviceError,
-    NoPort,
-    PortError,
-    ReadTimeout,
-    TransportClosed,
-    X2RadarError,
-)
-from x2radar.frame import Frame, StreamInfo
+from x2radar.frame import Closing, Frame, StreamInfo
 
 EventKind = Literal["lost", "found", "gap", "repeat", "restart"]
-_LOSSES = (PortError, TransportClosed, ReadTimeout, DeviceError)
+_LOSSES = (errors.PortError, errors.TransportClosed, errors.ReadTimeout, errors.DeviceError)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -142,11 +134,11 @@ class ReconnectingRadar(Closing):
         try:
             self._radar.open(halt=self._halt)
         except _LOSSES as err:
-            if not self._wait or self._halt.is_set() or isinstance(err, NoPort):
+            if not self._wait or self._halt.is_set() or isinstance(err, errors.NoPort):
                 raise
             yield from self._found_again(err)
 
-    def _found_again(self, err: X2RadarError) -> Iterator[StreamEvent]:
+    def _found_again(self, err: errors.X2RadarError) -> Iterator[StreamEvent]:
         """Say that the device is lost, and open it again."""
         while True:
             # First, because a listener to the loss may look at the port.

@@ -13,15 +13,7 @@ from x2radar.frame import FastTimeAxis
 from x2radar.keys import limited, one_of
 from x2radar.modules.base import ModuleSettings
 from x2radar.modules.x2 import OUTPUTS, PULSE_GENERATORS, SPEED_OF_LIGHT_MPS
-from x2radar.wire.messages import (
-    LoadProfile,
-    Message,
-    SetDetectionZone,
-    SetLed,
-    SetMode,
-    SetOutput,
-    SetSensitivity,
-)
+from x2radar.wire import messages as msg
 from x2radar.wire.wire_ids import Led, Mode, OutputRef, Profile
 
 _FRAME_RATE_HZ = 20.0
@@ -68,16 +60,16 @@ class ProfileSettings(ModuleSettings):
             raise SettingsError("port key 'kind': the profiles of an X2M200 send baseband only")
         return cls()
 
-    def startup_commands(self) -> tuple[Message, ...]:
+    def startup_commands(self) -> tuple[msg.Message, ...]:
         """Return what a freshly reset module is told, in the order of clients of real modules."""
         return (
-            SetMode(Mode.IDLE),
-            LoadProfile(PROFILES[self.profile][0]),
-            SetLed(self.led),
-            SetDetectionZone(self.zone_start_m, self.zone_end_m),
-            SetSensitivity(self.sensitivity),
-            SetOutput(OutputRef.BASEBAND, OUTPUTS[self.output]),
-            SetMode(Mode.RUN),
+            msg.SetMode(Mode.IDLE),
+            msg.LoadProfile(PROFILES[self.profile][0]),
+            msg.SetLed(self.led),
+            msg.SetDetectionZone(self.zone_start_m, self.zone_end_m),
+            msg.SetSensitivity(self.sensitivity),
+            msg.SetOutput(OutputRef.BASEBAND, OUTPUTS[self.output]),
+            msg.SetMode(Mode.RUN),
         )
 
     @property

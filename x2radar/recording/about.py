@@ -34,8 +34,9 @@ _OPTIONS = {
 """What must be above 0, and how a user gives it where the file does not."""
 _BOUNDS = {"frame_rate_hz": (1e-3, 1e6), "bin_length_m": (1e-6, 1e3), "carrier_hz": (1.0, 1e15)}
 """Beyond these a file is damaged, likewise."""
-NUMBERS = (*_OPTIONS, "sample_rate_hz", "range_offset_m", "bandwidth_hz", "phase_sign")
-TEXTS = ("kind", "started_utc", "device", "settings", "run_id")
+_NUMBERS = (*_OPTIONS, "sample_rate_hz", "range_offset_m", "bandwidth_hz", "phase_sign")
+ATTRIBUTES = ("format_version", *_NUMBERS, "kind", "started_utc", "device", "settings", "run_id")
+"""What a recording says about itself, beside its format."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,17 +70,6 @@ class Overrides:
 NO_OVERRIDES = Overrides()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class About:
-    """What `read_about` found; `is_rising` where the phase of samples rises with range."""
-
-    stream: StreamInfo
-    started_utc: str = ""
-    device: Mapping[str, Any]
-    settings: Mapping[str, Any]
-    is_rising: bool = False
-
-
 def kind_of(path: object, shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[Kind, int]:
     """Return kind and n_range of samples; raise RecordingError if they are no frames."""
     if dtype.kind not in "ciuf":
@@ -97,10 +87,13 @@ def read_about(
     attributes: Mapping[str, Any],
     overrides: Overrides,
     device: str,
-) -> About:
-    """Return what `attributes`, then `overrides`, say about frames of (kind, n_range)."""
+) -> tuple[StreamInfo, str, Mapping[str, Any], Mapping[str, Any], bool]:
+    """Return what `attributes`, then `overrides`, say about frames of (kind, n_range).
+
+    Stream, start (UTC), device, settings, and whether the phase of samples rises with range.
+    """
     said = {name: plain(value) for name, value in attributes.items()}
-    numbers = {name: _number(path, name, said.get(name)) for name in NUMBERS}
+    numbers = {name: _number(path, name, said.get(name)) for name in _NUMBERS}
     kind, n_range = frames
     if said.get("kind") not in {None, "", kind}:
         raise refuse(path, f"its samples are {kind}, which is no {said['kind']} data")
@@ -124,13 +117,9 @@ def read_about(
         least, most = _BOUNDS.get(name, (-1e6, 1e6))
         if not least <= value <= most:
             raise refuse(path, f"'{name}' is {value:g}, which no radar has")
-    return About(
-        stream=stream,
-        started_utc=str(said.get("started_utc") or ""),
-        device=about or {"name": stream.device},
-        settings=_mapping(said.get("settings")),
-        is_rising=kind == "baseband" and sign > 0,
-    )
+    started_utc, is_rising = str(said.get("started_utc") or ""), kind == "baseband" and sign > 0
+    device_said, settings = about or {"name": stream.device}, _mapping(said.get("settings"))
+    return stream, started_utc, device_said, settings, is_rising
 
 
 def root_attributes(

@@ -14,9 +14,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.closing import Closing
-from x2radar.frame import LONGEST_GAP, FastTimeAxis, Frame, Samples, StreamInfo, read_only
-from x2radar.recording.about import NO_OVERRIDES, SAMPLE_DTYPES, About, Overrides, root_attributes
+from x2radar.frame import (
+    Closing,
+    CounterTracker,
+    FastTimeAxis,
+    Frame,
+    Kind,
+    Samples,
+    Step,
+    StreamInfo,
+    read_only,
+)
+from x2radar.recording.about import (
+    NO_OVERRIDES,
+    SAMPLE_DTYPES,
+    Overrides,
+    read_about,
+    root_attributes,
+)
 from x2radar.recording.faults import refuse, unreadable
 
 Label = tuple[float, float, str]
@@ -24,8 +39,10 @@ BLOCK_BYTES = 1 << 21
 """Samples held at a time: less memory than a process of Python takes anyway."""
 
 _MAX_COUNT = 2.0**62
-_WRAP = 1 << 32
-"""The module counts frames in 32 bits."""
+_WRAP = 1 << 32  # the module counts frames in 32 bits
+
+_Stretch = tuple[int, int, NDArray[np.int64], list[tuple[Step, int, int]], NDArray[np.float64]]
+"""First and last frame of a block, counters, steps with what is lost and index, and times."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,31 +52,6 @@ class Block:
     samples: Samples
     counter: NDArray[np.uint32]
     t_s: NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Steps:
-    """What `unwrap` found, each of shape (n,)."""
-
-    index: NDArray[np.int64]
-    lost: NDArray[np.int64]
-    restarted: NDArray[np.bool_]
-    repeated: NDArray[np.bool_]
-
-
-def unwrap(counter: NDArray[Any], last: int | None = None, index: int = -1) -> Steps:
-    """Unwrap 32-bit counters, shape (n,), behind `last`, with unwrapped number `index`."""
-    now = np.asarray(counter).astype(np.int64)
-    before = np.empty_like(now)
-    before[1:] = now[:-1]
-    if now.size:
-        before[0] = now[0] - 1 if last is None else last
-    ahead = (now - before) % _WRAP
-    repeated = ahead == 0
-    restarted = ahead - 1 > LONGEST_GAP
-    lost = np.where(repeated | restarted, 0, ahead - 1)
-    stride = np.where(restarted, 1, ahead)
-    return Steps(index + np.cumsum(stride), lost, restarted, repeated)
 
 
 class BlockReader(Closing):
@@ -91,17 +83,25 @@ class BlockReader(Closing):
     _rows: Any
     _counter: NDArray[Any] | None = None
     _t_s: NDArray[Any] | None = None
-    _is_rising: bool
+    _labels: Any = ()
 
     def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:
         self.path = path
         self._overrides = overrides
 
-    def _keep(self, about: About) -> None:
-        """Keep what the file says about itself."""
-        self.stream, self.started_utc = about.stream, about.started_utc
-        self.device, self.settings = about.device, about.settings
-        self._is_rising = about.is_rising
+    def _keep(self, frames: tuple[Kind, int], said: Mapping[str, Any], device: str) -> None:
+        """Keep what attributes say of frames of (kind, n_range); `device` is a usual name."""
+        kept = read_about(self.path, frames, said, self._overrides, device)
+        self.stream, self.started_utc, self.device, self.settings, self._is_rising = kept
+
+    def _keep_lists(self, counter: NDArray[Any] | None, t_s: NDArray[Any] | None) -> None:
+        """Keep counters and times from any arrays of a number a frame; None where none are."""
+        for name, values in (("counter", counter), ("t_s", t_s)):
+            if values is not None and (
+                values.size != self.n_frames or values.dtype.kind not in "iuf"
+            ):
+                raise refuse(self.path, f"{name} is no list of {self.n_frames} numbers")
+        self._counter, self._t_s = (x if x is None else x.ravel() for x in (counter, t_s))
 
     @property
     def labels(self) -> list[Label]:
@@ -114,7 +114,8 @@ class BlockReader(Closing):
 
     def read_labels(self) -> Iterable[tuple[Any, Any, Any]]:
         """Return the labels as the file has them."""
-        return ()
+        labels: Iterable[tuple[Any, Any, Any]] = self._labels
+        return labels
 
     @property
     def run_id(self) -> str:
@@ -160,31 +161,28 @@ class BlockReader(Closing):
             # What lies before the start is counted too: file time is kept.
             late = np.maximum.accumulate((t_s >= start_s - 1e-9) | begun)
             begun = bool(late[-1])
-            wanted = np.flatnonzero(late & ~steps.repeated).tolist()
+            wanted = [k for k in np.flatnonzero(late).tolist() if steps[k][0] is not Step.REPEAT]
             if not wanted:
                 continue
             with unreadable(self.path):
                 samples = self.read_samples(first, last)
-            columns = (counter, steps.index, steps.lost, steps.restarted)
-            rows = list(zip(*(c.tolist() for c in columns), strict=True))
             for k in wanted:
-                number, index, lost, restarted = rows[k]
-                yield Frame(samples[k], number, index, lost, restarted, axis)
+                step, lost, index = steps[k]
+                restarted = step is Step.RESTART
+                yield Frame(samples[k], int(counter[k]), index, lost, restarted, axis)
 
-    def _walk(self) -> Iterator[tuple[int, int, NDArray[np.int64], Steps, NDArray[np.float64]]]:
-        before: int | None = None
-        index = -1
+    def _walk(self) -> Iterator[_Stretch]:
+        tracker = CounterTracker()
         for first, last in self.ranges():
             with unreadable(self.path):
                 counted = self.read_counters(first, last)
                 if counted.dtype.kind == "f" and not (np.abs(counted) < _MAX_COUNT).all():
                     raise refuse(self.path, "counters that are no numbers of frames")
                 counter = counted.astype(np.int64) % _WRAP
-                steps = unwrap(counter, before, index)
-                before, index = int(counter[-1]), int(steps.index[-1])
+                steps = [(*tracker.update(n), tracker.index) for n in counter.tolist()]
                 t_s = None if self._overrides.frame_rate_hz else self.read_times(first, last)
                 if t_s is None:
-                    t_s = steps.index / self.stream.frame_rate_hz
+                    t_s = np.array([index for *_, index in steps]) / self.stream.frame_rate_hz
                 elif not np.isfinite(t_s).all():
                     raise refuse(self.path, "times of frames that are no numbers")
             yield first, last, counter, steps, t_s
@@ -227,12 +225,3 @@ def as_samples(array: NDArray[Any], kind: str) -> Samples:
         read_only(samples)
     out: Samples = samples
     return out
-
-
-def list_of(path: object, name: str, values: NDArray[Any] | None, n: int) -> NDArray[Any] | None:
-    """Return a number a frame, of shape (n,), from any array of n numbers; None of None."""
-    if values is None:
-        return None
-    if values.size != n or values.dtype.kind not in "iuf":
-        raise refuse(path, f"{name} is no list of {n} numbers")
-    return values.ravel()

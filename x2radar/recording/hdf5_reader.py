@@ -23,17 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.frame import Kind, Samples
-from x2radar.recording.about import (
-    FORMAT,
-    NO_OVERRIDES,
-    NUMBERS,
-    SAMPLE_DTYPES,
-    TEXTS,
-    Overrides,
-    kind_of,
-    plain,
-    read_about,
-)
+from x2radar.recording.about import ATTRIBUTES, FORMAT, NO_OVERRIDES, Overrides, kind_of, plain
 from x2radar.recording.blocks import BLOCK_BYTES, BlockReader, Label, rows_per_block
 from x2radar.recording.faults import refuse, unreadable
 from x2radar.recording.hdf5_writer import reason
@@ -338,21 +328,13 @@ class RecordingReader(BlockReader):
             raise refuse(self.path, f"/frames/{name} cannot be read ({reason(err)})") from err
 
     def _check(self) -> None:
-        said = {
-            name: self._file.attribute(name)
-            for name in ("format", "format_version", *NUMBERS, *TEXTS)
-        }
+        said = {name: self._file.attribute(name) for name in ("format", *ATTRIBUTES)}
         if said["format"] != FORMAT:
             raise refuse(self.path, f"no recording (attribute 'format' is not '{FORMAT}')")
         for name, value in said.items():
             if value is None and name not in _OPTIONAL:
                 raise refuse(self.path, f"attribute '{name}' is missing")
-        if (kind := said["kind"]) not in SAMPLE_DTYPES:
-            raise refuse(self.path, f"kind '{kind}' is neither rf nor baseband")
-        frames = self._check_sets()
-        if frames[0] != kind:
-            raise refuse(self.path, f"/frames/samples is {frames[0]}, which is no {kind} data")
-        self._keep(read_about(self.path, frames, said, self._overrides, self.path.name))
+        self._keep(self._check_sets(), said, self.path.name)
         samples = self._sets["samples"]
         packed = samples.compression or "none"
         self.compression = f"shuffle+{packed}" if samples.shuffle else str(packed)

@@ -17,9 +17,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.closing import Closing
 from x2radar.errors import RecordingError, WriteError
-from x2radar.frame import Frame, StreamInfo
+from x2radar.frame import Closing, Frame, StreamInfo
 from x2radar.recording.about import SAMPLE_DTYPES, root_attributes
 from x2radar.recording.blocks import Block, BlockReader, Label
 from x2radar.recording.faults import refuse

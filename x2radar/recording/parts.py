@@ -16,9 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.closing import Closing
 from x2radar.errors import RecordingError, WriteError
-from x2radar.frame import Frame, Samples, StreamInfo
+from x2radar.frame import Closing, Frame, Samples, StreamInfo
 from x2radar.recording.about import NO_OVERRIDES, Overrides
 from x2radar.recording.blocks import BlockReader, Label
 from x2radar.recording.faults import refuse, refuse_taken, unreadable
@@ -216,7 +215,7 @@ class PartsReader(BlockReader):
         starts = []
         for first, _, _, steps, _ in self._walk():
             if first in self._first[:-1]:
-                starts.append(float(steps.index[0]) / self.stream.frame_rate_hz)
+                starts.append(float(steps[0][2]) / self.stream.frame_rate_hz)
         return starts
 
     def ranges(self) -> Iterator[tuple[int, int]]:

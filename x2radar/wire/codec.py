@@ -12,18 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from x2radar.errors import MessageError
+from x2radar.wire import messages as msg
 from x2radar.wire.framing import PacketData
 from x2radar.wire.layouts import COMMANDS, RESPONSES, X4_FORMATS, Layout
-from x2radar.wire.messages import (
-    ByteReply,
-    Data,
-    ErrorReply,
-    Message,
-    Reply,
-    SetOutput,
-    Unknown,
-    X4Set,
-)
 from x2radar.wire.wire_ids import COMMAND_NAMES, PING_SEED, RESPONSE_NAMES, DataType
 
 
@@ -56,20 +47,20 @@ _REPLY_SIZES: dict[int, int] = {
 }
 
 
-def encode(message: Message) -> bytes:
+def encode(message: msg.Message) -> bytes:
     """Return a message's packet data; MessageError if a field does not fit its place."""
     try:
         match message:
-            case SetOutput(ref, value):
+            case msg.SetOutput(ref, value):
                 return _SET_OUTPUT.pack(_APP_SETINT, ref, 1, value)
-            case X4Set(setting, values):
+            case msg.X4Set(setting, values):
                 body = struct.pack("<" + X4_FORMATS[setting][0], *values)
                 return _X4_SET + _COUNT.pack(setting) + body
-            case Data():
+            case msg.Data():
                 return _encode_data(message)
-            case Reply():
+            case msg.Reply():
                 return _encode_reply(message)
-            case Unknown(data):
+            case msg.Unknown(data):
                 return data
             case _:
                 return _pack(_BY_CLASS[type(message)], message)
@@ -77,12 +68,12 @@ def encode(message: Message) -> bytes:
         raise MessageError(f"{message!r} does not fit the wire: {err}") from err
 
 
-def decode_command(data: PacketData) -> Message:
+def decode_command(data: PacketData) -> msg.Message:
     """Read a packet of a host, `Unknown` without a row; MessageError if lengths differ."""
     if len(data) == _SET_OUTPUT.size:
         prefix, ref, count, value = _SET_OUTPUT.unpack(data)
         if prefix == _APP_SETINT and count == 1:
-            return SetOutput(ref, value)
+            return msg.SetOutput(ref, value)
     if data[:2] == _X4_SET and len(data) >= 6:
         (setting,) = _COUNT.unpack_from(data, 2)
         if setting in X4_FORMATS:
@@ -90,11 +81,11 @@ def decode_command(data: PacketData) -> Message:
     return _decode(data, _COMMANDS, (6, 2, 1), COMMAND_NAMES)
 
 
-def decode_response(data: PacketData) -> Message:
+def decode_response(data: PacketData) -> msg.Message:
     """Read a packet of a module, `Unknown` without a row; MessageError if lengths differ."""
     first, kind = data[:1], data[1] if len(data) > 1 else None
     if first == b"\x20" and len(data) == 2:
-        return ErrorReply(data[1])
+        return msg.ErrorReply(data[1])
     if first == b"\xa0" and (kind is None or kind in _DATA_TYPES):
         return _decode_data(data)
     if first == b"\x11" and (kind is None or kind in _REPLY_SIZES):
@@ -102,7 +93,7 @@ def decode_response(data: PacketData) -> Message:
     return _decode(data, _RESPONSES, (6, 5, 1), RESPONSE_NAMES)
 
 
-def decode_any(data: PacketData) -> Message:
+def decode_any(data: PacketData) -> msg.Message:
     """Read a packet of unknown direction, as in a trace of both.
 
     A host's command wins where its bytes cannot be a module's: a ping carries the ping's
@@ -136,16 +127,16 @@ def _decode(
     forms: Mapping[bytes, _Form],
     lengths: tuple[int, ...],
     names: Mapping[bytes, str],
-) -> Message:
+) -> msg.Message:
     for length in lengths:
         form = forms.get(bytes(data[:length]))
         if form is not None:
             return _unpack(form, data)
     known = (names.get(bytes(data[:length])) for length in (5, 2, 1))
-    return Unknown(bytes(data), next(filter(None, known), ""))
+    return msg.Unknown(bytes(data), next(filter(None, known), ""))
 
 
-def _unpack(form: _Form, data: PacketData) -> Message:
+def _unpack(form: _Form, data: PacketData) -> msg.Message:
     row = form.row
     at = len(row.prefix)
     arrays: list[Any] = []
@@ -167,7 +158,7 @@ def _unpack(form: _Form, data: PacketData) -> Message:
     return row.cls(*fields, *arrays)
 
 
-def _pack(form: _Form, message: Message) -> bytes:
+def _pack(form: _Form, message: msg.Message) -> bytes:
     row = form.row
     values = [getattr(message, name) for name in message.__dataclass_fields__]
     bodies = []
@@ -181,10 +172,10 @@ def _pack(form: _Form, message: Message) -> bytes:
     return b"".join([row.prefix, form.head.pack(*values), *bodies])
 
 
-def _decode_x4_set(data: PacketData, setting: int) -> X4Set:
+def _decode_x4_set(data: PacketData, setting: int) -> msg.X4Set:
     for form in X4_FORMATS[setting]:
         if struct.calcsize("<" + form) == len(data) - 6:
-            return X4Set(setting, struct.unpack_from("<" + form, data, 6))
+            return msg.X4Set(setting, struct.unpack_from("<" + form, data, 6))
     raise MessageError(f"X4Set of {setting:#x} has {len(data) - 6} bytes")
 
 
@@ -195,7 +186,7 @@ def _elements(values: Any, dtype: str) -> bytes:
         return array.astype(dtype).tobytes()
 
 
-def _encode_data(message: Data) -> bytes:
+def _encode_data(message: msg.Data) -> bytes:
     values: Any = message.values
     kinds = {np.dtype(np.uint8): DataType.BYTE, np.dtype(np.int32): DataType.INT}
     kind = kinds.get(values.dtype, DataType.FLOAT)
@@ -204,7 +195,7 @@ def _encode_data(message: Data) -> bytes:
     return head + counted if values.size else head
 
 
-def _decode_data(data: PacketData) -> Data:
+def _decode_data(data: PacketData) -> msg.Data:
     """Read DATA: A0, type, content id, info, [count, elements]."""
     try:
         _, kind, content_id, info = _HEAD.unpack_from(data)
@@ -215,10 +206,10 @@ def _decode_data(data: PacketData) -> Data:
     if at + values.nbytes != len(data):
         raise MessageError(f"Data has {len(data) - at - values.nbytes} bytes too many")
     values.flags.writeable = False
-    return Data(content_id, info, values)
+    return msg.Data(content_id, info, values)
 
 
-def _decode_reply(data: PacketData) -> Reply:
+def _decode_reply(data: PacketData) -> msg.Reply:
     """Read REPLY: 11, type, content id, info, [count, elements], element size (not for INT)."""
     try:
         _, kind, content_id, info = _HEAD.unpack_from(data)
@@ -233,21 +224,21 @@ def _decode_reply(data: PacketData) -> Reply:
     match kind:
         case DataType.STRING:
             text = bytes(body).rstrip(b"\0").decode("utf-8", "replace")
-            return Reply(content_id, info, text)
+            return msg.Reply(content_id, info, text)
         case DataType.BYTE:
-            return ByteReply(content_id, info, tuple(body))
+            return msg.ByteReply(content_id, info, tuple(body))
         case _:
             code = "i" if kind == DataType.INT else "f"
-            return Reply(content_id, info, struct.unpack(f"<{n}{code}", body))
+            return msg.Reply(content_id, info, struct.unpack(f"<{n}{code}", body))
 
 
-def _encode_reply(message: Reply) -> bytes:
+def _encode_reply(message: msg.Reply) -> bytes:
     value = message.value
     n = len(value)
     if isinstance(value, str):
         kind, body = DataType.STRING, value.encode()
         n = len(body)
-    elif isinstance(message, ByteReply):
+    elif isinstance(message, msg.ByteReply):
         kind, body = DataType.BYTE, struct.pack(f"{n}B", *value)
     elif any(isinstance(v, float) for v in value):
         kind, body = DataType.FLOAT, struct.pack(f"<{n}f", *value)

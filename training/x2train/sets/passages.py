@@ -121,7 +121,7 @@ class Player:
         scene = Scene(
             name="passage",
             description="",
-            steps=steps,
+            steps=tuple((step,) for step in steps),
             room=site.room,
             antenna=site.antenna,
             surfaces=site.surfaces,

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from x2radar.errors import SettingsError
 from x2radar.frame import Samples
 from x2radar.modules.x2 import PULSE_GENERATORS, SPEED_OF_LIGHT_MPS
-from x2radar.recording.about import MAX_BINS, NO_OVERRIDES, Overrides, read_about
+from x2radar.recording.about import MAX_BINS, NO_OVERRIDES, Overrides
 from x2radar.recording.blocks import BlockReader
 from x2radar.recording.faults import refuse
 from x2radar.recording.stamps import count_by_stamps
@@ -103,7 +103,7 @@ class FrameLoggerReader(BlockReader):
         said = self._axis(pg_select, offset_m, warnings)
         said |= {"frame_rate_hz": rate_hz, "settings": settings}
         device = "FrameLogger recording of an X2"
-        self._keep(read_about(path, ("rf", n_range), said, overrides, device))
+        self._keep(("rf", n_range), said, device)
         self.warning = f"{path}: {'; '.join(warnings)}" if warnings else None
 
     def read_samples(self, first: int, last: int) -> Samples:

@@ -31,16 +31,14 @@ import numpy as np
 from x2radar.errors import RecordingError, SettingsError
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 from x2radar.recording.about import (
+    ATTRIBUTES,
     NO_OVERRIDES,
-    NUMBERS,
     SAMPLE_DTYPES,
-    TEXTS,
     Overrides,
     kind_of,
     plain,
-    read_about,
 )
-from x2radar.recording.blocks import BlockReader, Label, as_samples, list_of
+from x2radar.recording.blocks import BlockReader, Label, as_samples
 from x2radar.recording.faults import refuse
 from x2radar.recording.stamps import count_by_stamps
 
@@ -180,15 +178,14 @@ class MatReader(BlockReader):
     def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:
         super().__init__(path, overrides)
         arrays = {"samples", "counter", "t_s"}
-        found = _variables(path, {*arrays, *NUMBERS, *TEXTS, "format_version", "labels"})
+        found = _variables(path, {*arrays, *ATTRIBUTES, "labels"})
         if missing := sorted(arrays - set(found)):
             raise refuse(path, f"lacks {', '.join(missing)}")
         self._rows = found["samples"]
         frames = kind_of(path, self._rows.shape, self._rows.dtype)
-        self.n_frames = n = len(self._rows)
-        self._counter = list_of(path, "counter", found["counter"], n)
-        self._t_s = list_of(path, "t_s", found["t_s"], n)
-        self._keep(read_about(path, frames, found, overrides, path.name))
+        self.n_frames = len(self._rows)
+        self._keep_lists(found["counter"], found["t_s"])
+        self._keep(frames, found, path.name)
         self._labels = plain(found.get("labels"))
 
     def read_labels(self) -> Iterable[Label]:
@@ -252,4 +249,4 @@ class P4xxReader(BlockReader):
             "frame_rate_hz": 1 / period_s if np.isfinite(period_s) else None,
             "range_offset_m": SPEED_OF_LIGHT_MPS * start_s / 2,
         }
-        self._keep(read_about(path, frames, attributes, overrides, "P4xx recording"))
+        self._keep(frames, attributes, "P4xx recording")

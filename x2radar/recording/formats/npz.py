@@ -20,16 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.frame import Samples
-from x2radar.recording.about import (
-    NO_OVERRIDES,
-    NUMBERS,
-    SAMPLE_DTYPES,
-    TEXTS,
-    Overrides,
-    kind_of,
-    read_about,
-)
-from x2radar.recording.blocks import BlockReader, Label, list_of
+from x2radar.recording.about import ATTRIBUTES, NO_OVERRIDES, SAMPLE_DTYPES, Overrides, kind_of
+from x2radar.recording.blocks import BlockReader, Label
 from x2radar.recording.faults import refuse
 
 _SAMPLES = "samples"
@@ -66,14 +58,12 @@ class NpzReader(BlockReader):
             raise refuse(path, "samples are cut off")
         else:
             self._rows = None
-        names = ("format_version", *NUMBERS, *TEXTS)
-        small = {name: self._load(name, _MAX_SMALL_BYTES) for name in names}
+        small = {name: self._load(name, _MAX_SMALL_BYTES) for name in ATTRIBUTES}
         # An array of 8 bytes a frame and its header; numpy itself writes no longer one.
         column_bytes = 8 * n + _MAX_HEADER_BYTES
-        self._counter = list_of(path, "counter", self._load("counter", column_bytes), n)
-        self._t_s = list_of(path, "t_s", self._load("t_s", column_bytes), n)
+        self._keep_lists(self._load("counter", column_bytes), self._load("t_s", column_bytes))
         self._labels = [self._load(name, _MAX_SMALL_BYTES) for name in _LABELS]
-        self._keep(read_about(path, frames, small, self._overrides, path.name))
+        self._keep(frames, small, path.name)
 
     def read_labels(self) -> Iterable[Label]:
         """Return what the archive says."""

@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.frame import Kind
-from x2radar.recording.about import MAX_BINS, NO_OVERRIDES, Overrides, read_about
-from x2radar.recording.blocks import BlockReader, Label, unwrap
+from x2radar.frame import CounterTracker, Kind, Step
+from x2radar.recording.about import MAX_BINS, NO_OVERRIDES, Overrides
+from x2radar.recording.blocks import BlockReader, Label
 from x2radar.recording.faults import refuse
 
 META = ".sigmf-meta"
@@ -41,8 +41,8 @@ class SigmfReader(BlockReader):
     """Read a SigMF pair whose channels are range bins, by the name of either file."""
 
     def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:
-        super().__init__(path, overrides)
         meta, data = pair_of(path)
+        super().__init__(meta, overrides)
         head, segments, self._annotations = _read_meta(meta)
         usual = {"core:metadata_only": False, "core:offset": 0, "core:dataset": data.name}
         odd = [name for name, value in usual.items() if head.get(name, value) != value]
@@ -63,7 +63,7 @@ class SigmfReader(BlockReader):
         said["started_utc"] = first.get("core:datetime")
         if said["device"] is None and "core:hw" in head:
             said["device"] = {"name": head["core:hw"]}
-        self._keep(read_about(meta, (kind, n_range), said, overrides, meta.name))
+        self._keep((kind, n_range), said, meta.name)
         self._begin = np.array([_count(meta, s, "core:sample_start") for s in segments] or [0])
         numbers = [
             _count(meta, segment, "x2radar:counter", int(first) + 1)
@@ -82,7 +82,7 @@ class SigmfReader(BlockReader):
         segments: list[dict[str, Any]],
     ) -> None:
         """Map the frames of the data file; bytes in front of and behind them are left out."""
-        meta, _ = pair_of(data)
+        meta = self.path
         if any(_count(meta, segment, "core:header_bytes", 0) for segment in segments[1:]):
             raise refuse(meta, "core:header_bytes between frames, which are not read")
         before = _count(meta, segments[0], "core:header_bytes", 0) if segments else 0
@@ -108,8 +108,7 @@ class SigmfReader(BlockReader):
     def read_labels(self) -> list[Label]:
         """Return the annotations that have a label; in whole frames unless we wrote them."""
         out = []
-        meta, _ = pair_of(self.path)
-        rate_hz = self.stream.frame_rate_hz
+        meta, rate_hz = self.path, self.stream.frame_rate_hz
         for note in self._annotations:
             if "core:label" not in note:
                 continue
@@ -161,21 +160,17 @@ def write(path: Path, source: BlockReader) -> list[str]:
     axis, rate_hz = source.stream.axis, source.stream.frame_rate_hz
     digest = hashlib.sha512()
     segments: list[dict[str, Any]] = []
-    last: int | None = None
-    n = 0
+    tracker, n = CounterTracker(), 0
     dtype, datatype = ("<c8", "cf32_le") if axis.kind == "baseband" else ("<f4", "rf32_le")
     with data.open("wb") as file:
         for block in source.blocks():
             rows = np.ascontiguousarray(block.samples, dtype)
             file.write(rows.data)
             digest.update(rows.data)
-            steps = unwrap(block.counter, last)
-            breaks = np.flatnonzero(steps.lost.astype(bool) | steps.restarted | steps.repeated)
-            for k in [0, *breaks.tolist()] if n == 0 else breaks.tolist():
-                number = int(block.counter[k])
-                segments.append({"core:sample_start": n + k, "x2radar:counter": number})
+            for k, number in enumerate(block.counter.tolist(), n):
+                if tracker.update(number)[0] is not Step.NEXT:
+                    segments.append({"core:sample_start": k, "x2radar:counter": number})
             n += len(block.counter)
-            last = int(block.counter[-1])
     for segment in segments:
         segment["core:frequency"] = axis.carrier_hz
     if source.started_utc:

@@ -7,6 +7,7 @@ from the settings in the capture's head. Read only. Damaged packets are named in
 
 import contextlib
 from collections.abc import Iterator
+from dataclasses import asdict
 from itertools import islice
 from pathlib import Path
 
@@ -14,10 +15,10 @@ import numpy as np
 
 from x2radar.device.assemble import FrameAssembler
 from x2radar.errors import MessageError, SettingsError
-from x2radar.frame import Frame, Samples, StreamInfo
+from x2radar.frame import Frame, Samples
 from x2radar.modules.modules import settings_from_mapping
 from x2radar.modules.x2 import RadarSettings
-from x2radar.recording.about import NO_OVERRIDES, About, Overrides
+from x2radar.recording.about import NO_OVERRIDES, Overrides
 from x2radar.recording.blocks import BlockReader, as_samples
 from x2radar.recording.capture import FROM_MODULE, OPENED, TO_MODULE, Capture, Chunk
 from x2radar.recording.faults import refuse
@@ -58,16 +59,10 @@ class WireReader(BlockReader):
             raise refuse(path, "no frames in it")
         self._counter = np.array(counters, np.uint32)
         self.n_frames = len(counters)
-        name = str(about.get("port") or path.name)
-        stream = overrides.apply(StreamInfo(first.axis, self._module.frame_rate_hz, name))
-        self._keep(
-            About(
-                stream=stream,
-                started_utc=str(about.get("started_utc", "")),
-                device={"name": stream.device},
-                settings=said if isinstance(said, dict) else {},
-            )
-        )
+        known = {"frame_rate_hz": self._module.frame_rate_hz, **asdict(first.axis)}
+        known |= {"started_utc": about.get("started_utc"), "settings": said}
+        frames = (first.axis.kind, first.axis.n_range)
+        self._keep(frames, known, str(about.get("port") or path.name))
         warnings += [self._capture.warning] if self._capture.warning else []
         if self._n_damaged:
             warnings.append(f"{path}: {self._n_damaged} damaged stretches")

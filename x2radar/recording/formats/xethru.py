@@ -28,8 +28,8 @@ from numpy.typing import NDArray
 
 from x2radar.errors import SettingsError
 from x2radar.frame import Samples
-from x2radar.recording.about import MAX_BINS, NO_OVERRIDES, Overrides, read_about
-from x2radar.recording.blocks import BlockReader, Label
+from x2radar.recording.about import MAX_BINS, NO_OVERRIDES, Overrides
+from x2radar.recording.blocks import BlockReader
 from x2radar.recording.faults import refuse
 from x2radar.wall_clock import parse_utc, utc_text
 
@@ -83,18 +83,14 @@ class XethruReader(BlockReader):
         self.n_frames = sum(len(part) for part in self._parts)
         meta = files[0].parent / META
         started_utc, times_ms, ours = _read_meta(meta) if meta.is_file() else ("", None, {})
-        self._labels: list[Label] = list(ours.get("labels", []))
+        self._labels = list(ours.get("labels", []))
         rate_hz = overrides.frame_rate_hz or ours.get("frame_rate_hz")
         said = {**ours, **self._axis(ours, warnings), "started_utc": started_utc}
         said["frame_rate_hz"] = rate_hz or self._measured_rate(times_ms)
         n_range = self._parts[0]["a"].shape[1]
         device = f"XeThru {self._kind} recording"
-        self._keep(read_about(path, ("baseband", n_range), said, overrides, device))
+        self._keep(("baseband", n_range), said, device)
         self.warning = "; ".join(warnings) or None
-
-    def read_labels(self) -> list[Label]:
-        """Return what the user header says, if it is ours."""
-        return self._labels
 
     def read_counters(self, first: int, last: int) -> NDArray[Any]:
         """Return the counters of these frames."""

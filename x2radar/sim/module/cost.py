@@ -17,7 +17,7 @@ from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.echo import frames as echo_frames
 from x2radar.sim.module.stream import EchoStream
 from x2radar.sim.scene.cast import BODIES, Actor
-from x2radar.sim.scene.scene import ERRORS_DB, Scene, SceneChoice, SceneStep
+from x2radar.sim.scene.scene import ERRORS_DB, Scene, SceneStep
 from x2radar.sim.scene.stage import Stage
 from x2radar.sim.signal.effects import ReceiverEffects
 
@@ -39,7 +39,7 @@ def bill(scene: Scene, seed: int = 0) -> list[Cost]:
     """Return what a scene's parts cost, the whole at other settings, and echoes by their bound."""
     usual = RadarSettings.for_frame_rate(_USUAL_HZ, output="iq")
     fast = RadarSettings.for_frame_rate(_FAST_HZ, output="iq")
-    nothing = Scene(scene.name, "", (SceneStep((), 1.0, 1.0),))
+    nothing = Scene(scene.name, "", ((SceneStep((), 1.0, 1.0),),))
     without = {name: (left, usual) for name, left in parts(scene)}
     whole = {
         _WHOLE: (scene, usual),
@@ -60,8 +60,8 @@ def bill(scene: Scene, seed: int = 0) -> list[Cost]:
 
 def parts(scene: Scene) -> Iterator[tuple[str, Scene]]:
     """Return every part that a scene names, and the scene without it."""
-    items = [s for item in scene.steps for s in _choices(item)]
-    actors = [actor for step in items for actor in step.actors] + list(scene.background)
+    steps = [step for choice in scene.steps for step in choice]
+    actors = [actor for step in steps for actor in step.actors] + list(scene.background)
     for name in dict.fromkeys(map(_name, actors)):
         yield name, _without(scene, name)
     if scene.clutter:
@@ -106,10 +106,6 @@ def echoes(scene: Scene, seed: int, settings: RadarSettings) -> Iterator[Cost]:
         yield Cost(f"echoes within {bound_db:g} dB", scaled_ms, float(20 * np.log10(worst)))
 
 
-def _choices(item: SceneStep | SceneChoice) -> tuple[SceneStep, ...]:
-    return item.steps if isinstance(item, SceneChoice) else (item,)
-
-
 def _name(actor: Actor) -> str:
     """Return what an actor is on the bill: a body by its skin, or a thing."""
     if actor.kind not in BODIES and actor.plugged is None:
@@ -133,13 +129,7 @@ def _without(scene: Scene, name: str) -> Scene:
 
 
 def _each_step(scene: Scene, change: Callable[[SceneStep], SceneStep]) -> Scene:
-    steps = (
-        replace(item, steps=tuple(map(change, item.steps)))
-        if isinstance(item, SceneChoice)
-        else change(item)
-        for item in scene.steps
-    )
-    return replace(scene, steps=tuple(steps))
+    return replace(scene, steps=tuple(tuple(map(change, choice)) for choice in scene.steps))
 
 
 def cpu_ms(scene: Scene, seed: int, settings: RadarSettings) -> float:

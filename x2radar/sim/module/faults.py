@@ -8,8 +8,7 @@ None looks at a clock. `ModuleFaults` is what goes wrong inside the module, `lin
 
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from types import MappingProxyType
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -35,52 +34,37 @@ class Kind:
 
 _SHARE = (0.0, 1.0)
 _MAX_S = 1e6  # eleven days, beyond any run
-KINDS: Mapping[str, Kind] = MappingProxyType(
-    {
-        # On the line.
-        "drop_bytes": Kind("per byte", *_SHARE, "bytes vanish"),
-        "flip_bits": Kind("per byte", *_SHARE, "one bit of a byte is inverted"),
-        "junk": Kind("per packet", *_SHARE, "1 to 40 random bytes before a packet"),
-        "split": Kind(
-            "bytes", 1, 65536, "output comes in pieces of 1 to so many bytes", is_whole=True
-        ),
-        "merge": Kind(
-            "seconds", 0.001, 60, "output is held back and comes in lumps this far apart"
-        ),
-        "stall": Kind("seconds", 0.001, 9, "nothing comes for so long, every 10 s"),
-        "bursts": Kind("1", 1, 1, "frames come late and in bunches, as measured on a real X2M200"),
-        "silent": Kind("seconds", 0.001, _MAX_S, "then nothing is sent; the port stays open"),
-        "hang_up": Kind("seconds", 0.001, _MAX_S, "then the port closes"),
-        # In the module: frames.
-        "drop_frames": Kind("per frame", *_SHARE, "a frame is not sent; its number is counted"),
-        "duplicate": Kind("per frame", *_SHARE, "a frame is sent twice"),
-        "spike": Kind("per frame", *_SHARE, "up to 3 samples lie far above the converter's top"),
-        "clip": Kind("share of full scale", 0.001, 1, "the converter clips there, on both sides"),
-        "counter_restart": Kind("per frame", *_SHARE, "the frame counter begins again at 1"),
-        "reboot": Kind("per frame", *_SHARE, "the module restarts and streams again by itself"),
-        # In the module: answers.
-        "slow_ack": Kind("seconds", 0.001, 60, "every command is obeyed and answered so late"),
-        "error_reply": Kind("per command", *_SHARE, "refused (command failed); never a ping"),
-        "not_ready": Kind("seconds", 0.001, 600, "after boot: not ready, and READY never said"),
-        "safe_mode": Kind("1", 1, 1, "pings say fail-safe; commands but a reset are refused"),
-    }
-)
+KINDS: Mapping[str, Kind] = {
+    # On the line.
+    "drop_bytes": Kind("per byte", *_SHARE, "bytes vanish"),
+    "flip_bits": Kind("per byte", *_SHARE, "one bit of a byte is inverted"),
+    "junk": Kind("per packet", *_SHARE, "1 to 40 random bytes before a packet"),
+    "split": Kind(
+        "bytes", 1, 65536, "output comes in pieces of 1 to so many bytes", is_whole=True
+    ),
+    "merge": Kind("seconds", 0.001, 60, "output is held back and comes in lumps this far apart"),
+    "stall": Kind("seconds", 0.001, 9, "nothing comes for so long, every 10 s"),
+    "bursts": Kind("1", 1, 1, "frames come late and in bunches, as measured on a real X2M200"),
+    "silent": Kind("seconds", 0.001, _MAX_S, "then nothing is sent; the port stays open"),
+    "hang_up": Kind("seconds", 0.001, _MAX_S, "then the port closes"),
+    # In the module: frames.
+    "drop_frames": Kind("per frame", *_SHARE, "a frame is not sent; its number is counted"),
+    "duplicate": Kind("per frame", *_SHARE, "a frame is sent twice"),
+    "spike": Kind("per frame", *_SHARE, "up to 3 samples lie far above the converter's top"),
+    "clip": Kind("share of full scale", 0.001, 1, "the converter clips there, on both sides"),
+    "counter_restart": Kind("per frame", *_SHARE, "the frame counter begins again at 1"),
+    "reboot": Kind("per frame", *_SHARE, "the module restarts and streams again by itself"),
+    # In the module: answers.
+    "slow_ack": Kind("seconds", 0.001, 60, "every command is obeyed and answered so late"),
+    "error_reply": Kind("per command", *_SHARE, "refused (command failed); never a ping"),
+    "not_ready": Kind("seconds", 0.001, 600, "after boot: not ready, and READY never said"),
+    "safe_mode": Kind("1", 1, 1, "pings say fail-safe; commands but a reset are refused"),
+}
 """Every kind of fault. Seconds are module time, from power-on unless they say otherwise."""
 
 
-@dataclass(frozen=True, slots=True)
-class FaultPlan:
-    """Which faults to make, by kind; none by default."""
-
-    values: Mapping[str, float] = field(default_factory=dict)
-
-    def value(self, kind: str) -> float:
-        """Return a kind's value, 0 when it is not asked for."""
-        return self.values.get(kind, 0.0)
-
-    def time_s(self, kind: str) -> float:
-        """Return a kind's value as a point in module time, inf when it is not asked for."""
-        return self.values.get(kind, float("inf"))
+FaultPlan = Mapping[str, float]
+"""Which faults to make: values by kind."""
 
 
 def parse_faults(text: str) -> FaultPlan:
@@ -91,7 +75,7 @@ def parse_faults(text: str) -> FaultPlan:
         if fault := _fault(name, number, values):
             raise SettingsError(f"fault {name!r}: {fault}; kinds are {', '.join(KINDS)}")
         values[name] = float(number)
-    return FaultPlan(values)
+    return values
 
 
 def _fault(name: str, number: str, values: Mapping[str, float]) -> str:
@@ -124,8 +108,7 @@ class Dice:
     def __init__(self, plan: FaultPlan, seed: int) -> None:
         self.plan = plan
         self._generators = {
-            kind: np.random.default_rng([seed, 0xFA17, zlib.crc32(kind.encode())])
-            for kind in plan.values
+            kind: np.random.default_rng([seed, 0xFA17, zlib.crc32(kind.encode())]) for kind in plan
         }
 
     def generator(self, kind: str) -> np.random.Generator:
@@ -134,7 +117,7 @@ class Dice:
 
     def falls(self, kind: str) -> bool:
         """Draw once whether this fault happens now."""
-        share = self.plan.value(kind)
+        share = self.plan.get(kind, 0.0)
         return share > 0 and bool(self._generators[kind].random() < share)
 
 
@@ -157,11 +140,11 @@ class ModuleFaults:
     def __init__(self, dice: Dice) -> None:
         self._plan = plan = dice.plan
         self._dice = dice
-        self._touches_frames = not _ON_FRAMES.isdisjoint(plan.values)
+        self._touches_frames = not _ON_FRAMES.isdisjoint(plan)
         # From a command's arrival until it is obeyed, and from boot until pings answer READY.
-        self.reply_delay_s = plan.value("slow_ack")
-        self.not_ready_s = plan.value("not_ready")
-        self.announces_ready = not (self.not_ready_s or plan.value("safe_mode"))
+        self.reply_delay_s = plan.get("slow_ack", 0.0)
+        self.not_ready_s = plan.get("not_ready", 0.0)
+        self.announces_ready = not (self.not_ready_s or plan.get("safe_mode"))
 
     def frame(self, samples: np.ndarray) -> tuple[np.ndarray, FrameFate]:
         """Return a frame as the module makes it, and what becomes of it."""
@@ -176,7 +159,7 @@ class ModuleFaults:
 
     def refusal(self, command: Message, *, is_ready: bool) -> Message | None:
         """Return what a module in trouble answers, or None when it obeys."""
-        if self._plan.value("safe_mode"):
+        if self._plan.get("safe_mode"):
             if isinstance(command, Ping):
                 return Pong(PongCode.SAFE_MODE)
             return None if isinstance(command, Reset) else ErrorReply(ErrorCode.COMMAND_FAILED)
@@ -186,7 +169,7 @@ class ModuleFaults:
 
     def _converted(self, samples: np.ndarray) -> np.ndarray:
         """Put in what a misbehaving converter does."""
-        if level := self._plan.value("clip"):
+        if level := self._plan.get("clip"):
             middle = np.float32(MIDDLE if samples.dtype == np.float32 else 0.0)
             reach = np.float32(level * MIDDLE)
             parts = np.clip(samples.view(np.float32) - middle, -reach, reach) + middle

@@ -18,27 +18,7 @@ from x2radar.modules.base import ModuleSettings
 from x2radar.modules.profile import PROFILES, ProfileSettings
 from x2radar.modules.x2 import OUTPUTS, SYS_FIELDS, RadarSettings
 from x2radar.modules.x4 import X4_FIELDS, X4Settings
-from x2radar.wire.messages import (
-    Ack,
-    BasebandAp,
-    BasebandIq,
-    Data,
-    ErrorReply,
-    GetSystemInfo,
-    LoadProfile,
-    Message,
-    Reply,
-    SetBaudRate,
-    SetDetectionZone,
-    SetLed,
-    SetMode,
-    SetOutput,
-    SetSensitivity,
-    SetSysFloat,
-    SetSysInt,
-    X4Init,
-    X4Set,
-)
+from x2radar.wire import messages as msg
 from x2radar.wire.wire_ids import (
     BasebandOutput,
     ContentId,
@@ -51,7 +31,7 @@ from x2radar.wire.wire_ids import (
     X4Setting,
 )
 
-_FAILED = ErrorReply(ErrorCode.COMMAND_FAILED)
+_FAILED = msg.ErrorReply(ErrorCode.COMMAND_FAILED)
 _OUTPUTS: dict[int, str] = {code: name for name, code in OUTPUTS.items()}
 _INFO = {
     InfoItem.ITEM_NUMBER: "SIM",
@@ -68,7 +48,7 @@ _RUNS = {app_id: name for name, (app_id, _) in PROFILES.items()}
 class Obeyed:
     """Reply to a command, and what happens to the stream."""
 
-    reply: Message
+    reply: msg.Message
     stops: bool = False
     starts: ModuleSettings | None = None
 
@@ -85,21 +65,21 @@ class Firmware(ABC):
     def forget(self) -> None:
         """Go back to the state after power-on."""
 
-    def obey(self, command: Message) -> Obeyed | None:
+    def obey(self, command: msg.Message) -> Obeyed | None:
         """Carry a command out; None for one that this firmware does not know."""
         match command:
-            case GetSystemInfo(item) if item in _INFO:
+            case msg.GetSystemInfo(item) if item in _INFO:
                 told = _INFO[InfoItem(item)] or self.order_code
-                return Obeyed(Reply(0x58, item, told))
-            case SetLed() | SetBaudRate():
-                return Obeyed(Ack())
+                return Obeyed(msg.Reply(0x58, item, told))
+            case msg.SetLed() | msg.SetBaudRate():
+                return Obeyed(msg.Ack())
             case _:
                 return None
 
     @abstractmethod
     def frame_message(
         self, axis: FastTimeAxis, counter: int, frame: np.ndarray[Any, Any]
-    ) -> Message:
+    ) -> msg.Message:
         """Return the message in which the stream that was started last sends a frame."""
 
 
@@ -115,47 +95,47 @@ class X2Firmware(Firmware):
         self._profile: str | None = None
         self._zone_m: tuple[float, float] | None = None
 
-    def obey(self, command: Message) -> Obeyed | None:
+    def obey(self, command: msg.Message) -> Obeyed | None:
         """Carry out modes, radar settings, output, profiles and zones."""
         match command:
-            case SetMode(mode):
+            case msg.SetMode(mode):
                 return self._set_mode(mode)
-            case SetSysInt(ref, value) | SetSysFloat(ref, value):
+            case msg.SetSysInt(ref, value) | msg.SetSysFloat(ref, value):
                 return Obeyed(self._set_field(ref, value))
-            case SetOutput(OutputRef.BASEBAND, value) if value in _OUTPUTS:
+            case msg.SetOutput(OutputRef.BASEBAND, value) if value in _OUTPUTS:
                 self._output = _OUTPUTS[value]
-                return Obeyed(Ack())
-            case LoadProfile(app_id):
+                return Obeyed(msg.Ack())
+            case msg.LoadProfile(app_id):
                 if app_id not in set(Profile):
-                    return Obeyed(ErrorReply(ErrorCode.APP_INVALID))
+                    return Obeyed(msg.ErrorReply(ErrorCode.APP_INVALID))
                 self._profile, self._zone_m = _RUNS.get(Profile(app_id)), None
-                return Obeyed(Ack(), stops=True)
-            case SetDetectionZone(start_m, end_m):
+                return Obeyed(msg.Ack(), stops=True)
+            case msg.SetDetectionZone(start_m, end_m):
                 self._zone_m = start_m, end_m
-                return Obeyed(Ack())
-            case SetSensitivity():
-                return Obeyed(Ack())
+                return Obeyed(msg.Ack())
+            case msg.SetSensitivity():
+                return Obeyed(msg.Ack())
             case _:
                 return super().obey(command)
 
     def frame_message(
         self, axis: FastTimeAxis, counter: int, frame: np.ndarray[Any, Any]
-    ) -> Message:
+    ) -> msg.Message:
         """Return a raw frame, or baseband as I/Q or amplitude and phase."""
         if axis.kind == "rf":
-            return Data(ContentId.RAW_FRAME, counter, frame)
+            return msg.Data(ContentId.RAW_FRAME, counter, frame)
         about = axis.bin_length_m, axis.sample_rate_hz, axis.carrier_hz, axis.range_offset_m
         if self._streamed == "iq":
-            return BasebandIq(counter, *about, frame.real, frame.imag)
-        return BasebandAp(counter, *about, np.abs(frame), np.angle(frame))
+            return msg.BasebandIq(counter, *about, frame.real, frame.imag)
+        return msg.BasebandAp(counter, *about, np.abs(frame), np.angle(frame))
 
-    def _set_field(self, ref: int, value: float) -> Message:
+    def _set_field(self, ref: int, value: float) -> msg.Message:
         if ref not in set(SysCfg) or not np.isfinite(value):
             return _FAILED
         name = SYS_FIELDS.get(SysCfg(ref))
         if name is not None:
             self._fields[name] = value
-        return Ack()
+        return msg.Ack()
 
     def _set_mode(self, mode: int) -> Obeyed:
         if mode not in set(Mode):
@@ -169,7 +149,7 @@ class X2Firmware(Firmware):
         except SettingsError:
             return Obeyed(_FAILED)
         self._streamed = self._output
-        return Obeyed(Ack(), stops=True, starts=settings)
+        return Obeyed(msg.Ack(), stops=True, starts=settings)
 
     def _raw_settings(self) -> RadarSettings:
         known: dict[str, Any] = {
@@ -196,38 +176,38 @@ class X4Firmware(Firmware):
         self._is_initialised = False
         self._fields: dict[str, Any] = {"is_baseband": False}
 
-    def obey(self, command: Message) -> Obeyed | None:
+    def obey(self, command: msg.Message) -> Obeyed | None:
         """Carry out modes and X4 driver settings; a frame rate above 0 starts the stream."""
         match command:
-            case SetMode(mode):
+            case msg.SetMode(mode):
                 if mode not in set(Mode):
                     return Obeyed(_FAILED)
                 self._mode = mode
-                return Obeyed(Ack(), stops=True)
-            case X4Init():
+                return Obeyed(msg.Ack(), stops=True)
+            case msg.X4Init():
                 self._is_initialised = True
-                return Obeyed(Ack())
-            case X4Set(X4Setting.FPS, (rate_hz,)):
+                return Obeyed(msg.Ack())
+            case msg.X4Set(X4Setting.FPS, (rate_hz,)):
                 return self._set_rate(rate_hz)
-            case X4Set(X4Setting.TX_POWER | X4Setting.ENABLE):
-                return Obeyed(Ack())
-            case X4Set(setting, values) if setting in X4_FIELDS:
+            case msg.X4Set(X4Setting.TX_POWER | X4Setting.ENABLE):
+                return Obeyed(msg.Ack())
+            case msg.X4Set(setting, values) if setting in X4_FIELDS:
                 self._fields |= dict(zip(X4_FIELDS[setting], values, strict=True))
-                return Obeyed(Ack())
+                return Obeyed(msg.Ack())
             case _:
                 return super().obey(command)
 
     def frame_message(
         self, axis: FastTimeAxis, counter: int, frame: np.ndarray[Any, Any]
-    ) -> Message:
+    ) -> msg.Message:
         """Return a raw frame: RF, or baseband as half I and half Q."""
         is_rf = axis.kind == "rf"
         values = frame if is_rf else np.concatenate([frame.real, frame.imag])
-        return Data(ContentId.RAW_FRAME, counter, values)
+        return msg.Data(ContentId.RAW_FRAME, counter, values)
 
     def _set_rate(self, rate_hz: float) -> Obeyed:
         if rate_hz == 0:
-            return Obeyed(Ack(), stops=True)
+            return Obeyed(msg.Ack(), stops=True)
         if not self._is_initialised or self._mode != Mode.MANUAL:
             return Obeyed(_FAILED)
         try:
@@ -236,7 +216,7 @@ class X4Firmware(Firmware):
             settings = X4Settings(**known)
         except SettingsError:
             return Obeyed(_FAILED)
-        return Obeyed(Ack(), stops=True, starts=settings)
+        return Obeyed(msg.Ack(), stops=True, starts=settings)
 
 
 FIRMWARES: Mapping[str, type[Firmware]] = {

@@ -15,7 +15,7 @@ _ON_LINE = {
     *("drop_bytes", "flip_bits", "junk"),
     *("split", "merge", "stall", "bursts", "silent", "hang_up"),
 }
-_MAX_JUNK = 40
+_MAX_JUNK, _NEVER_S = 40, float("inf")
 _STALL_EVERY_S = 10.0  # junk of a packet's length (docs/research/simulated-module.md)
 # Lateness of the frames of one second, in frame periods, by counter modulo 20: measured on a
 # real X2M200 at 20 Hz as 190, 145, 100, 55 and about 50 ms (protocol notes, section 3.3).
@@ -28,17 +28,17 @@ class Line:
     def __init__(self, dice: Dice) -> None:
         self._plan = plan = dice.plan
         self._dice = dice
-        self._is_clean = _ON_LINE.isdisjoint(plan.values)
-        self._max_piece = int(plan.value("split"))
-        self._hang_up_s = plan.time_s("hang_up")
-        self._last_s = min(self._hang_up_s, plan.time_s("silent"))
+        self._is_clean = _ON_LINE.isdisjoint(plan)
+        self._max_piece = int(plan.get("split", 0))
+        self._hang_up_s = plan.get("hang_up", _NEVER_S)
+        self._last_s = min(self._hang_up_s, plan.get("silent", _NEVER_S))
         self._queue: deque[tuple[float, bytes]] = deque()
         self._last_due_s = 0.0
 
     @property
     def next_due_s(self) -> float:
         """When the next bytes are due, in seconds of module time; inf for nothing."""
-        return self._queue[0][0] if self._queue else float("inf")
+        return self._queue[0][0] if self._queue else _NEVER_S
 
     @property
     def splits(self) -> bool:
@@ -74,14 +74,14 @@ class Line:
 
     def frame_lateness_s(self, counter: int, frame_rate_hz: float) -> float:
         """Return how late a frame leaves, in seconds."""
-        if not self._plan.value("bursts"):
+        if not self._plan.get("bursts"):
             return 0.0
         return _LATE_FRAMES.get(counter % 20, 0.0) / frame_rate_hz
 
     def _held_s(self, due_s: float) -> float:
-        if lump_s := self._plan.value("merge"):
+        if lump_s := self._plan.get("merge"):
             due_s = float(np.ceil(due_s / lump_s) * lump_s)
-        if stall_s := self._plan.value("stall"):
+        if stall_s := self._plan.get("stall"):
             into_s = due_s % _STALL_EVERY_S
             if due_s >= _STALL_EVERY_S and into_s < stall_s:
                 due_s += stall_s - into_s
@@ -103,14 +103,14 @@ class Line:
         if dice.falls("junk"):
             rng = dice.generator("junk")
             packet = rng.bytes(int(rng.integers(1, _MAX_JUNK + 1))) + packet
-        if share := self._plan.value("flip_bits"):
+        if share := self._plan.get("flip_bits"):
             rng = dice.generator("flip_bits")
             hit = rng.random(len(packet)) < share
             if hit.any():
                 data = np.frombuffer(packet, np.uint8).copy()
                 data[hit] ^= np.left_shift(1, rng.integers(0, 8, int(hit.sum()))).astype(np.uint8)
                 packet = data.tobytes()
-        if share := self._plan.value("drop_bytes"):
+        if share := self._plan.get("drop_bytes"):
             kept = dice.generator("drop_bytes").random(len(packet)) >= share
             if not kept.all():
                 packet = np.frombuffer(packet, np.uint8)[kept].tobytes()

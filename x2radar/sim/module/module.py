@@ -20,18 +20,9 @@ from x2radar.sim.module.line import Line
 from x2radar.sim.module.stream import EchoStream
 from x2radar.sim.scene.scene import Scene
 from x2radar.wire import framing
+from x2radar.wire import messages as msg
 from x2radar.wire.codec import decode_command, encode
 from x2radar.wire.framing import Packet, PacketDecoder
-from x2radar.wire.messages import (
-    Ack,
-    ErrorReply,
-    Message,
-    Ping,
-    Pong,
-    Reset,
-    SystemMessage,
-    Unknown,
-)
 from x2radar.wire.wire_ids import PING_SEED, ErrorCode, PongCode, SystemCode
 
 RESET_DELAY_S = BOOT_S = 0.05  # a tenth of real modules': tests and demos start soon
@@ -55,10 +46,10 @@ class SimulatedModule:
         self._seed = seed
         self._firmware: Firmware = firmware or X2Firmware()
         self._decoder = PacketDecoder()
-        dice = Dice(faults or FaultPlan(), seed)
+        dice = Dice(faults or {}, seed)
         self._faults, self._line = ModuleFaults(dice), Line(dice)
         self._now_s = 0.0
-        self._commands: deque[tuple[float, Message]] = deque()
+        self._commands: deque[tuple[float, msg.Message]] = deque()
         self._resume: ModuleSettings | None = None
         self._reset_due_s = self._awake_due_s = _FOREVER_S
         self._is_awake = True
@@ -102,7 +93,7 @@ class SimulatedModule:
             try:
                 command = decode_command(item.data)
             except MessageError:
-                command = Unknown(bytes(item.data))
+                command = msg.Unknown(bytes(item.data))
             self._commands.append((self._now_s + self._faults.reply_delay_s, command))
             while self._commands and self._commands[0][0] <= self._now_s:
                 self._obey()
@@ -137,7 +128,7 @@ class SimulatedModule:
         self._stop()
         if self._resume is None:
             self._firmware.forget()
-        self._send(SystemMessage(SystemCode.BOOTING))
+        self._send(msg.SystemMessage(SystemCode.BOOTING))
 
     def _wake_up(self) -> None:
         self._is_awake, self._awake_due_s = True, _FOREVER_S
@@ -146,7 +137,7 @@ class SimulatedModule:
     def _be_ready(self) -> None:
         self._ready_due_s = _FOREVER_S
         if self._faults.announces_ready:
-            self._send(SystemMessage(SystemCode.READY))
+            self._send(msg.SystemMessage(SystemCode.READY))
         if self._resume is not None:
             # A module that was running loads what it ran and streams again by itself.
             self._start(self._resume)
@@ -182,7 +173,7 @@ class SimulatedModule:
             for _ in range(fate.n_copies):
                 self._line.put(packet, self._now_s, late_s=late_s)
 
-    def _send(self, message: Message) -> None:
+    def _send(self, message: msg.Message) -> None:
         self._line.put(framing.encode(encode(message)), self._now_s)
 
     def _obey(self) -> None:
@@ -191,20 +182,20 @@ class SimulatedModule:
         refusal = self._faults.refusal(command, is_ready=is_ready)
         self._send(refusal or self._answer(command))
 
-    def _answer(self, command: Message) -> Message:
+    def _answer(self, command: msg.Message) -> msg.Message:
         match command:
-            case Ping(seed) if seed == PING_SEED:
-                return Pong(PongCode.READY)
-            case Reset():
+            case msg.Ping(seed) if seed == PING_SEED:
+                return msg.Pong(PongCode.READY)
+            case msg.Reset():
                 # A host that resets configures again; only a reboot of its own resumes.
                 self._resume = None
                 self._reset_due_s = self._now_s + RESET_DELAY_S
-                return Ack()
+                return msg.Ack()
             case _:
                 pass
         done = self._firmware.obey(command)
         if done is None:
-            return ErrorReply(ErrorCode.NOT_RECOGNIZED)
+            return msg.ErrorReply(ErrorCode.NOT_RECOGNIZED)
         if done.stops:
             self._stop()
             self._resume = None

@@ -7,7 +7,6 @@ whenever its step begins.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
-from types import MappingProxyType
 from typing import Any, get_args
 
 import numpy as np
@@ -108,7 +107,7 @@ def read_actor(raw: Any, where: str) -> Actor:
             raise SceneError(msg)
     probability = options.pop("probability", 1.0)
     Key(0.0, 1.0).judge(probability, f"{where}.probability")
-    actor = Actor(kind, MappingProxyType(options), where, float(probability), plugged)
+    actor = Actor(kind, options, where, float(probability), plugged)
     actor.make(np.random.default_rng(0))
     return actor
 
@@ -181,33 +180,31 @@ def _thesis(kind: str, label: Label) -> BodyKind:
     return _body(f"The thesis' {what}: five sinusoids.", make, ())
 
 
-BODIES: Mapping[str, BodyKind] = MappingProxyType(
-    {
-        "human": _body(
-            "A person of any age.", draw_person, ("style", "height_m", *_ECHO, "motion", *_COURSE)
-        ),
-        **{
-            s.name: _body(
-                s.sentence,
-                partial(draw_pet, species=s.name),
-                ("style", "mass_kg", *_ECHO, "motion", *_COURSE),
-            )
-            for s in SPECIES.values()
-        },
-        "bird": _body(
-            "A bird: budgerigar, cockatiel or pigeon.",
-            draw_bird,
-            ("species", "style", "home_m", "mass_kg", *_ECHO),
-        ),
-        "moth": _body("A large moth near the antenna.", draw_moth, ("home_m", *_ECHO)),
-        "motion": _body(
-            "A recorded skeleton: a BVH file or joint positions.",
-            draw_recorded,
-            ("file", "label", "scale", "up", "place_m", "turn_deg", "start_s", *_ECHO),
-        ),
-        "thesis_human": _thesis("human", "human"),
-        "thesis_dog": _thesis("dog", "pet"),
-        "thesis_cat": _thesis("cat", "pet"),
-    }
-)
+BODIES: Mapping[str, BodyKind] = {
+    "human": _body(
+        "A person of any age.", draw_person, ("style", "height_m", *_ECHO, "motion", *_COURSE)
+    ),
+    **{
+        s.name: _body(
+            s.sentence,
+            partial(draw_pet, species=s.name),
+            ("style", "mass_kg", *_ECHO, "motion", *_COURSE),
+        )
+        for s in SPECIES.values()
+    },
+    "bird": _body(
+        "A bird: budgerigar, cockatiel or pigeon.",
+        draw_bird,
+        ("species", "style", "home_m", "mass_kg", *_ECHO),
+    ),
+    "moth": _body("A large moth near the antenna.", draw_moth, ("home_m", *_ECHO)),
+    "motion": _body(
+        "A recorded skeleton: a BVH file or joint positions.",
+        draw_recorded,
+        ("file", "label", "scale", "up", "place_m", "turn_deg", "start_s", *_ECHO),
+    ),
+    "thesis_human": _thesis("human", "human"),
+    "thesis_dog": _thesis("dog", "pet"),
+    "thesis_cat": _thesis("cat", "pet"),
+}
 """Kinds of bodies by name."""

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 from functools import partial
 from importlib import resources
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -43,25 +42,13 @@ class SceneStep:
     actors: tuple[Actor, ...]  # bodies and things; empty for an empty room
     least_s: float  # the duration is drawn evenly from here
     most_s: float  # to here
-    weight: float = 1.0  # within a choice: how often this step is taken against the others
+    weight: float = 1.0  # how often this step is taken against others in its place
 
     def duration_s(self, rng: np.random.Generator) -> float:
         """Return a duration; nothing is drawn where it is fixed."""
         if self.least_s == self.most_s:
             return self.least_s
         return float(rng.uniform(self.least_s, self.most_s))
-
-
-@dataclass(frozen=True, slots=True)
-class SceneChoice:
-    """One of several steps, drawn by weight each time."""
-
-    steps: tuple[SceneStep, ...]
-
-    def drawn(self, rng: np.random.Generator) -> SceneStep:
-        """Return one of the steps."""
-        weights = np.array([step.weight for step in self.steps])
-        return self.steps[int(rng.choice(len(weights), p=weights / weights.sum()))]
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +65,8 @@ class Scene:
 
     name: str  # built-in name or file name
     description: str  # one sentence for people
-    steps: tuple[SceneStep | SceneChoice, ...]  # played in order, then again
+    # Played in order, then again; one of each tuple, drawn by weight each time.
+    steps: tuple[tuple[SceneStep, ...], ...]
     background: tuple[Actor, ...] = ()  # what moves all the time
     clutter: tuple[StaticPoint, ...] = ()  # single static echoes
     room: RoomSettings | None = None  # static objects, distributed clutter, leakage
@@ -161,14 +149,14 @@ def _builtin_text(name: str) -> str:
     return file.read_text(encoding="utf-8")
 
 
-def _step_or_choice(raw: Any, where: str) -> SceneStep | SceneChoice:
+def _choice(raw: Any, where: str) -> tuple[SceneStep, ...]:
     if not (isinstance(raw, dict) and "one_of" in raw):
-        return _step(raw, where)
+        return (_step(raw, where),)
     steps = _list(_step)(checked(raw, {"one_of": None}, where)["one_of"], f"{where}.one_of")
     if not any(step.weight > 0 for step in steps):
         msg = f"{where}.one_of: must be a list with at least one step of weight above 0"
         raise SceneError(msg)
-    return SceneChoice(steps)
+    return steps
 
 
 def _step(raw: Any, where: str) -> SceneStep:
@@ -204,7 +192,7 @@ def _point(raw: Any, where: str) -> StaticPoint:
 
 def _mount(raw: Any, where: str) -> Mapping[str, float]:
     draw_mount(np.random.default_rng(0), raw, where)
-    return MappingProxyType(dict(raw or {}))
+    return dict(raw or {})
 
 
 def _error_db(raw: Any, where: str) -> float:
@@ -231,7 +219,7 @@ def _list(read: Callable[[Any, str], _T]) -> Callable[[Any, str], tuple[_T, ...]
 
 _READERS: Mapping[str, Callable[[Any, str], Any]] = {
     "description": _text,
-    "steps": _list(_step_or_choice),
+    "steps": _list(_choice),
     "background": _list(read_actor),
     "clutter": _list(_point),
     "surfaces": _list(partial(settings_from, Surface)),

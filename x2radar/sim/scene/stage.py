@@ -16,7 +16,7 @@ from x2radar.sim.place.antenna import EchoRows, join, length_m
 from x2radar.sim.place.multipath import DiffuseTail, image_rows
 from x2radar.sim.points import Mover, Points
 from x2radar.sim.scene.cast import Actor
-from x2radar.sim.scene.scene import Scene, SceneChoice, SceneStep
+from x2radar.sim.scene.scene import Scene, SceneStep
 from x2radar.sim.things import MountVibration, draw_mount
 
 Array = NDArray[np.float64]
@@ -121,8 +121,8 @@ class Stage:
     def _walk(self) -> Iterator[_Playing]:
         number = begun = 0
         while True:
-            for item in self._scene.steps:
-                step = self._step(item, number)
+            for choice in self._scene.steps:
+                step = self._step(choice, number) if len(choice) > 1 else choice[0]
                 duration_s = step.duration_s(np.random.default_rng([self._seed, number, _STEP]))
                 n = max(1, round(duration_s * self._rate_hz))
                 movers = tuple(self._cast(step.actors, number))
@@ -130,10 +130,10 @@ class Stage:
                 number += 1
                 begun += n
 
-    def _step(self, item: SceneStep | SceneChoice, number: int) -> SceneStep:
-        if isinstance(item, SceneStep):
-            return item
-        return item.drawn(np.random.default_rng([self._seed, number, _STEP, 1]))
+    def _step(self, choice: tuple[SceneStep, ...], number: int) -> SceneStep:
+        rng = np.random.default_rng([self._seed, number, _STEP, 1])
+        weights = np.array([step.weight for step in choice])
+        return choice[int(rng.choice(len(choice), p=weights / weights.sum()))]
 
     def _cast(self, actors: tuple[Actor, ...], number: int) -> Iterator[Mover]:
         for k, actor in enumerate(actors):
@@ -146,9 +146,8 @@ class Stage:
 def check_swath(scene: Scene, near_m: float, far_m: float) -> None:
     """Raise SceneError if a thing that was put in a place never enters the swath."""
     listed = [(actor, _MAX_LOOK_S) for actor in scene.background]
-    for item in scene.steps:
-        steps = (item,) if isinstance(item, SceneStep) else item.steps
-        listed += [(actor, step.most_s) for step in steps for actor in step.actors]
+    for step in (step for choice in scene.steps for step in choice):
+        listed += [(actor, step.most_s) for actor in step.actors]
     for actor, seconds in listed:
         if not {"waypoints_m", "position_m", "home_m"} & actor.options.keys():
             continue

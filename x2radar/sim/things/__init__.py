@@ -6,7 +6,6 @@ what such things do at home, by our judgement where no source is given beside a 
 """
 
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -20,17 +19,15 @@ from x2radar.sim.things.machines import FAN, ROBOT_VACUUM, WASHING_MACHINE
 
 __all__ = ["THINGS", "MountVibration", "ThingKind", "draw_mount", "draw_thing"]
 
-THINGS: Mapping[str, ThingKind] = MappingProxyType(
-    {
-        "curtain": CURTAIN,
-        "fan": FAN,
-        "robot_vacuum": ROBOT_VACUUM,
-        "washing_machine": WASHING_MACHINE,
-        "door": DOOR,
-        "plant": PLANT,
-        "rain": RAIN,
-    }
-)
+THINGS: Mapping[str, ThingKind] = {
+    "curtain": CURTAIN,
+    "fan": FAN,
+    "robot_vacuum": ROBOT_VACUUM,
+    "washing_machine": WASHING_MACHINE,
+    "door": DOOR,
+    "plant": PLANT,
+    "rain": RAIN,
+}
 """Kinds of things by name, with one sentence and the numbers of each."""
 
 

@@ -50,9 +50,9 @@ Torso = Callable[[Array, Moment, Array], Array]
 def draw_torso(rng: np.random.Generator) -> Torso:
     """Draw how a trunk swings over its hips in step with the stride, and how it wanders."""
     # In periods, against the left foot's landing; amplitudes at cruising speed.
-    pitch_lag, roll_lag = rng.random(2)
+    pitch_lag, roll_lag = (float(x) for x in rng.random(2))
     swings_rad = _SWING_RAD * np.abs(rng.standard_normal(2)).clip(0, _MAX_SIGMAS)
-    pitch_rad, roll_rad = swings_rad.tolist()
+    pitch_rad, roll_rad = (float(x) for x in swings_rad)
     # Added to lean and roll, whether the body goes or stands.
     wanders = Wander.draw(rng, _WANDER_RAD, _WANDER_RAD_S)
 
