@@ -1,10 +1,32 @@
 """Payloads of any kind, and streams cut anywhere."""
 
 from collections.abc import Iterable, Iterator
+from enum import Enum
 
 from hypothesis import strategies as st
 
-from x2radar.wire.framing import END, ESC, START, PacketDecoder, Packing
+from x2radar.wire import framing
+from x2radar.wire.framing import END, ESC, FAST, LENGTH_START, START, PacketDecoder, checksum
+
+
+class Packing(Enum):
+    """How a packet is framed on the wire; a host sends escaped ones alone."""
+
+    ESCAPED = "escaped"
+    LENGTH = "length"
+    FAST = "fast"
+
+
+def encode(data: bytes, packing: Packing = Packing.ESCAPED) -> bytes:
+    """A packet as a module sends it; of a fast one, the data behind the 51 byte."""
+    length = len(data).to_bytes(4, "little")
+    if packing is Packing.ESCAPED:
+        return framing.encode(data)
+    if packing is Packing.LENGTH:
+        return LENGTH_START + length + b"\x00" + data
+    body = bytes([FAST]) + length + data
+    return bytes([START]) + body + bytes([checksum(body), END])
+
 
 TAIL = bytes.fromhex("7d 50 26 fe 75")
 

@@ -151,11 +151,6 @@ class FrameCounts:
         )
 
 
-def read_only(samples: Samples) -> None:
-    """Make an array read-only in place, as all arrays that leave the driver are."""
-    samples.flags.writeable = False
-
-
 class Closing:
     """Base of what frames come from or go to: closed at the end of its `with` block."""
 

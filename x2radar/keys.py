@@ -1,13 +1,13 @@
 """What a setting may be: one table of keys judges settings made in code and scene files.
 
-A settings class writes its fields with `limited` and `one_of`; `check_fields` judges an object
+A settings class writes its fields with `limited` and `one_of`; `Checked` judges an object
 made in code (`SettingsError`), `settings_from` a mapping from a scene file (`SceneError`, with the
 key's path). All else in a scene goes through `checked` with a table of `Key`.
 """
 
 import difflib
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, TypeVar
 
@@ -70,25 +70,22 @@ def _keys_of(cls: type) -> dict[str, Key]:
     return {f.name: f.metadata["key"] for f in fields(cls)}
 
 
-def check_fields(settings: Any) -> None:
-    """Judge every field of a settings object; raise SettingsError that names all faults."""
-    faults = [
-        f"{name} = {value!r}: {fault}"
-        for name, key in _keys_of(type(settings)).items()
-        if (fault := key.fault(value := getattr(settings, name)))
-    ]
-    if faults:
-        raise SettingsError("; ".join(faults))
-
-
 class Checked:
-    """Base of settings that are judged when they are made; raises SettingsError."""
+    """Base of settings that are judged when they are made."""
 
     __slots__ = ()
 
     def __post_init__(self) -> None:
-        """Check every field."""
-        check_fields(self)
+        """Check every field, then what they make together; SettingsError names all faults."""
+        values = ((name, key, getattr(self, name)) for name, key in _keys_of(type(self)).items())
+        judged = ((name, value, key.fault(value)) for name, key, value in values)
+        faults = [f"{name} = {value!r}: {fault}" for name, value, fault in judged if fault]
+        if faults := faults or list(self.faults_together()):
+            raise SettingsError("; ".join(faults))
+
+    def faults_together(self) -> Iterator[str]:
+        """Yield what is wrong with the fields together, each of which is good."""
+        yield from ()
 
 
 def settings_from(cls: type[_T], raw: Any, where: str) -> _T:

@@ -187,14 +187,10 @@ def _columns(
 
 def _lines(samples: Samples, axis: FastTimeAxis) -> tuple[NDArray[np.complex128], Reals]:
     """Return the frames by radio frequency, shape (n, n_frequencies), and the frequencies."""
-    n_range = samples.shape[1]
-    if axis.kind == "rf":
-        turns_per_m = np.fft.rfftfreq(n_range, axis.bin_length_m)
-        lines = np.fft.rfft(samples, axis=1)
-        return lines, turns_per_m * SPEED_OF_LIGHT_MPS / 2
-    turns_per_m = np.fft.fftfreq(n_range, axis.bin_length_m)
-    lines = np.fft.fft(samples, axis=1)
-    return lines, axis.carrier_hz + turns_per_m * SPEED_OF_LIGHT_MPS / 2
+    is_rf, n_range = axis.kind == "rf", samples.shape[1]
+    turns_per_m = (np.fft.rfftfreq if is_rf else np.fft.fftfreq)(n_range, axis.bin_length_m)
+    lines = (np.fft.rfft if is_rf else np.fft.fft)(samples, axis=1)
+    return lines, (0.0 if is_rf else axis.carrier_hz) + turns_per_m * SPEED_OF_LIGHT_MPS / 2
 
 
 def _in_band(samples: Samples, axis: FastTimeAxis) -> tuple[NDArray[np.complex128], Reals]:

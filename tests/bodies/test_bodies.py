@@ -185,7 +185,7 @@ def test_everything_that_moves_does_so_as_before(golden):
     for name, mover in movers():
         points = mover.at(T_S, ANTENNA_M)
         made.append({"name": name, **figures_of(points.position_m, points.rcs_m2)})
-    offset_m = draw_mount(np.random.default_rng(3), {}).offset_m(T_S)[:, None]
+    offset_m = draw_mount(np.random.default_rng(3), {})(T_S)[:, None]
     made.append({"name": "mount", **figures_of(offset_m, np.ones((len(T_S), 1)))})
     for now, before in zip(made, golden("movers.jsonl", made), strict=True):
         assert now["name"] == before["name"]

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.framing_helpers import any_packet, cut, decode, escaped_payloads
+from tests.framing_helpers import Packing, any_packet, cut, decode, encode, escaped_payloads
 from x2radar.wire import codec
 from x2radar.wire.framing import (
     END,
@@ -21,8 +21,6 @@ from x2radar.wire.framing import (
     LineFault,
     Packet,
     PacketDecoder,
-    Packing,
-    encode,
 )
 from x2radar.wire.messages import Data
 
@@ -48,7 +46,7 @@ def test_packet_behind_a_false_start(packing: Packing, false_start: bytes) -> No
     items = decode([GOOD + false_start + encode(data, packing) + GOOD])
     assert [item for item in items if isinstance(item, Packet)] == [
         SOUND,
-        Packet(data, packing),
+        Packet(data),
         SOUND,
     ]
 
@@ -72,7 +70,7 @@ def test_length_packet_handed_out_too_early_does_not_take_the_next_one_along() -
     short = encode(b"\x01\x02\x03\x04", Packing.LENGTH)[:-1]
     stream = short + GOOD + GOOD
     items = decode([stream[: len(short) + 1], stream[len(short) + 1 :]])
-    assert items[0] == Packet(b"\x01\x02\x03\x7d", Packing.LENGTH)
+    assert items[0] == Packet(b"\x01\x02\x03\x7d")
     assert items[1].fault is Fault.LOST_BYTES
     assert items[-2:] == [SOUND, SOUND]
 
@@ -94,7 +92,7 @@ def test_packets_behind_a_start_flag_without_end_are_found_at_the_limit() -> Non
     stream = b"\x7d\x01" + one * (MAX_PACKET // len(one) + 1)
     items = decode(stream[k : k + 999] for k in range(0, len(stream), 999))
     assert [type(i) for i in items[:2]] == [LineFault, LineFault]
-    assert items[2:] == [Packet(one[9:], Packing.LENGTH)] * (MAX_PACKET // len(one) + 1)
+    assert items[2:] == [Packet(one[9:])] * (MAX_PACKET // len(one) + 1)
 
 
 # ---------------------------------------------------------------- any corruption
@@ -217,7 +215,7 @@ def test_noise_never_raises_and_the_buffer_stays_bounded(packing: Packing) -> No
         decode([noise, encode(rng.bytes(9) + b"\x01", Packing.LENGTH)], decoder)
         assert decoder.n_buffered <= MAX_PACKET
     assert decode([FLUSH, encode(b"\x10", packing), GOOD], decoder)[-2:] == [
-        Packet(b"\x10", packing),
+        Packet(b"\x10"),
         SOUND,
     ]
 
@@ -375,8 +373,6 @@ def test_a_reset_in_a_packet_forgets_how_far_it_was_searched() -> None:
 
 def test_a_reset_forgets_that_a_fast_packet_may_have_an_end_flag() -> None:
     decoder = PacketDecoder()
-    assert decoder.feed(bytes.fromhex("7d 51 01 00 00 00 64 49")) == [
-        Packet(b"\x64", Packing.FAST)
-    ]
+    assert decoder.feed(bytes.fromhex("7d 51 01 00 00 00 64 49")) == [Packet(b"\x64")]
     decoder.reset()
     assert decoder.feed(b"\x7e") == [LineFault(Fault.JUNK, 1)]

@@ -8,9 +8,8 @@ from tests.recording_helpers import make
 from tests.sim_helpers import axis_with
 from x2radar import maps
 from x2radar.cli import main
-from x2radar.commands.plot import _look
+from x2radar.commands.plot import filled
 from x2radar.errors import SettingsError
-from x2radar.frame import StreamInfo
 
 AXIS = axis_with("baseband", 80, 0.04, 0.5, bandwidth_hz=1.75e9, sample_rate_hz=0.0)
 
@@ -68,9 +67,9 @@ def test_nothing_and_too_little():
 
 def test_a_missing_frame_repeats_the_one_before():
     rows = np.array([[1], [2], [np.nan], [np.nan], [3]], np.float32)
-    look = _look("", StreamInfo(AXIS, 60.0, ""), rows, 0.0)
-    assert look.samples[:, 0].tolist() == [1, 2, 2, 2, 3]
-    assert look.n_lost == 2
+    samples, n_lost = filled(rows)
+    assert samples[:, 0].tolist() == [1, 2, 2, 2, 3]
+    assert n_lost == 2
 
 
 @pytest.mark.parametrize("suffix", [".png", ".svg"])

@@ -105,10 +105,10 @@ def mount(seed=0, **said):
 
 def test_mount_has_no_state_and_obeys_its_seed():
     t_s = np.random.default_rng(0).uniform(0, 1e4, 100)
-    whole = mount(3).offset_m(t_s)
-    assert mount(3).offset_m(t_s[::-1])[::-1] == pytest.approx(whole, abs=1e-15)
-    assert not np.array_equal(mount(4).offset_m(t_s), whole)
+    whole = mount(3)(t_s)
+    assert mount(3)(t_s[::-1])[::-1] == pytest.approx(whole, abs=1e-15)
+    assert not np.array_equal(mount(4)(t_s), whole)
     limit = sum(MOUNT_DRAWS[k].usual[1] for k in ("hum_m", "sway_m", "shock_m", "shock_m"))
     assert np.linalg.norm(whole, axis=1).max() <= limit
-    still = mount(hum_m=0, sway_m=0, shock_m=0).offset_m(t_s)
+    still = mount(hum_m=0, sway_m=0, shock_m=0)(t_s)
     assert not still.any()

@@ -3,7 +3,6 @@
 import argparse
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -27,17 +26,6 @@ _DEPTHS_DB = (40.0, 30.0)  # under the peak of range and of velocity: what limbs
 _SUFFIXES = (".png", ".pdf", ".svg")
 
 
-@dataclass(frozen=True, slots=True)
-class Look:
-    """Frames to draw, with the axis and rate that the pictures need."""
-
-    title: str
-    stream: StreamInfo
-    samples: Samples  # shape (n, n_range); a missing frame repeats the one before
-    start_s: float
-    n_lost: int
-
-
 def register(commands: Commands) -> None:
     parser = add_command(
         commands,
@@ -59,15 +47,18 @@ def _run(args: argparse.Namespace) -> int:
         raise SettingsError(f"--out {args.out}: must end in {', '.join(_SUFFIXES)}")
     needed("matplotlib", what="pictures")
     if is_port(args.what):
-        look = _look_at_port(args.what, args.duration)
+        title, start_s = args.what, 0.0
+        samples, stream = _from_port(args.what, args.duration)
     else:
-        path = recording_path(args.what)
-        samples, stream = read_frames(path, start_s=args.start, duration_s=args.duration)
-        look = _look(path.name, stream, samples, args.start)
+        path, start_s = recording_path(args.what), args.start
+        title, (samples, stream) = (
+            path.name,
+            read_frames(path, start_s=start_s, duration_s=args.duration),
+        )
     plt: Any = needed("matplotlib.pyplot", what="pictures")
     if args.out is None and plt.get_backend().lower() == "agg":
         raise SettingsError("no window can be opened here; give --out FILE.png")
-    figure = draw(look)
+    figure = draw(title, stream, samples, start_s)
     if args.out is None:
         plt.show()
         return 0
@@ -76,7 +67,7 @@ def _run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _look_at_port(port: str, duration_s: float) -> Look:
+def _from_port(port: str, duration_s: float) -> tuple[Samples, StreamInfo]:
     status = StatusLine(sys.stderr)
     with make_radar(parse_port(port), speed=None) as radar:
         frames = radar.frames()
@@ -91,29 +82,30 @@ def _look_at_port(port: str, duration_s: float) -> Look:
 
         samples = stacked(watched(), radar.stream, n)
         status.clear()
-        return _look(port, radar.stream, samples, 0.0)
+        return samples, radar.stream
 
 
-def _look(title: str, stream: StreamInfo, samples: Samples, start_s: float) -> Look:
+def filled(samples: Samples) -> tuple[Samples, int]:
+    """Return frames whose missing ones, NaN, repeat the one before, and how many those are."""
     is_here = np.isfinite(samples).all(axis=1)
     last = np.maximum.accumulate(np.where(is_here, np.arange(len(samples)), 0))
-    filled: Any = np.nan_to_num(samples[last])
-    return Look(title, stream, filled, start_s, int(np.count_nonzero(~is_here)))
+    return np.nan_to_num(samples[last]), int(np.count_nonzero(~is_here))
 
 
-def draw(look: Look) -> Any:
-    """Return a matplotlib figure of three pictures."""
+def draw(title: str, stream: StreamInfo, samples: Samples, start_s: float) -> Any:
+    """Return a matplotlib figure of three pictures of frames (n, n_range), NaN where missing."""
     plt: Any = needed("matplotlib.pyplot", what="pictures")
-    axis, rate_hz = look.stream.axis, look.stream.frame_rate_hz
-    ranges = range_time(look.samples, axis, rate_hz)
-    velocities = velocity_time(look.samples, axis, rate_hz)
-    total, moving, frequency_hz = spectrum(look.samples, axis)
+    axis, rate_hz = stream.axis, stream.frame_rate_hz
+    samples, n_lost = filled(samples)
+    ranges = range_time(samples, axis, rate_hz)
+    velocities = velocity_time(samples, axis, rate_hz)
+    total, moving, frequency_hz = spectrum(samples, axis)
     figure, (top, middle, bottom) = plt.subplots(3, 1, figsize=(9, 10), layout="constrained")
-    lost = f", {look.n_lost} frames missing" if look.n_lost else ""
-    length = f"{len(look.samples) / rate_hz:.1f} s at {rate_hz:g} Hz{lost}"
-    figure.suptitle(f"{legible(look.title)}: {length}", parse_math=False)
+    lost = f", {n_lost} frames missing" if n_lost else ""
+    length = f"{len(samples) / rate_hz:.1f} s at {rate_hz:g} Hz{lost}"
+    figure.suptitle(f"{legible(title)}: {length}", parse_math=False)
     for axes, shown, depth_db in zip((top, middle), (ranges, velocities), _DEPTHS_DB, strict=True):
-        image = _image(axes, shown, look.start_s, depth_db)
+        image = _image(axes, shown, start_s, depth_db)
         figure.colorbar(image, ax=axes, label="power under the peak (dB)", pad=0.01)
     top.set(ylabel="range (m)", title="what moves, by range", xlabel="time (s)")
     # Where the phase turns by half a circle from frame to frame, c fp / (4 fc).

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.frame import CounterTracker, FastTimeAxis, Frame, Samples, Step, read_only
+from x2radar.frame import CounterTracker, FastTimeAxis, Frame, Samples, Step
 from x2radar.modules.base import ModuleSettings
 from x2radar.wire.messages import BasebandAp, BasebandIq, Data, Message
 from x2radar.wire.wire_ids import ContentId
@@ -53,7 +53,7 @@ class FrameAssembler:
             step = Step.RESTART
             self._counter.index += 1
         self._last = samples
-        read_only(samples)
+        samples.flags.writeable = False
         restarted = step is Step.RESTART
         return Frame(samples, counter, self._counter.index, lost, restarted, axis, t_mono_s)
 

@@ -1,29 +1,18 @@
 """What the settings of every module tell the driver."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Self
 
-from x2radar.errors import SettingsError
 from x2radar.frame import FastTimeAxis, Kind
-from x2radar.keys import check_fields
+from x2radar.keys import Checked
 from x2radar.wire.messages import Message
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ModuleSettings(ABC):
+class ModuleSettings(Checked, ABC):
     """Settings of one kind of module; SettingsError at construction names all faults."""
-
-    def __post_init__(self) -> None:
-        """Check every field, then what they make together; name all faults at once."""
-        check_fields(self)
-        if faults := list(self.faults_together()):
-            raise SettingsError("; ".join(faults))
-
-    def faults_together(self) -> Iterator[str]:
-        """Yield what is wrong with the fields together, each of which is good."""
-        yield from ()
 
     @property
     @abstractmethod

@@ -23,7 +23,6 @@ from x2radar.frame import (
     Samples,
     Step,
     StreamInfo,
-    read_only,
 )
 from x2radar.recording.about import (
     NO_OVERRIDES,
@@ -222,6 +221,6 @@ def as_samples(array: NDArray[Any], kind: str) -> Samples:
     """Return `array` as contiguous, read-only samples of this kind; a copy if need be."""
     samples: Any = np.ascontiguousarray(np.asarray(array), SAMPLE_DTYPES[kind])
     if samples.flags.writeable:
-        read_only(samples)
+        samples.flags.writeable = False
     out: Samples = samples
     return out

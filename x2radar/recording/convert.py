@@ -1,9 +1,6 @@
 """Convert a recording from any format that is read to any that is written."""
 
-import contextlib
-import shutil
 import tempfile
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -36,7 +33,8 @@ def convert(
     for path in found.files(out):
         refuse_taken(path)
     with open_recording(source, kind=source_kind, overrides=overrides) as reader:
-        with _beside(out) as folder:
+        with _beside(out) as name:
+            folder = Path(name)
             try:
                 notes = found.write(folder / out.name, reader)
             except OSError as err:
@@ -62,17 +60,14 @@ def _format_to_write(out: Path, out_kind: str | None) -> Format:
     return found
 
 
-@contextlib.contextmanager
-def _beside(out: Path) -> Iterator[Path]:
-    """Lend an empty folder on the file system of `out`, and take it away again."""
+def _beside(out: Path) -> tempfile.TemporaryDirectory[str]:
+    """Return an empty folder on the file system of `out`, which goes away again."""
     try:
-        folder = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
+        return tempfile.TemporaryDirectory(
+            prefix=f".{out.name}.", dir=out.parent, ignore_cleanup_errors=True
+        )
     except OSError as err:
         raise refuse(out, f"cannot make it there: {err.strerror}") from err
-    try:
-        yield folder
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _put_in_place(folder: Path, out: Path) -> None:

@@ -17,6 +17,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from x2radar.atomic import sync_path
 from x2radar.errors import RecordingError, WriteError
 from x2radar.frame import Closing, Frame, StreamInfo
 from x2radar.recording.about import SAMPLE_DTYPES, root_attributes
@@ -167,7 +168,8 @@ class RecordingWriter(Closing):
             if not self._published or self.n_frames == 0:
                 self._made_as.unlink(missing_ok=True)
             elif self._fsync:
-                _sync_path(self._path)
+                with contextlib.suppress(OSError):
+                    sync_path(self._path)
 
     def _buffers(self) -> tuple[tuple[str, NDArray[Any]], ...]:
         return (("samples", self._samples), ("counter", self._counter), ("t_s", self._t_s))
@@ -207,7 +209,8 @@ class RecordingWriter(Closing):
                     raise FileExistsError(errno.EEXIST, "exists already") from None
                 self._made_as.rename(self._path)
             if self._fsync:
-                _sync_path(self._path.parent)
+                with contextlib.suppress(OSError):
+                    sync_path(self._path.parent)
         except OSError as err:
             raise self._cannot_make(err) from err
         self._published = True
@@ -269,13 +272,3 @@ def reason(err: BaseException) -> str:
     text = " ".join(str(err).split())
     _, _, behind = text.partition("error message = '")
     return behind.partition("'")[0] or text.partition("(")[2].rstrip(")") or text
-
-
-def _sync_path(path: Path) -> None:
-    """Wait until a closed file, or a folder's list of names, is on the disk."""
-    with contextlib.suppress(OSError):
-        descriptor = os.open(path, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)

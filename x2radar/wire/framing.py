@@ -56,14 +56,6 @@ _FIRST_FLAG, _N_FLAGS = np.uint8(START), np.uint8(3)
 _FAST_START = bytes([START, FAST])
 
 
-class Packing(Enum):
-    """How a packet was framed on the wire."""
-
-    ESCAPED = "escaped"
-    LENGTH = "length"
-    FAST = "fast"
-
-
 class Fault(Enum):
     """What went wrong on the line (names after mcp_wrapper's parser errors)."""
 
@@ -88,7 +80,6 @@ class Packet:
     """
 
     data: PacketData
-    packing: Packing = Packing.ESCAPED
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,25 +120,17 @@ def unescape(body: bytes) -> bytes:
     return _ESC.join([part.replace(_ESC, b"") for part in body.split(_ESC_ESC)])
 
 
-def encode(data: bytes, packing: Packing = Packing.ESCAPED) -> bytes:
-    """Return `data`, at least one byte, as one packet on the wire.
+def encode(data: bytes) -> bytes:
+    """Return `data`, at least one byte, as one escaped packet on the wire.
 
-    `Packing.FAST` takes the data behind the 51 byte. Raises ProtocolError if `data` is empty,
-    takes more than `MAX_PACKET` bytes on the wire, or would be read as another packing.
+    Raises ProtocolError if `data` is empty, takes more than `MAX_PACKET` bytes on the wire, or
+    would be read as another packing.
     """
-    length = len(data).to_bytes(4, "little")
-    match packing:
-        case Packing.ESCAPED:
-            packet = _START + escape(data + bytes([checksum(data)])) + _END
-        case Packing.LENGTH:
-            packet = LENGTH_START + length + b"\x00" + data
-        case _:
-            body = bytes([FAST]) + length + data
-            packet = _START + body + bytes([checksum(body)]) + _END
+    packet = _START + escape(data + bytes([checksum(data)])) + _END
     if not data or len(packet) > MAX_PACKET:
         msg = f"a packet takes up to {MAX_PACKET} bytes and is not empty: {len(data)} bytes given"
         raise ProtocolError(msg)
-    if packing is Packing.ESCAPED and data[0] == FAST:
+    if data[0] == FAST:
         msg = "an escaped packet cannot begin with 51: that is the fast packing's mark"
         raise ProtocolError(msg)
     return packet
@@ -211,8 +194,8 @@ class PacketDecoder:
             return 1
         return self._junk(at, left)
 
-    def _emit(self, data: PacketData, packing: Packing = Packing.ESCAPED) -> None:
-        self._out.append(Packet(data, packing))
+    def _emit(self, data: PacketData) -> None:
+        self._out.append(Packet(data))
         self._hunting = False
 
     def _drop(self, fault: Fault, n_bytes: int) -> int:
@@ -367,7 +350,7 @@ class PacketDecoder:
         if not (follows.startswith(_START) or LENGTH_START.startswith(follows)):
             return self._drop(Fault.LOST_BYTES, 1)
         if not given_out:
-            self._emit(bytes(buffer[at + LENGTH_HEADER : at + size]), Packing.LENGTH)
+            self._emit(bytes(buffer[at + LENGTH_HEADER : at + size]))
         if follows.startswith((_START, LENGTH_START)):
             return size
         self._given_out = size
@@ -386,7 +369,7 @@ class PacketDecoder:
         body = bytes(buffer[at + 1 : at + size])
         if checksum(body):
             return self._escaped(at, left)
-        self._emit(body[5:-1], Packing.FAST)
+        self._emit(body[5:-1])
         self._end_may_follow = True
         return size
 

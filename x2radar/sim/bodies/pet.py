@@ -10,7 +10,7 @@ from x2radar.keys import Key
 from x2radar.sim.bodies.body import Body, BodyPlan
 from x2radar.sim.bodies.motion import MOTIONS
 from x2radar.sim.bodies.motion.angles import AngleQuadruped
-from x2radar.sim.bodies.motion.quadrupeds.footfalls import FootfallQuadruped
+from x2radar.sim.bodies.motion.quadrupeds.footfalls import draw_footfall_quadruped
 from x2radar.sim.bodies.motion.quadrupeds.gait import (
     FOOTWORK,
     GRAVITY_MPS2,
@@ -111,8 +111,8 @@ def draw_pet(
         looks_s = course.start_s, course.end_s
     moves: Motion = Hung(build, action, manner)
     if motion != "gait" and isinstance(action, Going):
-        other = FootfallQuadruped if motion == "footfalls" else AngleQuadruped
-        moves = other.draw(rng, course, build, style)
+        other = draw_footfall_quadruped if motion == "footfalls" else AngleQuadruped.draw
+        moves = other(rng, course, build, style)
     half = np.array(build.half_lengths())
     plan = BodyPlan(row.label, QUADRUPED.names, half, moves, QUADRUPED.n_trunk, QUADRUPED.gain)
     body = plan.dressed(rng, skin, total_rcs_dbsm, np.linspace(*looks_s, _N_LOOKS))

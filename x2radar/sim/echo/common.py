@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from x2radar.errors import SceneError
 from x2radar.frame import FastTimeAxis
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
+from x2radar.sim.points import Array
 from x2radar.sim.signal.pulse import pulse_sigma_s
 
-Array = NDArray[np.float64]
 Amplitude = NDArray[np.float64] | NDArray[np.complex128]
 Baseband = NDArray[np.complex64]
 Frames = NDArray[np.complex64] | NDArray[np.float32]

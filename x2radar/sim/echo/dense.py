@@ -7,16 +7,8 @@ error is the rounding of the result alone.
 import numpy as np
 
 from x2radar.frame import FastTimeAxis
-from x2radar.sim.echo.common import (
-    Amplitude,
-    Array,
-    Frames,
-    Task,
-    carrier_turns,
-    counted,
-    echo_sigma_m,
-    empty,
-)
+from x2radar.sim.echo import common
+from x2radar.sim.echo.common import Amplitude, Array, Frames, Task
 
 FINEST_DB = -130.0  # finer is under float32's rounding
 _REACH_SIGMA = 7.0  # beyond it an echo is below 2e-11 and is left out as a whole
@@ -29,13 +21,17 @@ def frames(range_m: Array, amplitude: Amplitude, task: Task, floor: float) -> Fr
     ``sum_k a_k g(x - R_k) exp(-j 4 pi R_k / lambda)`` (2.19), or that on its carrier (2.12).
     Error below 1e-7 of the sum of amplitudes, whatever was asked for.
     """
-    axis, sigma_m = task.axis, echo_sigma_m(task.axis)
+    axis, sigma_m = task.axis, common.echo_sigma_m(task.axis)
     r, a = _kept(range_m, amplitude, axis, reach_m=_REACH_SIGMA * sigma_m, floor=floor)
-    weight = a * np.exp(2j * np.pi * carrier_turns(r, axis))
+    weight = a * np.exp(2j * np.pi * common.carrier_turns(r, axis))
     rows = np.stack([weight.real, weight.imag], axis=1)
-    out = empty(len(r), axis)
+    out = common.empty(len(r), axis)
     # The carrier at every bin.
-    wave = np.exp(-2j * np.pi * carrier_turns(axis.range_m, axis)) if axis.kind == "rf" else None
+    wave = (
+        np.exp(-2j * np.pi * common.carrier_turns(axis.range_m, axis))
+        if axis.kind == "rf"
+        else None
+    )
     size = max(1, _BLOCK_SAMPLES // max(1, r.shape[1] * axis.n_range))
     for at in range(0, len(r), size):
         part = slice(at, at + size)
@@ -57,7 +53,7 @@ def _kept(
     """Return ranges and amplitudes without scatterers that never show."""
     first_m = axis.range_offset_m
     last_m = first_m + (axis.n_range - 1) * axis.bin_length_m
-    mask = counted(range_m, amplitude, first_m - reach_m, last_m + reach_m, floor)
+    mask = common.counted(range_m, amplitude, first_m - reach_m, last_m + reach_m, floor)
     if mask.all():
         return range_m, amplitude
     columns = mask.any(axis=0)

@@ -17,20 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.frame import FastTimeAxis
-from x2radar.sim.echo.common import (
-    Amplitude,
-    Array,
-    Baseband,
-    Frames,
-    Task,
-    blocks,
-    carrier_turns,
-    carrier_wave,
-    counted,
-    echo_sigma_m,
-    empty,
-    phasor,
-)
+from x2radar.sim.echo import common
+from x2radar.sim.echo.common import Amplitude, Array, Baseband, Frames, Task
 
 # With more than this share of the echoes in view, picking them out costs more than it saves.
 _WORTH_PICKING = 0.8  # measured
@@ -60,7 +48,7 @@ def spread(
     touched = grid.n_touched
     half_m = grid.spacing_m * touched / 2
     last_m = grid.origin_m + grid.spacing_m * (grid.n_grid - 1)
-    mask = counted(range_m, amplitude, grid.origin_m - half_m, last_m + half_m, floor)
+    mask = common.counted(range_m, amplitude, grid.origin_m - half_m, last_m + half_m, floor)
     row = np.arange(n_slow, dtype=np.float64)[:, None]
     n_seen = np.count_nonzero(mask)
     if n_seen < _WORTH_PICKING * mask.size:
@@ -78,7 +66,7 @@ def spread(
     ahead = (first - low).astype(np.float32)  # from half the reach before the echo, 0 to 1
     first += row * width
     padded = np.zeros(n_slow * width, np.complex64)
-    weight = phasor(carrier_turns(range_m, axis), amplitude)
+    weight = common.phasor(common.carrier_turns(range_m, axis), amplitude)
     _add(padded, first.astype(np.intp).ravel(), weight.ravel(), ahead.ravel(), grid)
     return padded.reshape(n_slow, width)[:, touched:-touched]
 
@@ -113,7 +101,7 @@ def frames(range_m: Array, amplitude: Amplitude, task: Task, floor: float) -> Fr
     The error is over the sum of the amplitudes of the echoes that reach the bin; a bin that
     none reaches is exactly zero.
     """
-    axis, sigma_m = task.axis, echo_sigma_m(task.axis)
+    axis, sigma_m = task.axis, common.echo_sigma_m(task.axis)
     grid = SpreadGrid(
         origin_m=axis.range_offset_m,
         spacing_m=axis.bin_length_m,
@@ -121,11 +109,11 @@ def frames(range_m: Array, amplitude: Amplitude, task: Task, floor: float) -> Fr
         sigma_m=sigma_m,
         n_touched=n_touched(sigma_m / axis.bin_length_m, task.error_db),
     )
-    out = empty(len(range_m), axis)
+    out = common.empty(len(range_m), axis)
     for part in pieces(len(range_m), range_m.shape[1], grid.n_touched):
         echo = spread(range_m[part], amplitude[part], axis, grid, floor)
         if axis.kind == "rf":
-            wave = carrier_wave(axis)
+            wave = common.carrier_wave(axis)
             out[part] = echo.real * wave.real - echo.imag * wave.imag
         else:
             out[part] = echo
@@ -140,4 +128,4 @@ def n_touched(sigma_bins: float, error_db: float) -> int:
 
 def pieces(n_slow: int, n_points: int, touched: int) -> Iterator[slice]:
     """Cut slow time as `blocks` does, shorter where a wide pulse touches many bins."""
-    return blocks(n_slow, n_points * max(1, touched // 12))
+    return common.blocks(n_slow, n_points * max(1, touched // 12))

@@ -64,19 +64,17 @@ def parts(scene: Scene) -> Iterator[tuple[str, Scene]]:
     actors = [actor for step in steps for actor in step.actors] + list(scene.background)
     for name in dict.fromkeys(map(_name, actors)):
         yield name, _without(scene, name)
-    if scene.clutter:
-        yield "clutter", replace(scene, clutter=())
-    if scene.antenna.shape != "isotropic":
-        isotropic = replace(scene.antenna, shape="isotropic")
-        yield "antenna's pattern", replace(scene, antenna=isotropic)
-    if scene.surfaces:
-        yield "multipath: surfaces", replace(scene, surfaces=())
-    if scene.room is not None:
-        yield "room", replace(scene, room=None)
-    if scene.tail is not None:
-        yield "multipath: tail", replace(scene, tail=None)
-    if scene.mount is not None:
-        yield "mount", replace(scene, mount=None)
+    removable: tuple[tuple[str, str, Any], ...] = (
+        ("clutter", "clutter", ()),
+        ("antenna's pattern", "antenna", replace(scene.antenna, shape="isotropic")),
+        ("multipath: surfaces", "surfaces", ()),
+        ("room", "room", None),
+        ("multipath: tail", "tail", None),
+        ("mount", "mount", None),
+    )
+    for line, name, nothing in removable:
+        if getattr(scene, name) != nothing:
+            yield line, replace(scene, **{name: nothing})
     for field in fields(ReceiverEffects):
         if getattr(scene.receiver, field.name) != field.default:
             off = ReceiverEffects(**{**asdict(scene.receiver), field.name: field.default})

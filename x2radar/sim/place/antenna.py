@@ -8,14 +8,11 @@ the pattern twice.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from x2radar.frame import FastTimeAxis
 from x2radar.keys import Checked, limited, one_of
-from x2radar.sim.points import Points
+from x2radar.sim.points import Array, Points
 from x2radar.sim.signal.pulse import NEAREST_M, LinkBudget
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,18 +10,16 @@ is as long as the straight way to the image.
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from x2radar.errors import SettingsError
 from x2radar.keys import Checked, limited, one_of
 from x2radar.sim.place.antenna import Antenna, EchoRows, length_m
-from x2radar.sim.points import Points
+from x2radar.sim.points import Array, Points
 from x2radar.sim.signal.pulse import NEAREST_M
 
-Array = NDArray[np.float64]
 _AXES = {"x": 0, "y": 1, "z": 2}
 _CLEAR_M = 0.3  # nearer things count as here, since bodies are no points
 # Where the body stood, and how far behind it the tail was measured; see `TailSettings`.
@@ -107,12 +105,10 @@ class TailSettings(Checked):
     # No thing lies nearer to the antenna, and none counts as nearer to a body.
     free_m: float = limited(0.0, 0, 10, "free floor about antenna and bodies, m")
 
-    def __post_init__(self) -> None:
-        """Check every field, and that there is something around."""
-        Checked.__post_init__(self)
+    def faults_together(self) -> Iterator[str]:
+        """Yield that nothing is around, where that is so."""
         if self.free_m >= self.reach_m:
-            msg = f"free_m: {self.free_m:g} leaves nothing within reach_m, {self.reach_m:g}"
-            raise SettingsError(msg)
+            yield f"free_m: {self.free_m:g} leaves nothing within reach_m, {self.reach_m:g}"
 
 
 class DiffuseTail:

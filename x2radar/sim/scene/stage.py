@@ -9,17 +9,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from x2radar.errors import SceneError
 from x2radar.sim.place.antenna import EchoRows, join, length_m
 from x2radar.sim.place.multipath import DiffuseTail, image_rows
-from x2radar.sim.points import Mover, Points
+from x2radar.sim.points import Array, Mover, Points
 from x2radar.sim.scene.cast import Actor
 from x2radar.sim.scene.scene import Scene, SceneStep
-from x2radar.sim.things import MountVibration, draw_mount
+from x2radar.sim.things import Mount, draw_mount
 
-Array = NDArray[np.float64]
 _MAX_LOOK_S = 60.0  # how long `check_swath` follows a body: in a minute it has crossed any room
 _BACKGROUND, _MOUNT, _TAIL, _STEP = 0xBAC0, 0x3071, 0x7A11, 0x57E9
 """Of generators, as in `module.stream`."""
@@ -59,7 +57,7 @@ class Stage:
             actor.make(np.random.default_rng([seed, _BACKGROUND, k]))
             for k, actor in enumerate(scene.background)
         )
-        self._mount: MountVibration | None = None
+        self._mount: Mount | None = None
         if scene.mount is not None:
             self._mount = draw_mount(np.random.default_rng([seed, _MOUNT]), scene.mount)
         self._tail: DiffuseTail | None = None
@@ -83,7 +81,7 @@ class Stage:
         # Not stream time minus the step's start, which would round.
         step_s = np.arange(first - now.begun, first - now.begun + n) / self._rate_hz + late_s
         stream_s += late_s
-        offset_m = None if self._mount is None else self._mount.offset_m(stream_s)
+        offset_m = None if self._mount is None else self._mount(stream_s)
         movers = (*now.movers, *self._background)
         points = tuple(
             mover.at(step_s if k < len(now.movers) else stream_s, self._antenna_m)

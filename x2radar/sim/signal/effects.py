@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from x2radar.keys import Checked, limited
 from x2radar.modules.x2 import DAC_TOP
+from x2radar.sim.points import Array
 
-Array = NDArray[np.float64]
 _BLOCK = 256  # frames a generator; what is drawn for a frame depends on it, so it must stay
 _MAX_BURST, _MAX_SPIKES = 60, 3  # frames of the longest burst, a second; spikes of a frame
 _SPIKE_TOP = 1 << 16  # raw samples are 16-bit words

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from x2radar.frame import FastTimeAxis
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS, RadarSettings
+from x2radar.sim.points import Array
 from x2radar.sim.signal.effects import ReceiverEffects
 
-Array = NDArray[np.float64]
 NEAREST_M = 0.1  # nearer points count as here: the near field has no radar equation
 BOLTZMANN = 1.380_649e-23  # J/K, exact (SI 2019)
 ROOM_K = 290.0  # standard noise temperature (IEEE)

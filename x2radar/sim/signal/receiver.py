@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from x2radar.frame import FastTimeAxis
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS, RadarSettings
+from x2radar.sim.points import Array
 from x2radar.sim.signal.effects import FrameDraws, ReceiverEffects
 from x2radar.sim.signal.pulse import (
     UNIT_PER_COUNT,
@@ -22,7 +23,6 @@ from x2radar.sim.signal.pulse import (
     pulse_sigma_s,
 )
 
-Array = NDArray[np.float64]
 MIDDLE = 50.0  # of the threshold sweep, in the module's unit (Radarlib)
 _SLOPE_TAPS = 12  # of the differentiator, either side: 0.2 % error, see `delayed_rf`
 

@@ -13,11 +13,11 @@ import numpy as np
 from x2radar.errors import SceneError
 from x2radar.keys import place_of, unknown
 from x2radar.sim.points import Mover
-from x2radar.sim.things.draws import MountVibration, ThingKind, draw_mount, values_of
+from x2radar.sim.things.draws import Mount, ThingKind, draw_mount, values_of
 from x2radar.sim.things.hanging import CURTAIN, DOOR, PLANT, RAIN
 from x2radar.sim.things.machines import FAN, ROBOT_VACUUM, WASHING_MACHINE
 
-__all__ = ["THINGS", "MountVibration", "ThingKind", "draw_mount", "draw_thing"]
+__all__ = ["THINGS", "Mount", "ThingKind", "draw_mount", "draw_thing"]
 
 THINGS: Mapping[str, ThingKind] = {
     "curtain": CURTAIN,

@@ -106,17 +106,13 @@ def shares(rng: np.random.Generator, n: int) -> Array:
     return np.asarray(strength / strength.sum())
 
 
-class Gust:
-    """A slow random rise and fall between 0 and 1: four sinusoids between two frequencies."""
-
-    def __init__(self, rng: np.random.Generator, slow_hz: float, fast_hz: float) -> None:
-        share, self._turns = rng.random((2, 4))
-        self._hz = slow_hz * (fast_hz / slow_hz) ** share
-
-    def at(self, t_s: Array) -> Array:
-        """Return it at times of shape (n_slow,)."""
-        lines = np.sin(2 * np.pi * (t_s[:, None] * self._hz + self._turns))
-        return np.asarray(0.5 + 0.5 * lines.mean(axis=1))
+def draw_gust(
+    rng: np.random.Generator, slow_hz: float, fast_hz: float
+) -> Callable[[Array], Array]:
+    """Return a slow random rise and fall, 0 to 1, by times (n_slow,): four sinusoids between."""
+    share, turns = rng.random((2, 4))
+    hz = slow_hz * (fast_hz / slow_hz) ** share
+    return lambda t_s: 0.5 + 0.5 * np.sin(2 * np.pi * (t_s[:, None] * hz + turns)).mean(axis=1)
 
 
 _DECAY_S = 0.2  # of a shock: a bracket rings for some swings
@@ -129,40 +125,36 @@ DRAWS = {
 }
 
 
-class MountVibration:
-    """A displacement of the antenna: a hum, a slow sway, and shocks that die in 0.2 s."""
+Mount = Callable[[Array], Array]
+"""How far the antenna is off its place at times (n_slow,), shape (n_slow, 3), in metres."""
 
-    def __init__(self, rng: np.random.Generator, values: Values) -> None:
-        self._hz = values["hum_hz"]
-        self._hum_m, self._shock_m = values["hum_m"], values["shock_m"]
-        self._every_s, self._sway_m = values["shock_s"], values["sway_m"]
-        direction = rng.standard_normal((3, 3))
-        self._direction = direction / np.linalg.norm(direction, axis=1, keepdims=True)
-        self._turn, self._moment = rng.random(2)
-        self._swell, self._sway = Gust(rng, 0.02, 0.5), Gust(rng, 0.05, 0.3)
 
-    def offset_m(self, t_s: Array) -> Array:
-        """Return how far the antenna is off its place, shape (n_slow, 3), in metres."""
-        hum_m = self._hum_m * self._swell.at(t_s)
-        hum_m *= np.sin(2 * np.pi * ((self._hz * t_s + self._turn) % 1.0))
-        sway_m = self._sway_m * (2 * self._sway.at(t_s) - 1)
-        return np.asarray(np.stack([hum_m, sway_m, self._shocks(t_s)], axis=1) @ self._direction)
+def draw_mount(rng: np.random.Generator, raw: Values | None = None, where: str = "mount") -> Mount:
+    """Return a mount that vibrates; what `raw` leaves out is drawn; or SceneError.
 
-    def _shocks(self, t_s: Array) -> Array:
-        out = np.zeros(len(t_s))
-        number = np.floor(t_s / self._every_s)
+    A hum, a slow sway, and shocks that die in 0.2 s.
+    """
+    said = values_of(rng, DRAWS, raw, where)
+    direction = rng.standard_normal((3, 3))
+    direction = direction / np.linalg.norm(direction, axis=1, keepdims=True)
+    own_turn, own_moment = rng.random(2)
+    swell, sway = draw_gust(rng, 0.02, 0.5), draw_gust(rng, 0.05, 0.3)
+
+    def shocks(t_s: Array) -> Array:
+        out, number = np.zeros(len(t_s)), np.floor(t_s / said["shock_s"])
         # A shock still rings in the intervals after its own, for ten times its decay.
-        for back in range(math.ceil(10 * _DECAY_S / self._every_s) + 1):
+        for back in range(math.ceil(10 * _DECAY_S / said["shock_s"]) + 1):
             n = number - back
-            moment = (self._moment + 0.618_033_988_749_895 * n) % 1.0
-            since_s = np.maximum(t_s - (n + moment) * self._every_s, 0.0)
-            ring = np.sin(2 * np.pi * self._hz * since_s) * np.exp(-since_s / _DECAY_S)
-            out += self._shock_m * ring
+            moment = (own_moment + 0.618_033_988_749_895 * n) % 1.0
+            since_s = np.maximum(t_s - (n + moment) * said["shock_s"], 0.0)
+            ring = np.sin(2 * np.pi * said["hum_hz"] * since_s) * np.exp(-since_s / _DECAY_S)
+            out += said["shock_m"] * ring
         return out
 
+    def offset_m(t_s: Array) -> Array:
+        hum_m = said["hum_m"] * swell(t_s)
+        hum_m *= np.sin(2 * np.pi * ((said["hum_hz"] * t_s + own_turn) % 1.0))
+        sway_m = said["sway_m"] * (2 * sway(t_s) - 1)
+        return np.asarray(np.stack([hum_m, sway_m, shocks(t_s)], axis=1) @ direction)
 
-def draw_mount(
-    rng: np.random.Generator, raw: Values | None = None, where: str = "mount"
-) -> MountVibration:
-    """Return a mount that vibrates; what `raw` leaves out is drawn; or SceneError."""
-    return MountVibration(rng, values_of(rng, DRAWS, raw, where))
+    return offset_m

@@ -3,20 +3,8 @@
 import numpy as np
 
 from x2radar.sim.points import Array, Points
-from x2radar.sim.things.draws import (
-    RCS,
-    TOWARDS,
-    Draw,
-    Gust,
-    Thing,
-    ThingKind,
-    Values,
-    facing,
-    grid,
-    lit,
-    numbered,
-    shares,
-)
+from x2radar.sim.things import draws
+from x2radar.sim.things.draws import Draw, Thing, ThingKind, Values
 
 _WAVES = 3  # along a curtain: fewer repeat themselves
 
@@ -27,9 +15,9 @@ def _curtain(rng: np.random.Generator, position_m: Array, values: Values) -> Thi
     Displacement across the panel is ``A g (h) sum_k a_k sin(2 pi (f_k t - u / L_k) + p_k)``
     with ``sum a_k = 1``, so it never exceeds the amplitude A.
     """
-    across, up = grid(values["width_m"], values["height_m"], 7, 4)
+    across, up = draws.grid(values["width_m"], values["height_m"], 7, 4)
     n = across.size
-    right, ahead = facing(values["heading_deg"])
+    right, ahead = draws.facing(values["heading_deg"])
     folds_m = rng.uniform(-0.04, 0.04, n)
     rest_m = across[:, None] * right + folds_m[:, None] * ahead
     rest_m += [*position_m, values["floor_gap_m"]]
@@ -40,28 +28,30 @@ def _curtain(rng: np.random.Generator, position_m: Array, values: Values) -> Thi
     hz = values["frequency_hz"] * np.array([1.0, 1.37, 0.61])
     wave_per_m = np.where(sense < 0.5, -1, 1) / (0.5 + 1.5 * length)
     start = start - across[:, None] * wave_per_m
-    gust = Gust(rng, 0.05, 0.3)
-    rcs_m2 = values["rcs_m2"] * shares(rng, n)
+    gust = draws.draw_gust(rng, 0.05, 0.3)
+    rcs_m2 = values["rcs_m2"] * draws.shares(rng, n)
 
     def points(t_s: Array, antenna_m: Array) -> Points:
         wave = np.sin(2 * np.pi * (t_s[:, None, None] * hz + start)) @ share
-        away_m = wave * swing_m * (0.3 + 0.7 * gust.at(t_s))[:, None]
+        away_m = wave * swing_m * (0.3 + 0.7 * gust(t_s))[:, None]
         position_m = rest_m + away_m[..., None] * ahead
-        return Points(position_m, rcs_m2 * (0.3 + 0.7 * lit(ahead, position_m, antenna_m) ** 2))
+        return Points(
+            position_m, rcs_m2 * (0.3 + 0.7 * draws.lit(ahead, position_m, antenna_m) ** 2)
+        )
 
-    return Thing(numbered("cloth", n), points)
+    return Thing(draws.numbered("cloth", n), points)
 
 
 CURTAIN = ThingKind(
     "A curtain that sways in the draught, with waves along it.",
     {
-        "heading_deg": TOWARDS,
+        "heading_deg": draws.TOWARDS,
         "width_m": Draw(0.2, 6, (0.8, 2.5), "width, m"),
         "height_m": Draw(0.2, 4, (1.2, 2.3), "height, m"),
         "floor_gap_m": Draw(0, 3, (0.02, 0.8), "from floor to hem, m"),
         "frequency_hz": Draw(0.05, 3, (0.2, 1.1), "main wave, Hz"),
         "amplitude_m": Draw(0, 0.3, (0.01, 0.06), "greatest swing of the hem, m"),
-        "rcs_m2": RCS,
+        "rcs_m2": draws.RCS,
     },
     _curtain,
 )
@@ -69,7 +59,7 @@ CURTAIN = ThingKind(
 
 def _door(rng: np.random.Generator, position_m: Array, values: Values) -> Thing:
     """Draw a leaf on its hinge that opens, stands, shuts and rests, again and again."""
-    across, up = grid(values["width_m"], values["height_m"], 6, 4)
+    across, up = draws.grid(values["width_m"], values["height_m"], 6, 4)
     hinge_m, out_m = np.array([*position_m, 0.0]), across + values["width_m"] / 2
     up_m = np.stack([0 * up, 0 * up, up], axis=1)
     swing_deg = values["swing_deg"] * (1 if rng.random() < 0.5 else -1)
@@ -77,35 +67,35 @@ def _door(rng: np.random.Generator, position_m: Array, values: Values) -> Thing:
     ends_s = np.cumsum([move_s, rest_s, move_s * rng.uniform(0.5, 1.2), rest_s])
     opened, stood, shut, over = ends_s
     begin_s = rng.uniform(0, over)
-    sway = Gust(rng, 0.2, 0.8)
-    rcs_m2 = values["rcs_m2"] * shares(rng, across.size)
+    sway = draws.draw_gust(rng, 0.2, 0.8)
+    rcs_m2 = values["rcs_m2"] * draws.shares(rng, across.size)
 
     def points(t_s: Array, antenna_m: Array) -> Points:
         now_s = (t_s + begin_s) % over
         rise = np.clip(now_s / opened, 0, 1) - np.clip((now_s - stood) / (shut - stood), 0, 1)
         # How far it is open, 0 to 1; it starts and stops gently.
         share = 0.5 - 0.5 * np.cos(np.pi * rise)
-        turn_deg = swing_deg * share + values["sway_deg"] * share * sway.at(t_s)
-        along, ahead = facing(values["heading_deg"] + turn_deg)
+        turn_deg = swing_deg * share + values["sway_deg"] * share * sway(t_s)
+        along, ahead = draws.facing(values["heading_deg"] + turn_deg)
         position_m = hinge_m + up_m + out_m[:, None] * along[:, None]
         # A plate is brightest where it faces the radar.
-        aspect = 0.1 + 0.9 * lit(ahead[:, None], position_m, antenna_m) ** 4
+        aspect = 0.1 + 0.9 * draws.lit(ahead[:, None], position_m, antenna_m) ** 4
         return Points(position_m, rcs_m2 * aspect)
 
-    return Thing(numbered("leaf", across.size), points)
+    return Thing(draws.numbered("leaf", across.size), points)
 
 
 DOOR = ThingKind(
     "A door that swings open and shut; nobody is there.",
     {
-        "heading_deg": TOWARDS,
+        "heading_deg": draws.TOWARDS,
         "width_m": Draw(0.2, 2, (0.6, 0.9), "width of the leaf, m"),
         "height_m": Draw(0.2, 3, (1.9, 2.1), "height, m"),
         "swing_deg": Draw(0, 180, (15, 100), "from shut to open, degrees"),
         "move_s": Draw(0.3, 60, (1.0, 4.0), "time to open, s"),
         "rest_s": Draw(0, 3600, (0.5, 6.0), "time it stands open, and shut, s"),
         "sway_deg": Draw(0, 20, (0, 4), "to and fro while open, degrees"),
-        "rcs_m2": RCS,
+        "rcs_m2": draws.RCS,
     },
     _door,
 )
@@ -128,7 +118,7 @@ def _plant(rng: np.random.Generator, position_m: Array, values: Values) -> Thing
     strength /= np.linalg.norm(strength)
     turned = np.array([[np.cos(axis), np.sin(axis)], [-np.sin(axis), np.cos(axis)]])
     swing_m = values["amplitude_m"] * strength[:, None] * turned
-    both = (Gust(rng, 0.01, 0.1), Gust(rng, 0.01, 0.1))
+    both = (draws.draw_gust(rng, 0.01, 0.1), draws.draw_gust(rng, 0.01, 0.1))
     away = rng.standard_normal((_N_LEAVES, 3))
     away /= np.linalg.norm(away, axis=1, keepdims=True)
     out_m = values["radius_m"] * rng.uniform(0.4, 1.0, (_N_LEAVES, 1))
@@ -137,10 +127,10 @@ def _plant(rng: np.random.Generator, position_m: Array, values: Values) -> Thing
     flutter_hz, flutter_turns = rng.uniform(1.0, 4.0, _N_LEAVES + 1), rng.random(_N_LEAVES + 1)
     flutter_m = values["flutter_m"] * rng.random((_N_LEAVES + 1, 3))
     flutter_m[0] = 0.0
-    rcs_m2 = values["rcs_m2"] * shares(rng, _N_LEAVES + 1)
+    rcs_m2 = values["rcs_m2"] * draws.shares(rng, _N_LEAVES + 1)
 
     def points(t_s: Array, _antenna_m: Array) -> Points:
-        gusts = np.stack([g.at(t_s) for g in both], axis=1)
+        gusts = np.stack([g(t_s) for g in both], axis=1)
         turns = t_s[:, None] * swing_hz + swing_turns
         across_m = (np.sin(2 * np.pi * turns) * gusts) @ swing_m
         # The string stays as long as it is.
@@ -153,7 +143,7 @@ def _plant(rng: np.random.Generator, position_m: Array, values: Values) -> Thing
         moved_m = flutter[..., None] * flutter_m * gusts[:, :1, None]
         return Points(pot_m[:, None] + leaf_m + moved_m, np.tile(rcs_m2, (len(t_s), 1)))
 
-    return Thing(("pot", *numbered("leaf", _N_LEAVES)), points)
+    return Thing(("pot", *draws.numbered("leaf", _N_LEAVES)), points)
 
 
 PLANT = ThingKind(
@@ -164,7 +154,7 @@ PLANT = ThingKind(
         "radius_m": Draw(0.01, 1, (0.1, 0.25), "of the leaves, m"),
         "amplitude_m": Draw(0, 0.15, (0.01, 0.08), "greatest swing, m"),
         "flutter_m": Draw(0, 0.05, (0, 0.006), "greatest tremble of a leaf, m"),
-        "rcs_m2": RCS,
+        "rcs_m2": draws.RCS,
     },
     _plant,
 )
@@ -178,13 +168,13 @@ def _rain(rng: np.random.Generator, position_m: Array, values: Values) -> Thing:
     """
     n = round(values["n_drops"])
     sill_m, height_m = np.array([*position_m, values["sill_m"]]), values["height_m"]
-    right, _ = facing(values["heading_deg"])
+    right, _ = draws.facing(values["heading_deg"])
     run_s = height_m / (values["speed_mps"] * np.exp(0.5 * rng.standard_normal(n)))
     cycle_s = run_s * rng.uniform(1.1, 3.0, n)
     begin, track = rng.random((2, n))
     turn = 2 * np.pi * rng.integers(1, 6, n)
     sticky = rng.uniform(0.3, 0.98, n)
-    rcs_m2 = values["rcs_m2"] * shares(rng, n)
+    rcs_m2 = values["rcs_m2"] * draws.shares(rng, n)
 
     def points(t_s: Array, _antenna_m: Array) -> Points:
         number, now = np.divmod(t_s[:, None] / cycle_s + begin, 1.0)
@@ -195,13 +185,13 @@ def _rain(rng: np.random.Generator, position_m: Array, values: Values) -> Thing:
         position_m[..., 2] += height_m * (1 - fallen)
         return Points(position_m, np.where(share < 1, rcs_m2, 0.0))
 
-    return Thing(numbered("drop", n), points)
+    return Thing(draws.numbered("drop", n), points)
 
 
 RAIN = ThingKind(
     "Rain on a window: many weak drops that run down in fits and starts.",
     {
-        "heading_deg": TOWARDS,
+        "heading_deg": draws.TOWARDS,
         "width_m": Draw(0.1, 6, (0.6, 1.5), "of the pane, m"),
         "height_m": Draw(0.1, 4, (0.6, 1.4), "of the pane, m"),
         "sill_m": Draw(0, 5, (0.7, 1.1), "of its lower edge above the floor, m"),

@@ -3,20 +3,8 @@
 import numpy as np
 
 from x2radar.sim.points import Array, Points
-from x2radar.sim.things.draws import (
-    HEADING,
-    RCS,
-    TOWARDS,
-    Draw,
-    Thing,
-    ThingKind,
-    Values,
-    facing,
-    grid,
-    lit,
-    numbered,
-    shares,
-)
+from x2radar.sim.things import draws
+from x2radar.sim.things.draws import Draw, Thing, ThingKind, Values
 
 # Points a blade; rate of tumbling, how long it tumbles, runs up and spins (a washing
 # programme in short), and the damping of the drum.
@@ -37,11 +25,11 @@ def _fan(rng: np.random.Generator, position_m: Array, values: Values) -> Thing:
     alike = 1 + 0.15 * rng.standard_normal(n_blades).clip(-2, 2)
     blades = np.repeat(alike, _PER_BLADE) * np.tile([0.6, 1.0, 1.4], n_blades)
     blade_rcs_m2 = 0.7 * values["rcs_m2"] * blades / blades.sum()
-    still_rcs_m2 = 0.3 * values["rcs_m2"] * shares(rng, 2)
+    still_rcs_m2 = 0.3 * values["rcs_m2"] * draws.shares(rng, 2)
 
     def points(t_s: Array, antenna_m: Array) -> Points:
         head = np.sin(2 * np.pi * (t_s / values["swing_s"] + swing_turn))
-        right, ahead = facing(values["heading_deg"] + values["swing_deg"] / 2 * head)
+        right, ahead = draws.facing(values["heading_deg"] + values["swing_deg"] / 2 * head)
         turn = values["rotation_hz"] * t_s + start
         angle = 2 * np.pi * ((turn[:, None] + blade) % 1.0)
         cos, sin = np.cos(angle)[..., None], np.sin(angle)[..., None]
@@ -50,27 +38,27 @@ def _fan(rng: np.random.Generator, position_m: Array, values: Values) -> Thing:
         guard_m = pivot_m + 0.1 * ahead[:, None]
         hub_m = np.broadcast_to(pivot_m, guard_m.shape)
         upright = 0.3 + 1.4 * np.sin(angle) ** 2
-        aspect = upright * (1 - lit(along, blade_m, antenna_m) ** 2) ** 2
+        aspect = upright * (1 - draws.lit(along, blade_m, antenna_m) ** 2) ** 2
         still = np.tile(still_rcs_m2, (len(t_s), 1))
         return Points(
             np.concatenate([hub_m, guard_m, blade_m], axis=1),
             np.concatenate([still, blade_rcs_m2 * aspect], axis=1),
         )
 
-    return Thing(("hub", "guard", *numbered("blade point", blade.size)), points)
+    return Thing(("hub", "guard", *draws.numbered("blade point", blade.size)), points)
 
 
 FAN = ThingKind(
     "A fan; its blades give a comb of Doppler lines, its head may swing.",
     {
-        "heading_deg": HEADING,
+        "heading_deg": draws.HEADING,
         "height_m": Draw(0, 5, (0.4, 1.4), "of the hub above the floor, m"),
         "radius_m": Draw(0.02, 1.5, (0.1, 0.25), "of the blades, m"),
         "n_blades": Draw(1, 12, (2.51, 6.49), "blades, rounded"),
         "rotation_hz": Draw(0.1, 60, (1, 25), "turns per second, Hz", is_log=True),
         "swing_deg": Draw(0, 180, (0, 90), "from end to end of the head's swing, degrees"),
         "swing_s": Draw(2, 120, (8, 20), "period of the head's swing, s"),
-        "rcs_m2": RCS,
+        "rcs_m2": draws.RCS,
     },
     _fan,
 )
@@ -92,9 +80,9 @@ def drum(t_s: Array, spin_hz: float) -> tuple[Array, Array]:
 
 def _washing_machine(rng: np.random.Generator, position_m: Array, values: Values) -> Thing:
     """Draw a box that shakes, through the resonance of a mass on springs."""
-    across, up = grid(values["width_m"], values["height_m"], 3, 4)
+    across, up = draws.grid(values["width_m"], values["height_m"], 3, 4)
     n = across.size
-    right, ahead = facing(values["heading_deg"])
+    right, ahead = draws.facing(values["heading_deg"])
     rest_m = across[:, None] * right + np.array([*position_m, 0.0])
     rest_m[:, 2] += up
     begin_s = rng.uniform(0, _TUMBLE_S + 2 * _RAMP_S + _SPIN_S)
@@ -105,7 +93,7 @@ def _washing_machine(rng: np.random.Generator, position_m: Array, values: Values
         + 0.1 * rng.standard_normal((n, 3))
     )
     lag_turns = 0.1 * rng.random(n)
-    rcs_m2 = values["rcs_m2"] * shares(rng, n)
+    rcs_m2 = values["rcs_m2"] * draws.shares(rng, n)
 
     def points(t_s: Array, antenna_m: Array) -> Points:
         hz, turns = drum(t_s + begin_s, values["spin_hz"])
@@ -115,22 +103,22 @@ def _washing_machine(rng: np.random.Generator, position_m: Array, values: Values
         swing_m = values["amplitude_m"] * (0.1 + 0.9 * answer / 2.55)
         wave = np.sin(2 * np.pi * ((turns[:, None] + lag_turns) % 1.0))
         position_m = rest_m + (swing_m[:, None] * wave)[..., None] * shape
-        aspect = 0.3 + 0.7 * lit(ahead, position_m, antenna_m) ** 4
+        aspect = 0.3 + 0.7 * draws.lit(ahead, position_m, antenna_m) ** 4
         return Points(position_m, rcs_m2 * aspect)
 
-    return Thing(numbered("front", n), points)
+    return Thing(draws.numbered("front", n), points)
 
 
 WASHING_MACHINE = ThingKind(
     "A washing machine that tumbles, runs up to its spin and shakes by millimetres.",
     {
-        "heading_deg": TOWARDS,
+        "heading_deg": draws.TOWARDS,
         "width_m": Draw(0.2, 2, (0.4, 0.6), "width, m"),
         "height_m": Draw(0.2, 2, (0.82, 0.9), "height, m"),
         "spin_hz": Draw(1, 40, (8, 20), "rate of the spin, Hz"),
         "resonance_hz": Draw(0.5, 30, (3, 7), "of the drum on its springs, Hz"),
         "amplitude_m": Draw(0, 0.02, (0.0005, 0.004), "greatest swing, m"),
-        "rcs_m2": RCS,
+        "rcs_m2": draws.RCS,
     },
     _washing_machine,
 )
@@ -152,12 +140,12 @@ def _vacuum(rng: np.random.Generator, position_m: Array, values: Values) -> Thin
     home_m, begin_s = np.array([*position_m, 0.0]), rng.uniform(0, _LOOP_S)
     shake_hz = rng.uniform(6, 12)
     rim_deg = 360 * (np.arange(_N_RIM) + 0.3 * rng.random(_N_RIM)) / _N_RIM
-    rim_rcs_m2 = 0.8 * values["rcs_m2"] * shares(rng, _N_RIM)
+    rim_rcs_m2 = 0.8 * values["rcs_m2"] * draws.shares(rng, _N_RIM)
 
     def points(t_s: Array, antenna_m: Array) -> Points:
         now_s = (t_s + begin_s) % knot_s[-1]
         heading_deg = np.interp(now_s, knot_s, turn_deg)
-        _, ahead = facing(heading_deg)
+        _, ahead = draws.facing(heading_deg)
         place_m = np.column_stack(
             [np.interp(now_s, knot_s, x_m), np.interp(now_s, knot_s, y_m), 0 * now_s]
         )
@@ -165,12 +153,12 @@ def _vacuum(rng: np.random.Generator, position_m: Array, values: Values) -> Thin
         since_s = now_s - bump_s[np.searchsorted(bump_s, now_s, side="right") - 1]
         ring_m = np.exp(-since_s / 0.1) * np.sin(2 * np.pi * shake_hz * since_s)
         middle_m = home_m + place_m + values["bump_m"] * ring_m[:, None] * ahead
-        _, outward = facing(heading_deg[:, None] + rim_deg)
+        _, outward = draws.facing(heading_deg[:, None] + rim_deg)
         rim_m = middle_m[:, None] + radius_m * outward + low_m
-        brush_m = middle_m + 0.8 * radius_m * facing(heading_deg + 45)[1]
+        brush_m = middle_m + 0.8 * radius_m * draws.facing(heading_deg + 45)[1]
         angle_deg = 360 * ((brush_hz * t_s) % 1.0)[:, None] + np.arange(_BRISTLES) * 120
-        bristle_m = brush_m[:, None] + 0.09 * facing(angle_deg)[1] + 0.1 * low_m
-        bright = np.maximum(lit(outward, rim_m, antenna_m), 0.05)
+        bristle_m = brush_m[:, None] + 0.09 * draws.facing(angle_deg)[1] + 0.1 * low_m
+        bright = np.maximum(draws.lit(outward, rim_m, antenna_m), 0.05)
         top, bristle = np.ones((len(t_s), 1)), np.ones((len(t_s), _BRISTLES)) / _BRISTLES
         return Points(
             np.concatenate([(middle_m + top_m)[:, None], rim_m, bristle_m], axis=1),
@@ -184,7 +172,7 @@ def _vacuum(rng: np.random.Generator, position_m: Array, values: Values) -> Thin
             ),
         )
 
-    names = ("top", *numbered("rim", _N_RIM), *numbered("bristle", _BRISTLES))
+    names = ("top", *draws.numbered("rim", _N_RIM), *draws.numbered("bristle", _BRISTLES))
     return Thing(names, points)
 
 
@@ -255,7 +243,7 @@ ROBOT_VACUUM = ThingKind(
         "height_m": Draw(0.02, 0.5, (0.08, 0.1), "of its body, m"),
         "brush_hz": Draw(0, 20, (1.5, 4), "turns per second of its side brush, Hz"),
         "bump_m": Draw(0, 0.02, (0.001, 0.005), "how far it rings after a bump, m"),
-        "rcs_m2": RCS,
+        "rcs_m2": draws.RCS,
     },
     _vacuum,
 )

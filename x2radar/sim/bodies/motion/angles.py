@@ -11,20 +11,11 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from x2radar.sim.bodies.motion.people.striding import (
-    RUN_STRIDE,
-    RUNS,
-    SIDES,
-    WALK_STRIDE,
-    Moment,
-    StridingPerson,
-    Swing,
-    draw_torso,
-)
+from x2radar.sim.bodies.motion.people import striding
+from x2radar.sim.bodies.motion.people.striding import RUNS, SIDES, Moment, StridingPerson, Swing
 from x2radar.sim.bodies.motion.quadrupeds.footfalls import (
     LEAPS,
     Bearing,
-    StridingQuadruped,
     draw_lags,
 )
 from x2radar.sim.bodies.motion.quadrupeds.hung import Trunk
@@ -120,7 +111,7 @@ class AnglePerson(StridingPerson):
         leg_m = build.leg_m
         fr = cruise / np.sqrt(9.81 * leg_m)
         run = 1.0 if style in RUNS else 0.0
-        stride = (RUN_STRIDE if run else WALK_STRIDE) * leg_m * fr**0.5
+        stride = (striding.RUN_STRIDE if run else striding.WALK_STRIDE) * leg_m * fr**0.5
         stride *= float(np.exp(0.12 * z[0]))
         # Legs that open as wide as the stride asks, at a stance of some 60 % of it, in which the
         # foot rolls from heel to toe: as published at 1.3 m/s.
@@ -148,7 +139,7 @@ class AnglePerson(StridingPerson):
             StridePhase.along(path, lambda v: stride * (v / cruise) ** 0.5),
             cruise,
             gesture,
-            draw_torso(rng),
+            striding.draw_torso(rng),
             (*legs, shoulder, elbow),
             np.array([0.0, 0.5 + limp, 0.04 * z[5], 0.5 + 0.04 * z[6]]),
             {"crouch": 0.7, "stealth": 0.45}.get(style, 0.05) + 0.08 * float(u[1]),
@@ -207,9 +198,14 @@ class AnglePerson(StridingPerson):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class AngleQuadruped(StridingQuadruped):
+class AngleQuadruped:
     """An animal that goes along a path; a `Motion`."""
 
+    path: Path
+    build: QuadrupedBuild
+    bearing: Bearing
+    phase: StridePhase  # strides done
+    cruise_mps: float  # speed at which amplitudes are whole
     joints: tuple[JointCurve, ...]  # of the fore leg's upper and middle joint, and the hind leg's
     lag: Array  # (4,): of the legs, in strides
     crouch_rad: float  # added to all legs' angles

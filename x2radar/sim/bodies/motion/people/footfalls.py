@@ -10,17 +10,8 @@ from typing import Self
 
 import numpy as np
 
-from x2radar.sim.bodies.motion.people.striding import (
-    RUN_STRIDE,
-    RUNS,
-    SIDES,
-    WALK_STRIDE,
-    Moment,
-    StridingPerson,
-    Swing,
-    draw_gesture,
-    draw_torso,
-)
+from x2radar.sim.bodies.motion.people import striding
+from x2radar.sim.bodies.motion.people.striding import RUNS, SIDES, Moment, StridingPerson, Swing
 from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.bodies.path.prints import Footprints, StridePhase
 from x2radar.sim.bodies.pose import UP, Ends, Pose
@@ -69,7 +60,7 @@ class FootfallPerson(StridingPerson):
     @classmethod
     def draw(cls, rng: np.random.Generator, path: Path, build: PersonBuild, style: str) -> Self:
         """Draw how somebody goes in a style of `STYLES`, and plan the footfalls."""
-        params, gesture = _draw_params(rng, style), draw_gesture(rng)
+        params, gesture = _draw_params(rng, style), striding.draw_gesture(rng)
         leg_m = build.leg_m
         phase = StridePhase.along(
             path, lambda v: params.stride * leg_m * (v / np.sqrt(9.81 * leg_m)) ** params.power
@@ -90,7 +81,7 @@ class FootfallPerson(StridingPerson):
             for side in SIDES
         )
         cruise = max(path.cruise_mps, 0.1)
-        return cls(path, build, phase, cruise, gesture, draw_torso(rng), params, prints)
+        return cls(path, build, phase, cruise, gesture, striding.draw_torso(rng), params, prints)
 
     def __call__(self, t_s: Array) -> Pose:
         b, w = self.build, self.params
@@ -154,7 +145,9 @@ def _draw_params(rng: np.random.Generator, style: str) -> GaitParams:
         # Backwards, sideways or aslant, as people do in front of a shelf.
         aside = float(np.pi / 2 * np.sign(z[0] + 1e-9))
         facing = np.pi if u[1] < 0.35 else aside if u[1] < 0.75 else 1.2 * aside * float(u[7])
-    stride = RUN_STRIDE if runs else WALK_STRIDE * (_TURNED_STRIDE if facing else 1.0)
+    stride = (
+        striding.RUN_STRIDE if runs else striding.WALK_STRIDE * (_TURNED_STRIDE if facing else 1.0)
+    )
     return GaitParams(
         stride=stride * float(np.exp(0.12 * z[1])),
         power=0.52 + 0.04 * z[2],

@@ -14,7 +14,7 @@ import numpy as np
 from x2radar.sim.bodies.motion.quadrupeds.hung import Manner, Trunk
 from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.bodies.path.prints import Footprints, StridePhase
-from x2radar.sim.bodies.pose import UP, Ends, Pose
+from x2radar.sim.bodies.pose import UP, Ends, Motion, Pose
 from x2radar.sim.bodies.skeleton.quadrupeds import ENDS, SIDES, QuadrupedBuild
 from x2radar.sim.bodies.skeleton.skeleton import STRETCHED_TO, direction, two_links
 from x2radar.sim.bodies.wander import Wander
@@ -89,78 +89,55 @@ class Bearing:
         )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class StridingQuadruped:
-    """An animal that goes along a path."""
-
-    path: Path
-    build: QuadrupedBuild
-    bearing: Bearing
-    phase: StridePhase  # strides done
-    cruise_mps: float  # speed at which amplitudes are whole
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FootfallQuadruped(StridingQuadruped):
-    """An animal that goes along a path on feet that stand."""
-
-    prints: tuple[Footprints, ...]  # of left hind, left fore, right hind, right fore
-    height_m: float  # of the trunk's middle
-
-    @classmethod
-    def draw(cls, rng: np.random.Generator, path: Path, build: QuadrupedBuild, style: str) -> Self:
-        """Draw how an animal goes along a path."""
-        z, u = rng.standard_normal(8).clip(-2, 2), rng.random(4)
-        cruise = max(path.cruise_mps, 0.05)
-        gait, lags = draw_lags(rng, style, cruise, build, (0.04, u[0]))
-        fr = cruise**2 / (9.81 * build.hip_m)
-        factor = 2.6 * float(np.exp(0.15 * z[0]))
-        power = 0.34 + 0.05 * z[1]
-        duty = float(np.clip(0.52 * fr**-0.14 * np.exp(0.1 * z[2]), 0.25, 0.75))
-        phase = StridePhase.along(
-            path, lambda v: factor * build.hip_m * (v**2 / (9.81 * build.hip_m)) ** power
+def draw_footfall_quadruped(
+    rng: np.random.Generator, path: Path, b: QuadrupedBuild, style: str
+) -> Motion:
+    """Draw how an animal goes along a path on feet that stand."""
+    z, u = rng.standard_normal(8).clip(-2, 2), rng.random(4)
+    cruise_mps = max(path.cruise_mps, 0.05)
+    gait, lags = draw_lags(rng, style, cruise_mps, b, (0.04, u[0]))
+    fr = cruise_mps**2 / (9.81 * b.hip_m)
+    factor, power = 2.6 * float(np.exp(0.15 * z[0])), 0.34 + 0.05 * z[1]
+    duty = float(np.clip(0.52 * fr**-0.14 * np.exp(0.1 * z[2]), 0.25, 0.75))
+    phase = StridePhase.along(
+        path, lambda v: factor * b.hip_m * (v**2 / (9.81 * b.hip_m)) ** power
+    )
+    lift = b.hip_m * 0.12 * float(np.exp(0.5 * z[3]))
+    prints = tuple(
+        Footprints.plan(
+            path,
+            phase,
+            offset=float(lags[k]),
+            duty=duty,
+            home_m=(
+                0.5 * ENDS[k] * b.back_m * (1 + 0.06 * z[4]),
+                SIDES[k] * b.half_track_m * (0.5 + 0.6 * u[1]),
+            ),
+            lift_m=lift,
+            lift_skew=0.7 + 0.5 * u[2],
         )
-        lift = build.hip_m * 0.12 * float(np.exp(0.5 * z[3]))
-        prints = tuple(
-            Footprints.plan(
-                path,
-                phase,
-                offset=float(lags[k]),
-                duty=duty,
-                home_m=(
-                    0.5 * ENDS[k] * build.back_m * (1 + 0.06 * z[4]),
-                    SIDES[k] * build.half_track_m * (0.5 + 0.6 * u[1]),
-                ),
-                lift_m=lift,
-                lift_skew=0.7 + 0.5 * u[2],
-            )
-            for k in range(4)
-        )
-        low = 0.68 if style == "stalk" else 0.9 + 0.06 * z[5]
-        height = min(low, 1.0) * build.hip_m
-        bearing = Bearing.draw(rng, gait, style)
-        return cls(path, build, bearing, phase, cruise, prints, height)
+        for k in range(4)
+    )
+    low = 0.68 if style == "stalk" else 0.9 + 0.06 * z[5]
+    height_m, w = min(low, 1.0) * b.hip_m, Bearing.draw(rng, gait, style)
 
-    def __call__(self, t_s: Array) -> Pose:
-        b, w = self.build, self.bearing
-        state = self.path.at(t_s)
-        vigour = np.clip(state.speed_mps / self.cruise_mps, 0.0, 1.0)
-        p = self.phase.at(t_s)
+    def pose(t_s: Array) -> Pose:
+        state = path.at(t_s)
+        vigour = np.clip(state.speed_mps / cruise_mps, 0.0, 1.0)
+        p, heading = phase.at(t_s), state.heading_rad
         turn = 2 * np.pi * (p - w.bob_lag)
-        heading = state.heading_rad
         ahead, left = direction(heading), direction(heading + 0.5 * np.pi)
-        height = self.height_m + b.hip_m * w.bob * vigour * np.cos(w.bobs * turn)
+        height = height_m + b.hip_m * w.bob * vigour * np.cos(w.bobs * turn)
         aside = b.hip_m * w.sway * vigour * np.cos(turn)
         middle = np.stack([state.x_m, state.y_m, height], axis=-1) + aside[:, None] * left
         surge = b.hip_m * w.surge * vigour * np.sin(w.bobs * turn + 0.5 * np.pi)
         middle = middle + surge[:, None] * ahead
         pitch = w.spine_rad * vigour * np.sin(turn)
-        long = direction(heading, pitch)
-        legs: list[Ends] = []
+        long, legs = direction(heading, pitch), list[Ends]()
         for k in range(4):
             top = middle + 0.5 * ENDS[k] * b.back_m * long
             top = top + 0.9 * SIDES[k] * b.half_track_m * left
-            sole, swing = self.prints[k].at(t_s, vigour)
+            sole, swing = prints[k].at(t_s, vigour)
             # Elbows point back, knees ahead.
             knee, ankle = two_links(
                 top,
@@ -177,3 +154,5 @@ class FootfallQuadruped(StridingQuadruped):
         nod = np.sin(2 * np.pi * w.bobs * p * vigour)
         trunk = Trunk(middle_m=middle, heading_rad=heading, pitch_rad=pitch, nod=nod)
         return w.manner.over_legs(t_s, b, trunk, legs)
+
+    return pose
