@@ -111,7 +111,7 @@ def test_phase_sign_is_brought_to_falling(tmp_path):
         ({"format": "other"}, "'format'"),
         ({"format": None}, "'format'"),
         ({"format_version": 2}, "format_version 2"),
-        ({"kind": "video"}, "kind 'video'"),
+        ({"kind": "video"}, "no video data"),
         ({"carrier_hz": None}, "'carrier_hz' is missing"),
         ({"frame_rate_hz": 0.0}, "'frame_rate_hz' is 0"),
         ({"frame_rate_hz": "fast"}, "not a number"),

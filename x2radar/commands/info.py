@@ -13,7 +13,7 @@ from x2radar.frame import FrameCounts
 from x2radar.ports import is_port, parse_port, recording_path
 from x2radar.radars import make_radar
 from x2radar.wire.messages import GetSystemInfo, Message, Ping, Pong, Reply
-from x2radar.wire.wire_ids import InfoItem, PongCode
+from x2radar.wire.wire_ids import PONG_NAMES, InfoItem
 
 if TYPE_CHECKING:
     from x2radar.recording.blocks import BlockReader
@@ -55,13 +55,10 @@ def _ask(port: str) -> dict[str, Any]:
             reply = _answer(radar, GetSystemInfo(item))
             if isinstance(reply, Reply):
                 value = reply.value
-                text = value.rstrip("\0") if isinstance(value, str) else list(value)
-                items[item.name.lower()] = text
-    code = pong.code if isinstance(pong, Pong) else None
-    known = code in set(PongCode)
+                items[item.name.lower()] = value if isinstance(value, str) else list(value)
     return {
         "port": port,
-        "ping": PongCode(code).name.lower() if known and code is not None else code,
+        "ping": PONG_NAMES.get(pong.code, pong.code) if isinstance(pong, Pong) else None,
         "info": items,
         "settings": asdict(radar.settings),
     }

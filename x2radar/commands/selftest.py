@@ -26,7 +26,7 @@ from x2radar.radars import make_radar
 from x2radar.recording.faults import refuse_taken
 from x2radar.recording.registry import check_name
 from x2radar.wire.messages import GetSystemInfo, Message, Ping, Pong, Reply
-from x2radar.wire.wire_ids import InfoItem, PongCode
+from x2radar.wire.wire_ids import PONG_NAMES, InfoItem
 
 _ASK_S = 0.25  # for an answer: short, because old firmware leaves many questions unanswered
 
@@ -195,8 +195,7 @@ def _ask(radar: X2Radar, report: Report) -> None:
 
     pong = answer(Ping())
     if isinstance(pong, Pong):
-        is_known = pong.code in set(PongCode)
-        report.ping = PongCode(pong.code).name.lower() if is_known else f"{pong.code:#x}"
+        report.ping = PONG_NAMES.get(pong.code, f"{pong.code:#x}")
     elif pong == "no answer":
         return
     for item in InfoItem:

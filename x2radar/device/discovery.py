@@ -17,7 +17,7 @@ from x2radar.wire import framing
 from x2radar.wire.codec import decode_response, encode
 from x2radar.wire.framing import Packet, PacketData, PacketDecoder
 from x2radar.wire.messages import Ping, Pong, Unknown
-from x2radar.wire.wire_ids import PongCode
+from x2radar.wire.wire_ids import PONG_NAMES
 
 _ANSWER_S = 0.3  # how long a port is listened to: a module answers a ping within milliseconds
 
@@ -142,8 +142,7 @@ def _meaning(data: PacketData) -> str:
     except errors.MessageError:
         return ""
     if isinstance(message, Pong):
-        known = message.code in set(PongCode)
-        return PongCode(message.code).name.lower().replace("_", " ") if known else "streams"
+        return PONG_NAMES.get(message.code, "streams").replace("_", " ")
     return "" if isinstance(message, Unknown) and not message.name else "streams"
 
 

@@ -170,10 +170,7 @@ class Link:
 
 def refusal(name: str, refused: Refused) -> DeviceError:
     """Return the error that says what `name` refused."""
-    code = refused.code
-    try:
-        label = ErrorCode(code).name.lower().replace("_", " ")
-    except ValueError:
-        label = "unknown"
+    code, names = refused.code, dict[int, str]((known, known.name) for known in ErrorCode)
+    label = names.get(code, "unknown").lower().replace("_", " ")
     kind = RestartRequired if code == ErrorCode.RESTARTING else DeviceError
     return kind(f"{name} refused {refused.command}: error {code:#x} ({label})")

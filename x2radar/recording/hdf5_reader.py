@@ -294,7 +294,6 @@ class RecordingReader(BlockReader):
             return self._file.attribute(name)
 
     def ranges(self) -> Iterator[tuple[int, int]]:
-        """Yield the borders of the blocks."""
         # Whole chunks: every one is unpacked once.
         n_block = rows_per_block(self.stream.axis)
         chunks = self._sets["samples"].chunks
@@ -304,15 +303,12 @@ class RecordingReader(BlockReader):
             yield first, min(first + n_block, self.n_frames)
 
     def read_counters(self, first: int, last: int) -> NDArray[Any]:
-        """Return the counters of these frames, whole numbers."""
         return self._column("counter", first, last)
 
     def read_times(self, first: int, last: int) -> NDArray[np.float64]:
-        """Return the times of these frames in seconds."""
         return self._column("t_s", first, last).astype(np.float64, copy=False)
 
     def read_samples(self, first: int, last: int) -> Samples:
-        """Return these frames, shape (last - first, n_range), read-only."""
         return self._falling(self._read("samples", slice(first, last)))
 
     def _column(self, name: str, first: int, last: int) -> NDArray[Any]:

@@ -64,8 +64,10 @@ class RecordingWriter(Closing):
             self._file = h5py.File(self._made_as, "x", libver="latest")
         except OSError as err:
             raise self._cannot_make(err) from err
+        started_utc = utc_text() if started_utc is None else started_utc
+        about = root_attributes(stream, started_utc, device, settings)
         try:
-            self._begin(stream, started_utc, device, settings, attributes or {})
+            self._begin(stream, {**about, **(attributes or {})})
         except (OSError, RuntimeError) as err:
             _let_go(self._file)
             with contextlib.suppress(OSError, RuntimeError):
@@ -74,17 +76,8 @@ class RecordingWriter(Closing):
             raise WriteError.of(path, reason(err)) from err
         self._published = self._made_as == path
 
-    def _begin(
-        self,
-        stream: StreamInfo,
-        started_utc: str | None,
-        device: Mapping[str, Any],
-        settings: Mapping[str, Any],
-        attributes: Mapping[str, Any],
-    ) -> None:
-        started_utc = utc_text() if started_utc is None else started_utc
-        about = root_attributes(stream, started_utc, device, settings)
-        self._file.attrs.update({**about, **attributes})
+    def _begin(self, stream: StreamInfo, attributes: Mapping[str, Any]) -> None:
+        self._file.attrs.update(attributes)
         n_chunk = max(1, round(stream.frame_rate_hz))
         self._samples: NDArray[Any] = np.empty(
             (n_chunk, stream.axis.n_range), SAMPLE_DTYPES[stream.axis.kind]

@@ -229,7 +229,6 @@ class PartsReader(BlockReader):
         return self._parts[k], self._first[k], self._start_s[k]
 
     def read_counters(self, first: int, last: int) -> NDArray[Any]:
-        """Return the counters of these frames, whole numbers."""
         part, offset, _ = self._part(first)
         return part.read_counters(first - offset, last - offset)
 
@@ -239,7 +238,6 @@ class PartsReader(BlockReader):
         return part.read_times(first - offset, last - offset) + start_s
 
     def read_samples(self, first: int, last: int) -> Samples:
-        """Return these frames, shape (last - first, n_range), read-only."""
         part, offset, _ = self._part(first)
         return part.read_samples(first - offset, last - offset)
 

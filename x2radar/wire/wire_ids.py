@@ -18,6 +18,9 @@ class PongCode(IntEnum):
     SAFE_MODE = 0xFFEEFEEF
 
 
+PONG_NAMES: Mapping[int, str] = {code: code.name.lower() for code in PongCode}  # for people
+
+
 class Mode(IntEnum):
     """Argument of set mode."""
 

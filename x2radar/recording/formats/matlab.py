@@ -189,7 +189,6 @@ class MatReader(BlockReader):
         self._labels = plain(found.get("labels"))
 
     def read_labels(self) -> Iterable[Label]:
-        """Return what the file says."""
         labels: list[Label] = json.loads(self._labels) if self._labels else []
         return labels
 

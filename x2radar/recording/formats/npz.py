@@ -66,7 +66,6 @@ class NpzReader(BlockReader):
         self._keep(frames, small, path.name)
 
     def read_labels(self) -> Iterable[Label]:
-        """Return what the archive says."""
         columns = [c.ravel().astype(str).tolist() for c in self._labels if c is not None]
         if len(columns) not in {0, len(_LABELS)}:
             raise refuse(self.path, f"its labels lack one of {', '.join(_LABELS)}")
@@ -76,7 +75,6 @@ class NpzReader(BlockReader):
         self._opened.close()
 
     def read_samples(self, first: int, last: int) -> Samples:
-        """Return these frames, shape (last - first, n_range), read-only."""
         if self._rows is not None:
             return super().read_samples(first, last)
         try:

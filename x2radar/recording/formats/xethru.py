@@ -93,11 +93,9 @@ class XethruReader(BlockReader):
         self.warning = "; ".join(warnings) or None
 
     def read_counters(self, first: int, last: int) -> NDArray[Any]:
-        """Return the counters of these frames."""
         return self._read("counter", first, last)
 
     def read_samples(self, first: int, last: int) -> Samples:
-        """Return these frames, shape (last - first, n_range), read-only."""
         one, two = self._read("a", first, last), self._read("b", first, last)
         samples = np.empty(one.shape, np.complex64)
         if self._kind == "baseband_ap":

@@ -20,7 +20,8 @@ from dataclasses import dataclass
 from x2radar.errors import SceneError
 from x2radar.frame import FastTimeAxis
 from x2radar.sim.echo import dense, gridded, spread
-from x2radar.sim.echo.common import FINEST_DB, Amplitude, Array, Frames, Task, echo_sigma_m
+from x2radar.sim.echo.common import FINEST_DB, Amplitude, Frames, Task, echo_sigma_m
+from x2radar.sim.points import Array
 
 
 @dataclass(frozen=True, slots=True)

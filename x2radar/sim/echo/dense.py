@@ -8,7 +8,8 @@ import numpy as np
 
 from x2radar.frame import FastTimeAxis
 from x2radar.sim.echo import common
-from x2radar.sim.echo.common import Amplitude, Array, Frames, Task
+from x2radar.sim.echo.common import Amplitude, Frames, Task
+from x2radar.sim.points import Array
 
 FINEST_DB = -130.0  # finer is under float32's rounding
 _REACH_SIGMA = 7.0  # beyond it an echo is below 2e-11 and is left out as a whole

@@ -25,8 +25,9 @@ from x2radar.errors import SceneError
 from x2radar.frame import FastTimeAxis
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 from x2radar.sim.echo import common
-from x2radar.sim.echo.common import FINEST_DB, Amplitude, Array, Baseband, Frames, Task
+from x2radar.sim.echo.common import FINEST_DB, Amplitude, Baseband, Frames, Task
 from x2radar.sim.echo.spread import SpreadGrid, spread
+from x2radar.sim.points import Array
 
 _SHARES = (0.5, 0.6, 0.7, 0.76)  # of the variance that the first Gaussian takes
 _FAR_SIGMA = 7.0  # a Gaussian has fallen to 2e-11

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from x2radar.frame import FastTimeAxis
 from x2radar.sim.echo import common
-from x2radar.sim.echo.common import Amplitude, Array, Baseband, Frames, Task
+from x2radar.sim.echo.common import Amplitude, Baseband, Frames, Task
+from x2radar.sim.points import Array
 
 # With more than this share of the echoes in view, picking them out costs more than it saves.
 _WORTH_PICKING = 0.8  # measured

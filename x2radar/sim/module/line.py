@@ -29,7 +29,7 @@ class Line:
         self._plan = plan = dice.plan
         self._dice = dice
         self._is_clean = _ON_LINE.isdisjoint(plan)
-        self._max_piece = int(plan.get("split", 0))
+        self.max_piece = int(plan.get("split", 0))  # bytes that are sent at a time; 0: all
         self._hang_up_s = plan.get("hang_up", _NEVER_S)
         self._last_s = min(self._hang_up_s, plan.get("silent", _NEVER_S))
         self._queue: deque[tuple[float, bytes]] = deque()
@@ -39,11 +39,6 @@ class Line:
     def next_due_s(self) -> float:
         """When the next bytes are due, in seconds of module time; inf for nothing."""
         return self._queue[0][0] if self._queue else _NEVER_S
-
-    @property
-    def splits(self) -> bool:
-        """Whether `due_bytes` cuts packets into pieces."""
-        return self._max_piece > 0
 
     def is_closed(self, now_s: float) -> bool:
         """Return whether the line has been cut."""
@@ -65,7 +60,7 @@ class Line:
         if not queue or queue[0][0] > now_s:
             return b""
         first = queue.popleft()[1]
-        if self._max_piece or not queue or queue[0][0] > now_s:
+        if self.max_piece or not queue or queue[0][0] > now_s:
             return first
         due = [first]
         while queue and queue[0][0] <= now_s:
@@ -88,13 +83,13 @@ class Line:
         return due_s
 
     def _pieces(self, data: bytes) -> Iterator[bytes]:
-        if not self._max_piece:
+        if not self.max_piece:
             yield data
             return
         rng = self._dice.generator("split")
         at = 0
         while at < len(data):
-            n = int(rng.integers(1, self._max_piece + 1))
+            n = int(rng.integers(1, self.max_piece + 1))
             yield data[at : at + n]
             at += n
 

@@ -77,7 +77,7 @@ class SimulatedModule:
     @property
     def splits_output(self) -> bool:
         """Whether `data_to_send` gives pieces that the host is to read one by one."""
-        return self._line.splits
+        return self._line.max_piece > 0
 
     @property
     def is_streaming(self) -> bool:

@@ -77,15 +77,7 @@ def _leg(
     half = np.clip(0.5 * (lift + land), path.start_s - 1.0, path.end_s + 1.0)
     half[0], half[-1] = path.start_s - 1.0, path.end_s + 1.0
     state = path.at(half)
-    cos, sin = np.cos(state.heading_rad), np.sin(state.heading_rad)
-    place = np.stack(
-        [
-            state.x_m + home_m[0] * cos - home_m[1] * sin,
-            state.y_m + home_m[0] * sin + home_m[1] * cos,
-            state.heading_rad,
-        ],
-        axis=1,
-    )
+    place = np.column_stack([state.beside(*home_m), state.heading_rad])
     keep = _moved(place)
     down = np.concatenate([[True], keep])
     up = np.concatenate([keep, [True]])

@@ -139,6 +139,14 @@ class PathState:
     speed_mps: Array
     turn_rad_s: Array
 
+    def beside(
+        self, ahead_m: Array | float, left_m: Array | float, turn_rad: float = 0.0
+    ) -> Array:
+        """Return places (n_slow, 2) so far ahead and left of a body that has turned so far."""
+        cos, sin = np.cos(self.heading_rad + turn_rad), np.sin(self.heading_rad + turn_rad)
+        x_m, y_m = self.x_m + ahead_m * cos, self.y_m + ahead_m * sin
+        return np.stack([x_m - left_m * sin, y_m + left_m * cos], axis=-1)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Path:
@@ -178,11 +186,6 @@ class Path:
     def end_s(self) -> float:
         """When it has come to rest for good."""
         return float(self.pieces[0, -1])
-
-    @property
-    def length_m(self) -> float:
-        """Length of the whole course, in metres."""
-        return float(self.pieces[1, -1])
 
     @property
     def cruise_mps(self) -> float:

@@ -76,15 +76,7 @@ class Footprints:
         last = int(np.ceil(phase.strides[-1] - offset)) + 1
         number = np.arange(first, last + 1)
         state = path.at(phase.time_s(np.asarray(number + offset + 0.5 * duty, np.float64)))
-        facing = state.heading_rad + facing_rad
-        ahead, left = home_m
-        place = np.stack(
-            [
-                state.x_m + ahead * np.cos(facing) - left * np.sin(facing),
-                state.y_m + ahead * np.sin(facing) + left * np.cos(facing),
-            ],
-            axis=-1,
-        )
+        place = state.beside(*home_m, facing_rad)
         if scatter_m is not None:
             place = place + scatter_m[number % len(scatter_m)]
         return cls(phase, offset, duty, first, place, lift_m, lift_skew)

@@ -34,16 +34,12 @@ def _standing(
     height, hind, fore, pitch, spread = _POSTURES[name]
     h = build.hip_m
     start = path.at(np.array([path.start_s - 1.0]))
-    cos, sin = np.cos(start.heading_rad[0]), np.sin(start.heading_rad[0])
     girdle = 0.5 * build.back_m * np.cos(pitch)
     ahead = np.array([-girdle + hind * h, girdle + fore * h] * 2)
     # Paws do not stand quite evenly.
     ahead += 0.04 * h * rng.uniform(-1.0, 1.0, 4)
     left = spread * build.half_track_m * SIDES
-    paw = np.stack(
-        [start.x_m + ahead * cos - left * sin, start.y_m + ahead * sin + left * cos, np.zeros(4)],
-        axis=-1,
-    )
+    paw = np.column_stack([start.beside(ahead, left), np.zeros(4)])
     middle_z = max(height * h, 0.9 * build.half_depth_m)
     stance = Stance(
         middle_m=np.array([[start.x_m[0], start.y_m[0], middle_z]]),
