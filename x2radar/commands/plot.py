@@ -89,7 +89,8 @@ def filled(samples: Samples) -> tuple[Samples, int]:
     """Return frames whose missing ones, NaN, repeat the one before, and how many those are."""
     is_here = np.isfinite(samples).all(axis=1)
     last = np.maximum.accumulate(np.where(is_here, np.arange(len(samples)), 0))
-    return np.nan_to_num(samples[last]), int(np.count_nonzero(~is_here))
+    whole: Any = np.nan_to_num(samples[last])
+    return whole, int(np.count_nonzero(~is_here))
 
 
 def draw(title: str, stream: StreamInfo, samples: Samples, start_s: float) -> Any:
