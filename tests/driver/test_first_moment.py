@@ -54,7 +54,7 @@ def test_before_the_handlers_stand_next_to_nothing_is_loaded(package):
     """What a signal meets before them is a traceback, or nothing at all as process 1."""
     code = f"import sys, {package}.__main__ as main; print(*sys.modules)"
     loaded = set(ran("-S", "-c", code).stdout.split())
-    assert "x2radar.start" in loaded
+    assert "x2radar.startup" in loaded
     assert not loaded & {"typing", "re", "threading", "contextlib", "argparse", "x2radar.command"}
 
 
