@@ -54,6 +54,20 @@ def test_heat_maps_move_with_a_simulated_person(tab):
     assert "Range over time" in canvases.first.get_attribute("aria-label")
 
 
+def test_the_bar_is_as_high_before_it_is_filled(tab):
+    one = tab(width=390).open()
+    one.until("document.querySelector('#arm')")
+    heights = one.page.evaluate(
+        """() => {
+            const bar = document.querySelector('.bar');
+            const filled = bar.offsetHeight;
+            document.querySelector('#arming').replaceChildren();
+            return [filled, bar.offsetHeight];
+        }"""
+    )
+    assert heights[0] == heights[1]
+
+
 def test_alarm_arrives_and_is_acknowledged(tab, radard):
     one = tab().open()
     radard.post("/api/v1/command", {"command": "disarm"})

@@ -384,3 +384,5 @@ drawHealth();
 drawArming();
 watchForNews();
 connect();
+// While the line is made: the first time of day takes as long as all the rest of the page.
+setTimeout(() => clock(new Date().toISOString()));

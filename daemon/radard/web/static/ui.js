@@ -67,7 +67,7 @@ export function timesText(d) {
 const DASH = "–";
 const MINUS = "−";
 // Made once: to make one takes longer than to use it a hundred times.
-const CLOCK = new Intl.DateTimeFormat([], { hour: "2-digit", minute: "2-digit", second: "2-digit" });
+let clockFormat;
 
 export function fixed(value, digits = 1) {
   if (value === null || value === undefined || !Number.isFinite(value)) return DASH;
@@ -81,7 +81,8 @@ export function percent(value) {
 
 export function clock(iso) {
   if (!iso) return DASH;
-  return CLOCK.format(new Date(iso));
+  clockFormat ??= new Intl.DateTimeFormat([], { hour: "2-digit", minute: "2-digit", second: "2-digit" });
+  return clockFormat.format(new Date(iso));
 }
 
 export function day(iso) {

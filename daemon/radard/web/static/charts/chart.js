@@ -55,14 +55,14 @@ export class Chart {
     this.context = this.canvas.getContext("2d");
     this.view = { from_s: -30, to_s: 0 };
     this.drawn = null;
-    this.observer = new ResizeObserver(() => {
-      this.#fit();
+    this.observer = new ResizeObserver(([{ contentRect }]) => {
+      this.size = contentRect;
       // A canvas that changes its size is empty.
       if (this.drawn) this.draw(...this.drawn);
     });
     this.observer.observe(this.host);
     // What is scrolled away needs no drawing while it moves on.
-    this.isInSight = true;
+    this.isInSight = false;
     this.sight = new IntersectionObserver(([seen]) => {
       this.isInSight = seen.isIntersecting;
     });
@@ -71,7 +71,6 @@ export class Chart {
     this.canvas.addEventListener("pointerleave", () => {
       this.tip.hidden = true;
     });
-    this.#fit();
   }
 
   close() {
@@ -83,13 +82,15 @@ export class Chart {
     if (this.canvas.getAttribute("aria-label") !== text) this.canvas.setAttribute("aria-label", text);
   }
 
+  // Before it draws, and not before: six canvases at once would hold up the first picture of the page.
   #fit() {
-    const { clientWidth, clientHeight } = this.host;
+    const { width, height } = this.size ?? this.host.getBoundingClientRect();
     this.ratio = Math.min(2, devicePixelRatio || 1);
-    this.width = Math.max(60, clientWidth);
-    this.height = Math.max(40, clientHeight);
-    this.canvas.width = Math.round(this.width * this.ratio);
-    this.canvas.height = Math.round(this.height * this.ratio);
+    this.width = Math.max(60, width);
+    this.height = Math.max(40, height);
+    const [w, h] = [this.width, this.height].map((length) => Math.round(length * this.ratio));
+    if (this.canvas.width !== w) this.canvas.width = w;
+    if (this.canvas.height !== h) this.canvas.height = h;
   }
 
   get box() {
@@ -103,6 +104,7 @@ export class Chart {
   }
 
   begin(...drawn) {
+    this.#fit();
     this.drawn = drawn;
     const c = this.context;
     c.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);

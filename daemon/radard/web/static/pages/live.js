@@ -1,5 +1,6 @@
 // Live: what the radar sees, and what it makes of it.
 import { GaitMap, HeatMap, TITLES, drawScale } from "../charts/heatmap.js";
+import { currentMap } from "../charts/colour.js";
 import { chancesPlot, powerPlot } from "../charts/plots.js";
 import { themeVersion } from "../charts/chart.js";
 import { lastDecision, limit, on, pictures, state } from "../state.js";
@@ -67,6 +68,35 @@ function pictureHead(name) {
 
 export function livePage(_argument, signal) {
   const hero = makeHero();
+  const list = makeList();
+  const columns = h("div", { class: "columns" });
+  on("decision", (decision) => {
+    hero.draw(decision);
+    list.draw();
+  }, signal);
+  on("now", () => hero.draw(lastDecision()), signal);
+  hero.draw(lastDecision());
+  list.draw();
+  // The answer first: charts come a frame later.
+  nextFrame(() => {
+    if (!signal.aborted) fillColumns(columns, signal);
+  });
+  return {
+    wantsPictures: true,
+    nodes: [
+      h("h1", { class: "hidden" }, "Live"),
+      hero.element,
+      // On a wide page the style puts it last; on a phone it comes before six charts.
+      list.element,
+      columns,
+    ],
+  };
+}
+
+// Once what was made before is on the screen.
+const nextFrame = (then) => requestAnimationFrame(() => setTimeout(then));
+
+function fillColumns(columns, signal) {
   const seen = card("What the radar sees", `last ${SPAN_S} s`);
   const made = card("What it makes of it", "a decision every second");
   const scales = new Map();
@@ -100,27 +130,10 @@ export function livePage(_argument, signal) {
   const power = powerPlot(made, { label: "Motion over time", height: 138 });
   place(made, "gait");
   const gait = new GaitMap(made, pictures, { height: 118 });
-  const list = makeList();
-  on("decision", (decision) => {
-    hero.draw(decision);
-    list.draw();
-    describe(maps, chances, power, decision);
-  }, signal);
-  on("now", () => hero.draw(lastDecision()), signal);
-  hero.draw(lastDecision());
-  list.draw();
+  columns.append(seen, h("div", { class: "stack" }, made));
+  on("decision", (decision) => describe(maps, chances, power, decision), signal);
   animate(signal, maps, [chances, power], gait, scales);
   signal.addEventListener("abort", () => [...maps, chances, power, gait].forEach((chart) => chart.close()));
-  return {
-    wantsPictures: true,
-    nodes: [
-      h("h1", { class: "hidden" }, "Live"),
-      hero.element,
-      // On a wide page the style puts it last; on a phone it comes before six charts.
-      list.element,
-      h("div", { class: "columns" }, seen, h("div", { class: "stack" }, made)),
-    ],
-  };
 }
 
 function legend() {
@@ -145,7 +158,12 @@ function animate(signal, maps, plots, gait, scales) {
   let drawnTheme = -1;
   let drawnAxes = null;
   // What is left of a round: a chart a frame, since a canvas without a GPU costs most of one.
-  let left = [];
+  // Colours take a while to make: before all charts, in a frame of their own.
+  let left = [currentMap];
+  // Nor does one come into a frame that has words of a decision to lay out, or every second one does.
+  let hasWords = true;
+  let hasRested = false;
+  on("decision", () => (hasWords = true), signal);
   const round = (nowMs) => {
     const pauseMs = isCalm ? SLOW_MS : Math.min(2 * SLOW_MS, Math.max(FAST_MS, costMs / MAX_SHARE));
     if (nowMs - startedMs < pauseMs) return;
@@ -180,6 +198,12 @@ function animate(signal, maps, plots, gait, scales) {
   const step = (nowMs) => {
     if (signal.aborted) return;
     requestAnimationFrame(step);
+    hasRested = hasWords && !hasRested;
+    hasWords = false;
+    if (hasRested) {
+      drewMs = null;
+      return;
+    }
     const beganMs = performance.now();
     // What the browser itself does for a canvas counts as well: the next frame comes late.
     if (drewMs !== null) costMs += Math.max(0, beganMs - drewMs - FRAME_MS);
