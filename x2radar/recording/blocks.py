@@ -14,23 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.frame import (
-    Closing,
-    CounterTracker,
-    FastTimeAxis,
-    Frame,
-    Kind,
-    Samples,
-    Step,
-    StreamInfo,
-)
-from x2radar.recording.about import (
-    NO_OVERRIDES,
-    SAMPLE_DTYPES,
-    Overrides,
-    read_about,
-    root_attributes,
-)
+from x2radar.frame import Closing, CounterTracker, Frame, Kind, Samples, Step, StreamInfo
+from x2radar.recording import about
+from x2radar.recording.about import NO_OVERRIDES, SAMPLE_DTYPES, Overrides
 from x2radar.recording.faults import refuse, unreadable
 
 Label = tuple[float, float, str]
@@ -83,6 +69,7 @@ class BlockReader(Closing):
     _counter: NDArray[Any] | None = None
     _t_s: NDArray[Any] | None = None
     _labels: Any = ()
+    _is_rising: bool = False
 
     def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:
         self.path = path
@@ -90,7 +77,7 @@ class BlockReader(Closing):
 
     def _keep(self, frames: tuple[Kind, int], said: Mapping[str, Any], device: str) -> None:
         """Keep what attributes say of frames of (kind, n_range); `device` is a usual name."""
-        kept = read_about(self.path, frames, said, self._overrides, device)
+        kept = about.read_about(self.path, frames, said, self._overrides, device)
         self.stream, self.started_utc, self.device, self.settings, self._is_rising = kept
 
     def _keep_lists(self, counter: NDArray[Any] | None, t_s: NDArray[Any] | None) -> None:
@@ -122,14 +109,14 @@ class BlockReader(Closing):
         if self.stream.run_id:
             return self.stream.run_id
         with unreadable(self.path):
-            about = (self.started_utc, self.n_frames, *self.read_counters(0, 1).tolist())
-            digest = hashlib.blake2b(repr(about).encode(), digest_size=16)
+            said = (self.started_utc, self.n_frames, *self.read_counters(0, 1).tolist())
+            digest = hashlib.blake2b(repr(said).encode(), digest_size=16)
             digest.update(self.read_samples(0, 1).tobytes())
         return digest.hexdigest()
 
     def root_attributes(self) -> dict[str, Any]:
         """Return what an HDF5 recording of the same would say about itself, JSON as text."""
-        return root_attributes(self.stream, self.started_utc, self.device, self.settings)
+        return about.root_attributes(self.stream, self.started_utc, self.device, self.settings)
 
     def close(self) -> None:
         """Let go of the file."""
@@ -145,7 +132,7 @@ class BlockReader(Closing):
                 if samples:
                     rows = self.read_samples(first, last)
                 else:
-                    rows = as_samples(np.empty((last - first, 0)), self.stream.axis.kind)
+                    rows = self._falling(np.empty((last - first, 0)))
             yield Block(rows, counter.astype(np.uint32), t_s)
 
     def frames(self, start_s: float = 0.0) -> Iterator[Frame]:
@@ -188,7 +175,7 @@ class BlockReader(Closing):
 
     def ranges(self) -> Iterator[tuple[int, int]]:
         """Yield the borders of the blocks."""
-        n_block = rows_per_block(self.stream.axis)
+        n_block = self._n_block
         for first in range(0, self.n_frames, n_block):
             yield first, min(first + n_block, self.n_frames)
 
@@ -206,21 +193,16 @@ class BlockReader(Closing):
         """Return these frames, shape (last - first, n_range), read-only."""
         return self._falling(self._rows[first:last])
 
+    @property
+    def _n_block(self) -> int:
+        """How many frames make a block of about `BLOCK_BYTES`."""
+        axis = self.stream.axis
+        return max(1, BLOCK_BYTES // (axis.n_range * np.dtype(SAMPLE_DTYPES[axis.kind]).itemsize))
+
     def _falling(self, rows: NDArray[Any]) -> Samples:
-        """Return rows of the file as samples whose phase falls with range."""
-        return as_samples(rows.conj() if self._is_rising else rows, self.stream.axis.kind)
-
-
-def rows_per_block(axis: FastTimeAxis) -> int:
-    """Return how many frames make a block of about `BLOCK_BYTES`."""
-    row_bytes = axis.n_range * np.dtype(SAMPLE_DTYPES[axis.kind]).itemsize
-    return max(1, BLOCK_BYTES // row_bytes)
-
-
-def as_samples(array: NDArray[Any], kind: str) -> Samples:
-    """Return `array` as contiguous, read-only samples of this kind; a copy if need be."""
-    samples: Any = np.ascontiguousarray(np.asarray(array), SAMPLE_DTYPES[kind])
-    if samples.flags.writeable:
+        """Return rows of the file as read-only samples whose phase falls with range."""
+        dtype = SAMPLE_DTYPES[self.stream.axis.kind]
+        samples: Any = np.ascontiguousarray(rows.conj() if self._is_rising else rows, dtype)
         samples.flags.writeable = False
-    out: Samples = samples
-    return out
+        fallen: Samples = samples
+        return fallen

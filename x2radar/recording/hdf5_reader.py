@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from x2radar.frame import Kind, Samples
 from x2radar.recording.about import ATTRIBUTES, FORMAT, NO_OVERRIDES, Overrides, kind_of, plain
-from x2radar.recording.blocks import BLOCK_BYTES, BlockReader, Label, rows_per_block
+from x2radar.recording.blocks import BLOCK_BYTES, BlockReader, Label
 from x2radar.recording.faults import refuse, unreadable
 from x2radar.recording.hdf5_writer import reason
 
@@ -295,7 +295,7 @@ class RecordingReader(BlockReader):
 
     def ranges(self) -> Iterator[tuple[int, int]]:
         # Whole chunks: every one is unpacked once.
-        n_block = rows_per_block(self.stream.axis)
+        n_block = self._n_block
         chunks = self._sets["samples"].chunks
         if chunks and chunks[0] * BLOCK_BYTES < n_block * MAX_CHUNK_BYTES:
             n_block = max(1, n_block // chunks[0]) * chunks[0]

@@ -155,27 +155,26 @@ class SystemMessage(Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BasebandIq(Message):
-    """One frame of complex baseband as two arrays, shape (n,), float32."""
-
+class _Baseband(Message):
     counter: int
     bin_length_m: float
     sample_rate_hz: float
     carrier_hz: float
     range_offset_m: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BasebandIq(_Baseband):
+    """One frame of complex baseband as two arrays, shape (n,), float32."""
+
     i: _FloatArray
     q: _FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BasebandAp(Message):
+class BasebandAp(_Baseband):
     """One frame of baseband as amplitude and phase (rad), shape (n,), float32."""
 
-    counter: int
-    bin_length_m: float
-    sample_rate_hz: float
-    carrier_hz: float
-    range_offset_m: float
     amplitude: _FloatArray
     phase: _FloatArray
 

@@ -30,15 +30,9 @@ import numpy as np
 
 from x2radar.errors import RecordingError, SettingsError
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
-from x2radar.recording.about import (
-    ATTRIBUTES,
-    NO_OVERRIDES,
-    SAMPLE_DTYPES,
-    Overrides,
-    kind_of,
-    plain,
-)
-from x2radar.recording.blocks import BlockReader, Label, as_samples
+from x2radar.recording import about
+from x2radar.recording.about import NO_OVERRIDES, Overrides
+from x2radar.recording.blocks import BlockReader, Label
 from x2radar.recording.faults import refuse
 from x2radar.recording.stamps import count_by_stamps
 
@@ -68,15 +62,15 @@ def _variables(path: Path, names: Collection[str]) -> dict[str, Any]:
     from scipy.io import loadmat  # noqa: PLC0415
 
     head, order, content = _opened(path)
-    plain: list[bytes | memoryview] = [head]
+    parts: list[bytes | memoryview] = [head]
     left = MAX_BYTES
     for kind, data in _elements(path, order, content):
         if _name_in(path, order, kind, data) in names:
             array = _array(kind, data, left)
             _check(path, order, array)
             left -= len(array)
-            plain += [struct.pack(f"{order}II", _MATRIX, len(array)), array]
-    return dict(loadmat(io.BytesIO(b"".join(plain))))
+            parts += [struct.pack(f"{order}II", _MATRIX, len(array)), array]
+    return dict(loadmat(io.BytesIO(b"".join(parts))))
 
 
 def has_frames(path: Path) -> bool:
@@ -178,15 +172,15 @@ class MatReader(BlockReader):
     def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:
         super().__init__(path, overrides)
         arrays = {"samples", "counter", "t_s"}
-        found = _variables(path, {*arrays, *ATTRIBUTES, "labels"})
+        found = _variables(path, {*arrays, *about.ATTRIBUTES, "labels"})
         if missing := sorted(arrays - set(found)):
             raise refuse(path, f"lacks {', '.join(missing)}")
         self._rows = found["samples"]
-        frames = kind_of(path, self._rows.shape, self._rows.dtype)
+        frames = about.kind_of(path, self._rows.shape, self._rows.dtype)
         self.n_frames = len(self._rows)
         self._keep_lists(found["counter"], found["t_s"])
         self._keep(frames, found, path.name)
-        self._labels = plain(found.get("labels"))
+        self._labels = about.plain(found.get("labels"))
 
     def read_labels(self) -> Iterable[Label]:
         labels: list[Label] = json.loads(self._labels) if self._labels else []
@@ -199,7 +193,7 @@ def write(path: Path, source: BlockReader) -> list[str]:
     from scipy.io import savemat  # noqa: PLC0415
 
     axis = source.stream.axis
-    dtype = np.dtype(SAMPLE_DTYPES[axis.kind])
+    dtype = np.dtype(about.SAMPLE_DTYPES[axis.kind])
     n_bytes = source.n_frames * axis.n_range * dtype.itemsize
     if n_bytes > MAX_BYTES * 3 // 4:
         msg = f"{path.name}: {n_bytes / 1e9:.1f} GB of samples are too many for a MATLAB file"
@@ -232,15 +226,15 @@ class P4xxReader(BlockReader):
             rows = np.stack([np.ravel(scan) for scan in scans["scn"]])
         except (ValueError, TypeError) as err:
             raise refuse(path, f"scans of different length, or no numbers ({err})") from err
-        frames = kind_of(path, rows.shape, rows.dtype)
+        frames = about.kind_of(path, rows.shape, rows.dtype)
         if frames[0] != "rf":
             raise refuse(path, "scans of complex numbers; those of a P4xx are real")
         self.n_frames = len(rows)
-        self._rows = as_samples(rows, "rf")
+        self._rows = rows
         period_s = float("nan")
         if self.n_frames > 1:
             self._counter, period_s = count_by_stamps(stamps_ms / 1e3)
-        said_ps = plain(scans["Tstrt"][0]) if "Tstrt" in scans.dtype.names else None
+        said_ps = about.plain(scans["Tstrt"][0]) if "Tstrt" in scans.dtype.names else None
         start_s = _WINDOW_START_S
         if isinstance(said_ps, int | float) and 0 < said_ps < _MAX_START_PS:
             start_s = said_ps * 1e-12

@@ -19,7 +19,7 @@ from x2radar.frame import Frame, Samples
 from x2radar.modules.modules import settings_from_mapping
 from x2radar.modules.x2 import RadarSettings
 from x2radar.recording.about import NO_OVERRIDES, Overrides
-from x2radar.recording.blocks import BlockReader, as_samples
+from x2radar.recording.blocks import BlockReader
 from x2radar.recording.capture import FROM_MODULE, OPENED, TO_MODULE, Capture, Chunk
 from x2radar.recording.faults import refuse
 from x2radar.wire.codec import decode_command
@@ -76,7 +76,7 @@ class WireReader(BlockReader):
             self._rest, self._at = self._decoded(), 0
         wanted = list(islice(self._rest, first - self._at, last - self._at))
         self._at = last
-        return as_samples(np.stack([f.samples for f in wanted]), self.stream.axis.kind)
+        return self._falling(np.stack([f.samples for f in wanted]))
 
     def _decoded(self) -> Iterator[Frame]:
         session, host = Session(), PacketDecoder()

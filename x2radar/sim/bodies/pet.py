@@ -10,14 +10,9 @@ from x2radar.keys import Key
 from x2radar.sim.bodies.body import Body, BodyPlan
 from x2radar.sim.bodies.motion import MOTIONS
 from x2radar.sim.bodies.motion.angles import AngleQuadruped
+from x2radar.sim.bodies.motion.quadrupeds import gait
 from x2radar.sim.bodies.motion.quadrupeds.footfalls import draw_footfall_quadruped
-from x2radar.sim.bodies.motion.quadrupeds.gait import (
-    FOOTWORK,
-    GRAVITY_MPS2,
-    Going,
-    froude,
-    usual_gait,
-)
+from x2radar.sim.bodies.motion.quadrupeds.gait import FOOTWORK, Going
 from x2radar.sim.bodies.motion.quadrupeds.hung import Action, Hung, draw_manner
 from x2radar.sim.bodies.motion.quadrupeds.jumping import draw_jumping
 from x2radar.sim.bodies.motion.quadrupeds.staying import draw_romping, draw_staying
@@ -134,7 +129,7 @@ def _draw_path(
     motion: str,
 ) -> Path:
     fr = _draw_froude(rng, style, motion)
-    speed = min(float(np.sqrt(fr * GRAVITY_MPS2 * build.hip_m)), _FASTEST_DRAWN_MPS)
+    speed = min(float(np.sqrt(fr * gait.GRAVITY_MPS2 * build.hip_m)), _FASTEST_DRAWN_MPS)
     points = _draw_waypoints(rng) if waypoints_m is None else waypoints_m
     radius = rng.uniform(0.3, 0.6)
     n_stops = int(rng.integers(2, 6))
@@ -156,9 +151,9 @@ def _footwork(build: QuadrupedBuild, species: Species, style: str, path: Path) -
     if name not in species.gaits:
         name = None
     limit = _MAX_WALK_FROUDE if name == "walk" else _MAX_FROUDE
-    if PET_STYLES[style].froude is not None and float(froude(fastest, build.hip_m)) > limit:
+    if PET_STYLES[style].froude is not None and float(gait.froude(fastest, build.hip_m)) > limit:
         raise SceneError(
             f"path: {fastest:g} m/s is too fast for a {species.name} with its hip at "
             f"{build.hip_m:.2f} m to {style}"
         )
-    return name or usual_gait(fastest, build.hip_m, species)
+    return name or gait.usual_gait(fastest, build.hip_m, species)

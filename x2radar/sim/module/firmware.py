@@ -19,27 +19,17 @@ from x2radar.modules.profile import PROFILES, ProfileSettings
 from x2radar.modules.x2 import OUTPUTS, SYS_FIELDS, RadarSettings
 from x2radar.modules.x4 import X4_FIELDS, X4Settings
 from x2radar.wire import messages as msg
-from x2radar.wire.wire_ids import (
-    BasebandOutput,
-    ContentId,
-    ErrorCode,
-    InfoItem,
-    Mode,
-    OutputRef,
-    Profile,
-    SysCfg,
-    X4Setting,
-)
+from x2radar.wire import wire_ids as ids
 
-_FAILED = msg.ErrorReply(ErrorCode.COMMAND_FAILED)
+_FAILED = msg.ErrorReply(ids.ErrorCode.COMMAND_FAILED)
 _OUTPUTS: dict[int, str] = {code: name for name, code in OUTPUTS.items()}
 _INFO = {
-    InfoItem.ITEM_NUMBER: "SIM",
-    InfoItem.FIRMWARE_ID: "x2radar simulated module",
-    InfoItem.VERSION: "1.0.0",
-    InfoItem.BUILD: "0",
-    InfoItem.SERIAL_NUMBER: "000000000000",
-    InfoItem.ORDER_CODE: "",
+    ids.InfoItem.ITEM_NUMBER: "SIM",
+    ids.InfoItem.FIRMWARE_ID: "x2radar simulated module",
+    ids.InfoItem.VERSION: "1.0.0",
+    ids.InfoItem.BUILD: "0",
+    ids.InfoItem.SERIAL_NUMBER: "000000000000",
+    ids.InfoItem.ORDER_CODE: "",
 }
 _RUNS = {app_id: name for name, (app_id, _) in PROFILES.items()}
 
@@ -69,7 +59,7 @@ class Firmware(ABC):
         """Carry a command out; None for one that this firmware does not know."""
         match command:
             case msg.GetSystemInfo(item) if item in _INFO:
-                told = _INFO[InfoItem(item)] or self.order_code
+                told = _INFO[ids.InfoItem(item)] or self.order_code
                 return Obeyed(msg.Reply(0x58, item, told))
             case msg.SetLed() | msg.SetBaudRate():
                 return Obeyed(msg.Ack())
@@ -91,7 +81,7 @@ class X2Firmware(Firmware):
     def forget(self) -> None:
         """Go back to power-on: no settings, no profile, no output."""
         self._fields: dict[str, float] = {}
-        self._output = self._streamed = _OUTPUTS[BasebandOutput.OFF]
+        self._output = self._streamed = _OUTPUTS[ids.BasebandOutput.OFF]
         self._profile: str | None = None
         self._zone_m: tuple[float, float] | None = None
 
@@ -102,13 +92,13 @@ class X2Firmware(Firmware):
                 return self._set_mode(mode)
             case msg.SetSysInt(ref, value) | msg.SetSysFloat(ref, value):
                 return Obeyed(self._set_field(ref, value))
-            case msg.SetOutput(OutputRef.BASEBAND, value) if value in _OUTPUTS:
+            case msg.SetOutput(ids.OutputRef.BASEBAND, value) if value in _OUTPUTS:
                 self._output = _OUTPUTS[value]
                 return Obeyed(msg.Ack())
             case msg.LoadProfile(app_id):
-                if app_id not in set(Profile):
-                    return Obeyed(msg.ErrorReply(ErrorCode.APP_INVALID))
-                self._profile, self._zone_m = _RUNS.get(Profile(app_id)), None
+                if app_id not in set(ids.Profile):
+                    return Obeyed(msg.ErrorReply(ids.ErrorCode.APP_INVALID))
+                self._profile, self._zone_m = _RUNS.get(ids.Profile(app_id)), None
                 return Obeyed(msg.Ack(), stops=True)
             case msg.SetDetectionZone(start_m, end_m):
                 self._zone_m = start_m, end_m
@@ -123,28 +113,28 @@ class X2Firmware(Firmware):
     ) -> msg.Message:
         """Return a raw frame, or baseband as I/Q or amplitude and phase."""
         if axis.kind == "rf":
-            return msg.Data(ContentId.RAW_FRAME, counter, frame)
+            return msg.Data(ids.ContentId.RAW_FRAME, counter, frame)
         about = axis.bin_length_m, axis.sample_rate_hz, axis.carrier_hz, axis.range_offset_m
         if self._streamed == "iq":
             return msg.BasebandIq(counter, *about, frame.real, frame.imag)
         return msg.BasebandAp(counter, *about, np.abs(frame), np.angle(frame))
 
     def _set_field(self, ref: int, value: float) -> msg.Message:
-        if ref not in set(SysCfg) or not np.isfinite(value):
+        if ref not in set(ids.SysCfg) or not np.isfinite(value):
             return _FAILED
-        name = SYS_FIELDS.get(SysCfg(ref))
+        name = SYS_FIELDS.get(ids.SysCfg(ref))
         if name is not None:
             self._fields[name] = value
         return msg.Ack()
 
     def _set_mode(self, mode: int) -> Obeyed:
-        if mode not in set(Mode):
+        if mode not in set(ids.Mode):
             return Obeyed(_FAILED)
         settings: ModuleSettings | None = None
         try:
-            if mode == Mode.MANUAL:
+            if mode == ids.Mode.MANUAL:
                 settings = self._raw_settings()
-            elif mode == Mode.RUN and self._profile is not None and self._output != "rf":
+            elif mode == ids.Mode.RUN and self._profile is not None and self._output != "rf":
                 settings = self._profile_settings(self._profile)
         except SettingsError:
             return Obeyed(_FAILED)
@@ -172,7 +162,7 @@ class X4Firmware(Firmware):
 
     def forget(self) -> None:
         """Go back to power-on: stopped, not initialised, no settings."""
-        self._mode = int(Mode.STOP)
+        self._mode = int(ids.Mode.STOP)
         self._is_initialised = False
         self._fields: dict[str, Any] = {"is_baseband": False}
 
@@ -180,16 +170,16 @@ class X4Firmware(Firmware):
         """Carry out modes and X4 driver settings; a frame rate above 0 starts the stream."""
         match command:
             case msg.SetMode(mode):
-                if mode not in set(Mode):
+                if mode not in set(ids.Mode):
                     return Obeyed(_FAILED)
                 self._mode = mode
                 return Obeyed(msg.Ack(), stops=True)
             case msg.X4Init():
                 self._is_initialised = True
                 return Obeyed(msg.Ack())
-            case msg.X4Set(X4Setting.FPS, (rate_hz,)):
+            case msg.X4Set(ids.X4Setting.FPS, (rate_hz,)):
                 return self._set_rate(rate_hz)
-            case msg.X4Set(X4Setting.TX_POWER | X4Setting.ENABLE):
+            case msg.X4Set(ids.X4Setting.TX_POWER | ids.X4Setting.ENABLE):
                 return Obeyed(msg.Ack())
             case msg.X4Set(setting, values) if setting in X4_FIELDS:
                 self._fields |= dict(zip(X4_FIELDS[setting], values, strict=True))
@@ -203,12 +193,12 @@ class X4Firmware(Firmware):
         """Return a raw frame: RF, or baseband as half I and half Q."""
         is_rf = axis.kind == "rf"
         values = frame if is_rf else np.concatenate([frame.real, frame.imag])
-        return msg.Data(ContentId.RAW_FRAME, counter, values)
+        return msg.Data(ids.ContentId.RAW_FRAME, counter, values)
 
     def _set_rate(self, rate_hz: float) -> Obeyed:
         if rate_hz == 0:
             return Obeyed(msg.Ack(), stops=True)
-        if not self._is_initialised or self._mode != Mode.MANUAL:
+        if not self._is_initialised or self._mode != ids.Mode.MANUAL:
             return Obeyed(_FAILED)
         try:
             is_baseband = bool(self._fields["is_baseband"])

@@ -13,15 +13,9 @@ from numpy.typing import NDArray
 from x2radar.frame import FastTimeAxis
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS, RadarSettings
 from x2radar.sim.points import Array
+from x2radar.sim.signal import pulse
 from x2radar.sim.signal.effects import FrameDraws, ReceiverEffects
-from x2radar.sim.signal.pulse import (
-    UNIT_PER_COUNT,
-    LinkBudget,
-    bins_per_s,
-    matched_noise,
-    noise_sigma,
-    pulse_sigma_s,
-)
+from x2radar.sim.signal.pulse import UNIT_PER_COUNT, LinkBudget
 
 MIDDLE = 50.0  # of the threshold sweep, in the module's unit (Radarlib)
 _SLOPE_TAPS = 12  # of the differentiator, either side: 0.2 % error, see `delayed_rf`
@@ -44,7 +38,7 @@ class Receiver:
         self._rng = rng
         self._effects = effects = effects or ReceiverEffects()
         self.draws = FrameDraws(effects, seed, settings.frame_rate_hz)
-        self._sigma = noise_sigma(settings, budget, effects)
+        self._sigma = pulse.noise_sigma(settings, budget, effects)
         self._at = 0
         pulses = settings.pulses_per_step * settings.iterations
         self._quantum = np.float32(UNIT_PER_COUNT * settings.dac_step / pulses)
@@ -80,7 +74,7 @@ class Receiver:
         self._at += n
         if self._effects.jitter_s:
             echo = delayed_baseband(echo, self.draws.delay_s(first, n), self._axis)
-        out = matched_noise(n, self._axis, self._rng)
+        out = pulse.matched_noise(n, self._axis, self._rng)
         out *= self._noise_scale(first, n)
         out += echo * self._gain(first, n) if self._effects.gain_noise else echo
         row, column, counts = self.draws.spikes(first, n, self._axis.n_range)
@@ -97,12 +91,12 @@ class Receiver:
 
     def _spike(self, column: int) -> NDArray[np.complex64]:
         """Return what one raw sample of 1 becomes: the kernel 2 p / sum p^2 around it."""
-        sigma = pulse_sigma_s(self._axis.bandwidth_hz) * bins_per_s(self._axis)
+        sigma = pulse.pulse_sigma_s(self._axis.bandwidth_hz) * pulse.bins_per_s(self._axis)
         away = np.arange(self._axis.n_range) - column
         at_s = 2 * self._axis.range_m[column] / SPEED_OF_LIGHT_MPS
         turns = self._axis.phase_sign * ((self._axis.carrier_hz * at_s) % 1.0)
-        pulse = np.exp(-0.5 * (away / sigma) ** 2) * (2 / (sigma * math.sqrt(math.pi)))
-        return np.asarray(pulse * np.exp(2j * np.pi * turns), np.complex64)
+        shape = np.exp(-0.5 * (away / sigma) ** 2) * (2 / (sigma * math.sqrt(math.pi)))
+        return np.asarray(shape * np.exp(2j * np.pi * turns), np.complex64)
 
 
 def delayed_baseband(
@@ -114,7 +108,7 @@ def delayed_baseband(
     error of ``(2 pi f delay)^2 / 2`` for f within half the bandwidth: below 1e-4 for 2 ps.
     """
     turn = np.exp(axis.phase_sign * 2j * np.pi * ((axis.carrier_hz * delay_s) % 1.0))
-    bins = (delay_s * bins_per_s(axis)).astype(np.float32)
+    bins = (delay_s * pulse.bins_per_s(axis)).astype(np.float32)
     slope = np.empty_like(frames)
     slope[:, 1:-1] = (frames[:, 2:] - frames[:, :-2]) * np.float32(0.5)
     slope[:, 0], slope[:, -1] = frames[:, 1] - frames[:, 0], frames[:, -1] - frames[:, -2]
@@ -137,7 +131,7 @@ def delayed_rf(
     """
     turn = 2 * np.pi * axis.carrier_hz * delay_s
     # Slope per sample, so the factor is in samples.
-    along = np.sin(turn) / (2 * np.pi * axis.carrier_hz) * bins_per_s(axis)
+    along = np.sin(turn) / (2 * np.pi * axis.carrier_hz) * pulse.bins_per_s(axis)
     n = frames.shape[1]
     wide = np.pad(frames, ((0, 0), (_SLOPE_TAPS, _SLOPE_TAPS)))
     slope = np.zeros_like(frames)
