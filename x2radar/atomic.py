@@ -3,6 +3,7 @@
 import contextlib
 import io
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -16,22 +17,15 @@ def write_atomically(
 
     A missing folder is made for its owner alone. Raises OSError; the old file is then as it was.
     """
-    made = path.with_name(f".{path.name}.{os.getpid()}.new")
-    try:
-        with _opened(made) as file:
-            file.write(content.encode() if isinstance(content, str) else content)
+    with whole_file(path) as made, _opened(made) as file:
+        file.write(content.encode() if isinstance(content, str) else content)
+        if made != path:
             os.fchmod(file.fileno(), mode)
             if sync:
                 file.flush()
                 os.fsync(file.fileno())
-        made.replace(path)
-    except OSError as err:
-        err.filename = str(path)
-        with contextlib.suppress(OSError):
-            made.unlink(missing_ok=True)
-        raise
     if sync:
-        sync_path(path.parent)
+        sync_path(Path(os.path.realpath(path)).parent)
 
 
 def sync_path(path: Path) -> None:
@@ -41,6 +35,28 @@ def sync_path(path: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+@contextlib.contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Lend the name of a file that is put in the place of `path` at the end, or taken away.
+
+    A link stays one, and leads to the new file. What is no file, as /dev/null, is lent itself.
+    """
+    if path.exists() and not path.is_file():
+        yield path
+        return
+    place = Path(os.path.realpath(path))
+    made = place.with_name(f".{place.name}.{os.getpid()}.new")
+    try:
+        yield made
+        made.replace(place)
+    except OSError as err:
+        err.filename = str(path)
+        raise
+    finally:
+        with contextlib.suppress(OSError):
+            made.unlink(missing_ok=True)
 
 
 def write_whole(path: Path, content: str | bytes) -> None:

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from x2radar.atomic import write_atomically
+from x2radar.atomic import whole_file, write_atomically
 
 
 def test_a_file_and_its_folder_are_made_for_those_who_may_read_them(tmp_path):
@@ -31,6 +31,31 @@ def test_a_disk_that_takes_nothing_leaves_what_was_there(call, tmp_path, monkeyp
         write_atomically(path, "new")
     assert path.read_text() == "old"
     assert [p.name for p in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_link_stays_a_link_and_leads_to_the_new_file(tmp_path):
+    """As of a setting that lies on another disk; before, the link was replaced."""
+    (tmp_path / "disk").mkdir()
+    link = tmp_path / "file"
+    link.symlink_to("disk/kept")
+    for text in ("new", "newer"):
+        write_atomically(link, text)
+        assert (link.is_symlink(), (tmp_path / "disk" / "kept").read_text()) == (True, text)
+    assert [each.name for each in (tmp_path / "disk").iterdir()] == ["kept"]
+
+
+def test_what_is_no_file_is_written_to_and_not_replaced(tmp_path):
+    """Before, root lost /dev/null to a file of that name."""
+    pipe = tmp_path / "null"
+    os.mkfifo(pipe)
+    end = os.open(pipe, os.O_RDWR)
+    try:
+        write_atomically(pipe, "text")
+        with whole_file(pipe) as lent:
+            assert lent == pipe
+        assert (os.read(end, 99), pipe.is_fifo()) == (b"text", True)
+    finally:
+        os.close(end)
 
 
 def test_a_file_in_the_way_of_the_folder(tmp_path):

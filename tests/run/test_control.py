@@ -147,6 +147,58 @@ def test_what_is_no_command_is_refused_and_does_no_harm(tmp_path, launch, line):
     assert ask(path, "disarm")["armed"] is False
 
 
+REFUSED = SensorState(armed=False, open={"tamper": "covered; arming was refused"})
+
+
+@pytest.mark.parametrize(
+    ("name", "state"),
+    [
+        ("arm", REFUSED),
+        ("arm", SensorState(armed=False)),
+        ("ack", SensorState(alarm_id="X")),
+        ("disarm", SensorState(armed=True)),
+    ],
+)
+def test_a_command_that_is_not_taken_up_is_no_success(launch, said, monkeypatch, name, state):
+    """Before, `radard arm` said "disarmed", and ended with 0."""
+    monkeypatch.setattr(control, "_TAKEN_UP_S", 0.3)
+    daemon = launch()
+    wait_for(lambda: daemon.panel().get("seq"))
+    monkeypatch.setattr(daemon.radar, "panel", lambda: state)
+    monkeypatch.setattr(daemon.radar, "command", lambda _name: None)
+    words = "covered; arming was refused" if state is REFUSED else "not taken up within"
+    code, line = said(name)
+    assert (code, line.count("\n"), words in line) == (1, 0, True)
+
+
+def test_the_socket_of_a_daemon_that_was_killed_hides_no_other(
+    tmp_path, launch, said, monkeypatch
+):
+    dead = tmp_path / "system"
+    dead.mkdir()
+    with socket.socket(socket.AF_UNIX) as left:
+        left.bind(str(control_path(dead, "radar")))
+    running(launch, tmp_path)
+    found = (dead, tmp_path)
+    monkeypatch.setattr("radard.commands.control.status_dirs", lambda _config: found)
+    assert said("disarm") == (0, "disarmed")
+    found = (dead,)
+    code, line = said("disarm")
+    assert (code, line.endswith("no radard answers (Connection refused)")) == (1, True)
+
+
+def test_one_of_several_that_does_not_answer_leaves_the_others_told(tmp_path, launch, said):
+    daemon = launch(sensors={"hall": {"port": "sim:empty"}})
+    wait_for(lambda: daemon.panel().get("seq"))
+    config = tmp_path / "radard.yaml"
+    sensors = {"cellar": {"port": "sim:empty"}, "hall": {"port": "sim:empty"}}
+    config.write_text(json.dumps({"sensors": sensors}))
+    code, text = said("disarm", "--config", str(config))
+    assert (code, "cellar: no radard runs here" in text) == (1, True)
+    assert "hall: disarmed" in text
+    assert daemon.panel()["armed"] is False
+
+
 def test_a_socket_that_was_left_behind_is_replaced_and_one_in_use_is_not(
     tmp_path, launch, said, caplog
 ):

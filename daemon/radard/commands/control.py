@@ -46,13 +46,20 @@ def run(argv: Sequence[str], name: str) -> int:
     args = make_parser(name).parse_args(argv)
     command = "arm-home" if name == "arm" and args.home else name
     config = load_config(args.config)
-    is_well = True
+    is_well, faults = True, []
     for sensor in sensors_asked(config, args.sensor):
         head = f"{sensor}: " if len(config.each()) > 1 else ""
-        answer = asked(config, sensor, command)
+        try:
+            answer = asked(config, sensor, command)
+        except NoDaemon as err:
+            # The others are asked all the same.
+            faults.append(f"{head}{err}")
+            continue
         print(*(f"{head}{line}" for line in _lines(name, answer)), sep="\n")
         answers = [each["answer"] for each in answer.get("outputs", ())]
         is_well = is_well and {*answers} <= {"taken", "not wanted there"}
+    if faults:
+        raise NoDaemon("; ".join(faults))
     return 0 if is_well else 1
 
 
@@ -67,7 +74,7 @@ def sensors_asked(config: Config, sensor: str | None) -> list[str]:
 def asked(config: Config, sensor: str, command: str) -> Mapping[str, Any]:
     """Give a sensor's daemon a command; return the answer, NoDaemon or NotAllowed without one."""
     paths = [control_path(folder, sensor) for folder in status_dirs(config)]
-    answer: Mapping[str, Any] | None = None
+    fault = f"no radard runs here: no {paths[-1]}"
     for path in paths:
         try:
             answer = ask(path, command)
@@ -77,25 +84,26 @@ def asked(config: Config, sensor: str, command: str) -> Mapping[str, Any]:
         except FileNotFoundError:
             continue
         except (OSError, ValueError) as err:
-            raise NoDaemon(f"{path}: no radard answers ({err})") from err
-        break
-    if answer is None:
-        raise NoDaemon(f"no radard runs here: no {paths[-1]}")
-    if not answer.get("ok"):
-        raise NoDaemon(str(answer.get("error", "refused")))
-    return answer
+            # As that of a daemon that was killed; another one may have the next.
+            fault = f"{path}: no radard answers ({getattr(err, 'strerror', None) or err})"
+            continue
+        if not answer.get("ok"):
+            raise NoDaemon(str(answer.get("error", "refused")))
+        return answer
+    raise NoDaemon(fault)
 
 
 def _lines(name: str, answer: Mapping[str, Any]) -> list[str]:
     if name == "test-alarm":
         return [f"{each['output']}: {each['answer']}" for each in answer["outputs"]]
-    armed, ended = answer["armed"], answer["ended"]
+    # A daemon that was not started again since an update may not say all of it.
+    armed, ended = answer.get("armed"), answer.get("ended")
     if name == "ack":
         return [f"acknowledged: {ended}" if ended else "no alarm is on"]
     if armed is None:
         return [f"{name}: holds once there is a stream"]
-    how = "armed at home" if answer["mode"] == "home" else "armed"
-    wait = f" in {answer['delay_left_s']:.0f} s" if answer["panel"] == "exit" else ""
+    how = "armed at home" if answer.get("mode") == "home" else "armed"
+    wait = f" in {answer['delay_left_s']:.0f} s" if answer.get("panel") == "exit" else ""
     return [f"{how}{wait}" if armed else "disarmed"]
 
 

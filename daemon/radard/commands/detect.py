@@ -11,6 +11,7 @@ from radard.config.options import JUDGING, add_options, judging_config
 from radard.errors import OutputError, RadardError, UsageError
 from radard.run.components import make_classifier
 from radard.run.replays import Judged, judge_all
+from x2radar.atomic import whole_file
 from x2radar.command import Parser, StatusLine, bar, new_parser
 from x2radar.recording.registry import check_no_recording
 
@@ -99,17 +100,14 @@ def _table(kind: str, rows: str, out: Path | None) -> Iterator[Add]:
             yield add
         return
     check_no_recording(out)
-    part = out.with_name(f".{out.name}.part")
     try:
         with contextlib.ExitStack() as opened:
+            part = opened.enter_context(whole_file(out))
             is_text = kind != "parquet"
             file = opened.enter_context(part.open("w", encoding="utf-8")) if is_text else None
             yield opened.enter_context(open_table(kind, rows, file, part))
-        part.replace(out)
     except OSError as err:
         raise OutputError(f"--out {out}: cannot write: {err.strerror or err}") from err
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def _error(faulty: Sequence[Judged], n: int) -> RadardError:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from radard.config.config import load_config
 from radard.config.directories import log_path
-from radard.config.sink_table import KINDS
+from radard.config.sink_table import KINDS, named_file
 from radard.errors import UsageError
 from radard.log_file import StoredEvent, parse_since, read_events
 from x2radar import wall_clock
@@ -51,7 +51,7 @@ def _configured(file: Path | None) -> Path:
     config = load_config(file)
     for output in config.output:
         if output.startswith("store:"):
-            return Path(output.removeprefix("store:"))
+            return named_file(output)
     own = log_path(config)
     if own is not None and own.is_file():
         return own

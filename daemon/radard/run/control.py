@@ -145,6 +145,9 @@ class ControlServer:
         # Kept, too: what was answered must hold after a kill.
         wait_until(lambda: _is_so(radar.panel(), name) and radar.is_kept, _TAKEN_UP_S, self._halt)
         state = radar.panel()
+        if state is not None and not _is_so(state, name):
+            tamper = state.open.get("tamper", "") if name in ARM_MODES else ""
+            raise ValueError(tamper or f"{name}: not taken up within {_TAKEN_UP_S:g} s")
         ended = before.open.get("alarm") if before is not None and name == "ack" else None
         return {"ok": True, **{key: getattr(state, key, None) for key in _TOLD}, "ended": ended}
 
