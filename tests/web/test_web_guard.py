@@ -56,6 +56,22 @@ def test_a_short_token_is_refused(tmp_path):
         read_tokens(WebSection(token_file=tmp_path / "t"), "127.0.0.1")
 
 
+def test_who_looks_on_and_who_arms_have_tokens_of_their_own(tmp_path):
+    (tmp_path / "t").write_text(VIEWER)
+    section = WebSection(token_file=tmp_path / "t", operator_token_file=tmp_path / "t")
+    with pytest.raises(ConfigError, match="are the same"):
+        read_tokens(section, "127.0.0.1")
+
+
+@pytest.mark.parametrize("token", ["k\u00fcche-und-flur", "\u5ba4\u5185-radar-token"])
+def test_a_token_may_have_any_letters(token):
+    """As curl sends it: in UTF-8, which a server reads as Latin-1."""
+    access = AccessControl(Tokens(viewer=token))
+    for given, role in ((token, "viewer"), (token + "x", "nobody")):
+        header = (b"authorization", f"Bearer {given}".encode())
+        assert access.role(HTTPConnection({"type": "http", "headers": [header]})) == role
+
+
 def test_sessions_end_and_are_bounded():
     def role(session):
         cookie = (b"cookie", f"radard={session}".encode())

@@ -3,7 +3,12 @@
 import asyncio
 import contextlib
 import json
+import resource
+import signal
 
+import pytest
+
+from radard.errors import OutputError
 from radard.web.hub import MAX_IN_FLIGHT, MAX_TEXTS, Hub, Viewer
 from radard.web.labels import add_label, read_labels
 
@@ -106,6 +111,25 @@ def test_all_is_sent_once_every_page_has_taken_every_text():
         again.cancel()
 
     asyncio.run(go())
+
+
+def test_a_label_costs_no_other_whatever_the_disk_takes(tmp_path, monkeypatch):
+    """Half a line, as a power cut or a full disk leaves it, would take the next one along."""
+    path = tmp_path / "labels.jsonl"
+    path.write_text('{"event": "cut", "la')
+    add_label(path, {"event": "A", "label": "pet"})
+    assert read_labels(path) == {"A": "pet"}
+    before = path.read_bytes()
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (len(before) + 20, limits[1]))
+        with pytest.raises(OutputError, match="cannot keep the label"):
+            add_label(path, {"event": "B", "label": "human"})
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, ignored)
+    assert path.read_bytes() == before
 
 
 def test_broken_lines_among_labels_are_passed_over(tmp_path):

@@ -61,6 +61,8 @@ def read_tokens(section: WebSection, host: str) -> Tokens:
     for name, token in (("token", tokens.viewer), ("operator_token", tokens.operator)):
         if token is not None and len(token) < _MIN_LENGTH:
             raise ConfigError(f"web.{name}: a token needs {_MIN_LENGTH} characters or more")
+    if tokens.viewer is not None and tokens.viewer == tokens.operator:
+        raise ConfigError("web.token and web.operator_token are the same: who looks on could arm")
     if tokens.viewer is None and tokens.operator is None and not is_loopback(host):
         raise ConfigError(
             f"--output http://{host}: others can reach this address; name a token with "
@@ -127,7 +129,9 @@ class AccessControl:
             return session[0]
         scheme, _, token = connection.headers.get("authorization", "").partition(" ")
         if scheme.lower() == "bearer" and token.strip():
-            return self._role_of(token.strip(), address_of(connection))
+            # Headers are read as Latin-1, and a token's file as UTF-8.
+            text = token.strip().encode("latin-1").decode(errors="replace")
+            return self._role_of(text, address_of(connection))
         return "nobody"
 
     def log_in(self, token: str, address: str) -> tuple[Role, str]:

@@ -4,7 +4,9 @@ Lines are only added; the last one of an event holds. `wrong` says only that the
 of an alarm, that it was no human.
 """
 
+import contextlib
 import json
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -39,9 +41,17 @@ def add_label(path: Path, line: Mapping[str, Any]) -> None:
     full = {"format": FORMAT, "format_version": VERSION, **line}
     try:
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        if path.exists() and path.stat().st_size > _MAX_BYTES:
+        size = path.stat().st_size if path.exists() else 0
+        if size > _MAX_BYTES:
             raise OutputError(f"{path}: larger than {_MAX_BYTES / 1e6:g} MB; move it away")
-        with path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(full) + "\n")
+        # What a power cut has left of a line must not take this one along.
+        begin = b"\n" if size and path.read_bytes()[-1:] != b"\n" else b""
+        try:
+            with path.open("ab") as file:
+                file.write(begin + json.dumps(full).encode() + b"\n")
+        except OSError:
+            with contextlib.suppress(OSError):
+                os.truncate(path, size)
+            raise
     except OSError as err:
         raise OutputError(f"{path}: cannot keep the label: {err.strerror or err}") from err
