@@ -14,6 +14,15 @@ MARKS = [
     pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
 ]
 
+PANELS = {
+    "disarmed": {"panel": "disarmed", "armed": False, "open": {}},
+    "exit": {"panel": "exit", "armed": True, "delay_left_s": 20, "open": {}},
+    "entry": {"panel": "entry", "armed": True, "delay_left_s": 20, "open": {}},
+    "alarm": {"panel": "alarm", "armed": True, "open": {"alarm": "human at 1.8 m"}},
+    "tamper": {"panel": "armed", "armed": True, "open": {"tamper": "covered"}},
+}
+"""What a daemon tells of its panel, by the state that the page shows."""
+
 
 class Tab:
     """A page, and everything that its console complained of."""

@@ -6,7 +6,7 @@ import json
 import pytest
 
 from radard.config.sink_table import AppriseSection, SinkOptions
-from radard.errors import ConfigError, OutputError, UsageError
+from radard.errors import ConfigError, UsageError
 from radard.outputs.apprise import message_of
 from tests.processes import ran
 from tests.sink_helpers import QUICK, event, open_sink
@@ -90,12 +90,6 @@ def test_what_is_no_url_is_one_line_without_secrets(sink, rest):
     with pytest.raises(UsageError, match="no URL that Apprise knows") as caught:
         sink(f"apprise:{rest}")
     assert TOKEN not in str(caught.value)
-
-
-def test_without_the_package_the_extra_is_named(monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "apprise", None)
-    with pytest.raises(OutputError, match=r"needs apprise, which is not installed: .*\[notify\]"):
-        open_sink("apprise:json://h", SinkOptions())
 
 
 def test_a_test_alarm_and_a_sensor_of_several_are_named():

@@ -2,16 +2,11 @@
 
 import json
 import math
-import sys
 import uuid
 
 import pytest
 
-from radard.config.sink_table import SinkOptions
-from radard.errors import OutputError
-from radard.outputs.base import SinkContext
 from radard.outputs.lsl import CHANNELS
-from radard.outputs.registry import make_output
 from tests.processes import ran
 
 pytestmark = pytest.mark.integration
@@ -94,12 +89,6 @@ def test_pylsl_receives_decisions_and_events(tmp_path, monkeypatch, is_named):
     # Its frame had come in 2.5 s before it was written.
     assert 0 < told["ages"][0] <= 2.5
     assert told["ages"][1] < 0
-
-
-def test_without_pylsl_the_extra_is_named(monkeypatch):
-    monkeypatch.setitem(sys.modules, "pylsl", None)
-    with pytest.raises(OutputError, match=r"--output lsl:x: needs pylsl.*\[lsl\]"):
-        make_output("lsl:x", SinkOptions(), SinkContext())
 
 
 def test_a_run_says_nothing_of_the_library(tmp_path, monkeypatch):

@@ -420,3 +420,13 @@ def test_a_server_is_named_as_it_was(name):
     sink = opened(name)
     assert sink.name == name
     sink.close(0.1)
+
+
+@pytest.mark.parametrize(
+    ("url", "package", "extra"),
+    [("apprise:json://h", "apprise", "notify"), ("lsl:x", "pylsl", "lsl")],
+)
+def test_without_its_package_an_output_names_the_extra(url, package, extra, monkeypatch):
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(OutputError, match=rf"needs {package}.*\[{extra}\]"):
+        opened(url)

@@ -84,11 +84,11 @@ def test_a_broker_that_says_nothing_is_no_endless_wait(capsys, tmp_path):
     assert "no answer" in capsys.readouterr().err
 
 
-def test_messages_that_are_none_of_ours_are_counted_and_change_nothing():
+def test_a_stranger_at_the_broker_changes_nothing_and_does_not_steer_the_terminal():
     fleet = Fleet("radard")
-    good = b'{"state": "online", "reason": "", "fault": null, "tamper": null}'
+    told = {"state": "online", "tamper": "\x1b[2J", "fault": ["\x07"], "reason": {"a": 1}}
     fleet.take("radard/hall/availability", b"online", 1.0)
-    fleet.take("radard/hall/health", good, 1.0)
+    fleet.take("radard/hall/health", json.dumps(told).encode(), 1.0)
     for payload in (b"\xff", b"[1]", b"{", b"9" * 5000, b"[" * 100_000):
         for kind in ("state", "health"):
             fleet.take(f"radard/hall/{kind}", payload, 2.0)
@@ -96,8 +96,15 @@ def test_messages_that_are_none_of_ours_are_counted_and_change_nothing():
     fleet.take("radard/a/b/state", b"{}", 2.0)
     fleet.take("elsewhere/hall/state", b"{}", 2.0)
     assert fleet.n_ignored == 11
-    (row,) = fleet.rows(3.0)
-    assert (row["sensor"], row["state"]) == ("hall", "online")
+    for armed in (3, "yes", [], {}, None):
+        state = {"armed": armed, "label": "\x9b", "alarm": "x"}
+        fleet.take("radard/hall/state", json.dumps(state).encode(), 2.0)
+        (row,) = fleet.rows(3.0)
+        assert (row["sensor"], row["state"], row["armed"]) == ("hall", "online", None)
+        assert all(line.isprintable() for line in table([row]))
+        assert (row["tamper"], row["sees"]) == ("?[2J", "?")
+    fleet.take("radard/\x1bc/availability", b"online", 3.0)
+    assert len(fleet.rows(3.0)) == 1
 
 
 def test_alarms_come_first_then_trouble_and_what_was_removed_is_gone():
@@ -117,19 +124,3 @@ def test_alarms_come_first_then_trouble_and_what_was_removed_is_gone():
     for kind in ("availability", "health", "state"):
         fleet.take(f"radard/c/{kind}", b"", 62.0)
     assert [row["sensor"] for row in fleet.rows(63.0)] == ["b", "a"]
-
-
-def test_a_stranger_at_the_broker_neither_ends_the_watch_nor_steers_the_terminal():
-    fleet = Fleet("radard")
-    fleet.take("radard/hall/availability", b"online", 1.0)
-    told = {"state": "online", "tamper": "\x1b[2J", "fault": ["\x07"], "reason": {"a": 1}}
-    fleet.take("radard/hall/health", json.dumps(told).encode(), 1.0)
-    for armed in (3, "yes", [], {}, None):
-        state = {"armed": armed, "label": "\x9b", "alarm": "x"}
-        fleet.take("radard/hall/state", json.dumps(state).encode(), 1.0)
-        (row,) = fleet.rows(2.0)
-        assert row["armed"] is None
-        assert all(line.isprintable() for line in table([row]))
-        assert (row["tamper"], row["sees"]) == ("?[2J", "?")
-    fleet.take("radard/\x1bc/availability", b"online", 1.0)
-    assert len(fleet.rows(2.0)) == 1

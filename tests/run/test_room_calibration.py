@@ -56,17 +56,6 @@ def test_an_empty_room_is_kept_and_used(tmp_path, launch, caplog):
     assert pipeline.calibration is not None
 
 
-def test_a_room_with_somebody_in_it_is_refused(tmp_path, launch, caplog):
-    daemon = launch(sensor={**FAST, "port": "sim:human"}, gate=GATE)
-    told = ended(daemon)
-    assert told["phase"] == "failed"
-    assert "the room is not empty" in told["text"]
-    assert daemon.radar.parts.pipeline.calibration is None
-    assert daemon.stop() == 0
-    assert not list((tmp_path / "state").glob("*calibration*"))
-    assert "what held before holds" in caplog.text
-
-
 def test_a_file_that_cannot_be_written_holds_for_this_run(tmp_path, launch):
     (tmp_path / "file").write_text("")
     daemon = launch(sensor=FAST)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.browser_helpers import MARKS
+from tests.browser_helpers import MARKS, PANELS
 
 pytestmark = MARKS
 SHOWN = "[...document.querySelectorAll('{}')].filter(e => e.checkVisibility()).length"
@@ -65,13 +65,6 @@ def test_on_a_phone_decisions_come_before_the_charts(tab):
 
 
 BAR = ".brand svg, .sensor, #badge, .dot, .state, #theme, #arming button, .tabs a"
-PANELS = {
-    "disarmed": {"panel": "disarmed", "armed": False, "open": {}},
-    "exit": {"panel": "exit", "armed": True, "delay_left_s": 20, "open": {}},
-    "entry": {"panel": "entry", "armed": True, "delay_left_s": 20, "open": {}},
-    "alarm": {"panel": "alarm", "armed": True, "open": {"alarm": "human at 1.8 m"}},
-    "tamper": {"panel": "armed", "armed": True, "open": {"tamper": "covered"}},
-}
 
 
 @pytest.mark.parametrize("width", [320, 430, 820, 900, 1170, 1280])
