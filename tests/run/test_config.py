@@ -57,7 +57,9 @@ def test_a_file_that_is_named_and_not_there_is_said(capsys):
     write("", "ca.pem")
     write("mqtt: {password_file: gone, ca_file: ca.pem}\nweb: {labels_file: new.jsonl}\n")
     assert run_config(["check"]) == 0
-    assert capsys.readouterr().err == "radard: mqtt.password_file: gone: no such file\n"
+    said = capsys.readouterr()
+    assert said.err == "radard: mqtt.password_file: gone: no such file\n"
+    assert said.out == "configuration ok, but for the above\n"
 
 
 def test_order_file_environment_options():

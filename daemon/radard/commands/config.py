@@ -34,9 +34,10 @@ def run(argv: Sequence[str]) -> int:
     if args.what == "show":
         print("\n".join(shown(loaded)))
     else:
-        for text in sorted(set(_warnings(loaded.config))):
+        warnings = sorted(set(_warnings(loaded.config)))
+        for text in warnings:
             sys.stderr.write(f"radard: {text}\n")
-        print("configuration ok")
+        print("configuration ok, but for the above" if warnings else "configuration ok")
     return 0
 
 
