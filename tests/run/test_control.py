@@ -7,6 +7,7 @@ import pty
 import shutil
 import socket
 import stat
+import threading
 
 import numpy as np
 import pytest
@@ -178,6 +179,28 @@ def test_the_socket_of_a_daemon_that_was_killed_hides_no_other(
     found = (dead,)
     code, line = said("disarm")
     assert (code, line.endswith("no radard answers (Connection refused)")) == (1, True)
+
+
+@pytest.mark.parametrize("answer", [{"ok": True}, {"ok": True, "armed": True}, [], None])
+@pytest.mark.parametrize("command", ["arm", "ack", "test-alarm", "top"])
+def test_a_daemon_of_another_version_is_said(tmp_path, said, answer, command):
+    """As one that was not started again since an update; before, an internal error."""
+    with socket.socket(socket.AF_UNIX) as end:
+        end.bind(str(control_path(tmp_path, "radar")))
+        end.listen()
+
+        def serve():
+            line, _ = end.accept()
+            with line:
+                line.recv(4096)
+                line.sendall(json.dumps(answer).encode() + b"\n")
+
+        server = threading.Thread(target=serve)
+        server.start()
+        code, text = said(command)
+        server.join(60)
+    assert (code, text.count("\n"), "internal" in text) == (1, 0, False)
+    assert ("another version" in text) == isinstance(answer, dict)
 
 
 def test_one_of_several_that_does_not_answer_leaves_the_others_told(tmp_path, launch, said):

@@ -24,6 +24,13 @@ examples:
 The daemon's own user and root may do that: sudo -u radard radard {0}
 """
 
+_SAYS = {
+    "look": {"status", "panel", "records", "outputs", "picture"},
+    "test-alarm": {"outputs"},
+}
+_TOLD = {"armed", "mode", "panel", "delay_left_s", "ended"}
+"""What an answer to a command has, and to all others; one of another version may not."""
+
 
 class NoDaemon(RadardError):
     """No running daemon answers on the control socket."""
@@ -83,12 +90,14 @@ def asked(config: Config, sensor: str, command: str) -> Mapping[str, Any]:
             raise NotAllowed(msg) from err
         except FileNotFoundError:
             continue
-        except (OSError, ValueError) as err:
+        except (OSError, ValueError, TypeError) as err:
             # As that of a daemon that was killed; another one may have the next.
             fault = f"{path}: no radard answers ({getattr(err, 'strerror', None) or err})"
             continue
-        if not answer.get("ok"):
+        if answer.get("ok") is False:
             raise NoDaemon(str(answer.get("error", "refused")))
+        if not _SAYS.get(command, _TOLD) <= set(answer):
+            raise NoDaemon(f"{path}: a radard of another version answers; start that again")
         return answer
     raise NoDaemon(fault)
 
@@ -96,14 +105,13 @@ def asked(config: Config, sensor: str, command: str) -> Mapping[str, Any]:
 def _lines(name: str, answer: Mapping[str, Any]) -> list[str]:
     if name == "test-alarm":
         return [f"{each['output']}: {each['answer']}" for each in answer["outputs"]]
-    # A daemon that was not started again since an update may not say all of it.
-    armed, ended = answer.get("armed"), answer.get("ended")
+    armed, ended = answer["armed"], answer["ended"]
     if name == "ack":
         return [f"acknowledged: {ended}" if ended else "no alarm is on"]
     if armed is None:
         return [f"{name}: holds once there is a stream"]
-    how = "armed at home" if answer.get("mode") == "home" else "armed"
-    wait = f" in {answer['delay_left_s']:.0f} s" if answer.get("panel") == "exit" else ""
+    how = "armed at home" if answer["mode"] == "home" else "armed"
+    wait = f" in {answer['delay_left_s']:.0f} s" if answer["panel"] == "exit" else ""
     return [f"{how}{wait}" if armed else "disarmed"]
 
 

@@ -163,12 +163,14 @@ def _is_so(state: SensorState | None, command: str) -> bool:
 
 
 def ask(path: Path, command: str) -> Mapping[str, Any]:
-    """Give a daemon a command and return its answer; raises OSError or ValueError."""
+    """Give a daemon a command and return its answer; raises OSError, ValueError or TypeError."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line, _short(path) as address:
         line.settimeout(ANSWERED_S + _TAKEN_UP_S)
         line.connect(address)
         line.sendall(json.dumps({"command": command}).encode() + b"\n")
         answer: Mapping[str, Any] = json.loads(_first_line(line))
+        if not isinstance(answer, dict):
+            raise TypeError("its answer is no JSON object")
         return answer
 
 
