@@ -129,6 +129,14 @@ def test_the_model_that_is_asked_for(files, capsys):
     assert {row["p_human"] for row in csv.DictReader(io.StringIO(text))} == {""}
 
 
+def test_one_without_a_decision_is_said(capsys, tmp_path):
+    short = record_scene(tmp_path / "short.h5", "empty", n=100)
+    code, out, err = detect(capsys, short, "--model", "none")
+    assert (code, len(out.splitlines())) == (0, 1)
+    assert err == f"radard: {short}: no decision: it is shorter than a window\n"
+    assert detect(capsys, short, "--model", "none", "--rows", "events")[2] == ""
+
+
 @pytest.mark.integration
 def test_one_that_cannot_be_read_does_not_stop_the_others(files, capsys, tmp_path):
     out = tmp_path / "all.csv"

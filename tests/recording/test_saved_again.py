@@ -77,6 +77,30 @@ def test_hdf5_with_columns_or_rows_and_its_version_as_text(tmp_path, shape, vers
     same(again, source)
 
 
+@pytest.mark.parametrize("by_s", [-1e9, -1.0, 1e9, 1e15])
+def test_a_clock_of_a_file_that_begins_elsewhere_costs_no_frame(tmp_path, by_s):
+    """As one that counts from a trigger, or from 1970; before, those below 0 were left out."""
+    path, samples = make(tmp_path / "in.h5")
+    with h5py.File(path, "r+") as file:
+        file["frames/t_s"][...] += by_s
+    with open_recording(path) as reader:
+        frames = list(reader.frames())
+        assert [frame.index for frame in frames] == list(range(len(samples)))
+
+
+@pytest.mark.parametrize("value", [0, 7])
+def test_counters_that_do_not_count_are_refused(tmp_path, value):
+    """Before, all frames but the first were left out as repeats, and nothing was said."""
+    path, samples = make(tmp_path / "in.h5")
+    with h5py.File(path, "r+") as file:
+        file["frames/counter"][...] = value
+    with pytest.raises(RecordingError, match="counters that do not count"):
+        list(open_recording(path).frames())
+    for n in (1, 2):
+        make(tmp_path / f"{n}.h5", counters=[value] * n, samples=samples[:n])
+        assert len(list(open_recording(tmp_path / f"{n}.h5").frames())) == 1
+
+
 @pytest.mark.parametrize("version", ["2", "one", 1.5, ""])
 def test_a_version_that_is_not_ours_is_refused(tmp_path, version):
     path, _ = make(tmp_path / "in.h5")

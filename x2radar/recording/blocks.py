@@ -142,7 +142,8 @@ class BlockReader(Closing):
         repeated counters are skipped, as the driver does. Raises as `blocks`.
         """
         axis = self.stream.axis
-        begun = False
+        # Times of a file may begin below 0, as before a trigger: without a start, all is read.
+        begun = start_s <= 0
         for first, last, counter, steps, t_s in self._walk():
             # What lies before the start is counted too: file time is kept.
             late = np.maximum.accumulate((t_s >= start_s - 1e-9) | begun)
@@ -164,6 +165,8 @@ class BlockReader(Closing):
                 counted = self.read_counters(first, last)
                 if counted.dtype.kind == "f" and not (np.abs(counted) < _MAX_COUNT).all():
                     raise refuse(self.path, "counters that are no numbers of frames")
+                if first == 0 and last > 2 and (counted == counted[0]).all():
+                    raise refuse(self.path, "counters that do not count: all are the same")
                 counter = counted.astype(np.int64) % _WRAP
                 steps = [(*tracker.update(n), tracker.index) for n in counter.tolist()]
                 t_s = None if self._overrides.frame_rate_hz else self.read_times(first, last)

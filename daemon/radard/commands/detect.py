@@ -12,7 +12,7 @@ from radard.errors import OutputError, RadardError, UsageError
 from radard.run.components import make_classifier
 from radard.run.replays import Judged, judge_all
 from x2radar.atomic import whole_file
-from x2radar.command import Parser, StatusLine, bar, new_parser
+from x2radar.command import Parser, StatusLine, bar, legible, new_parser
 from x2radar.recording.registry import check_no_recording
 
 _EXAMPLES = """\
@@ -45,13 +45,16 @@ def run(argv: Sequence[str]) -> int:
     n_rows = 0
     with _table(kind, args.rows, args.out) as add:
         for judged in judge_all(paths, config, jobs=jobs, tell=tell):
-            if not judged.fault:
-                n_rows += add(judged)
-                continue
-            faulty.append(judged)
-            if len(paths) > 1:
+            note = judged.fault
+            if note:
+                faulty.append(judged)
+            elif (n := add(judged)) or args.rows != "decisions":
+                n_rows += n
+            else:
+                note = f"{legible(judged.path)}: no decision: it is shorter than a window"
+            if note and (len(paths) > 1 or not judged.fault):
                 line.clear()
-                print(f"radard: {judged.fault}", file=sys.stderr)
+                print(f"radard: {note}", file=sys.stderr)
         line.clear()
         if len(faulty) == len(paths):
             # Before a table without rows takes the place of an older one.
