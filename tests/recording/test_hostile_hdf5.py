@@ -320,4 +320,4 @@ def test_sigmf_that_makes_no_sense(tmp_path, change):
     }
     (tmp_path / "a.sigmf-data").write_bytes(bytes(640))
     (tmp_path / "a.sigmf-meta").write_text(json.dumps(root))
-    assert len(refused(tmp_path / "a.sigmf-meta")) < 1200
+    assert len(refused(tmp_path / "a.sigmf-meta")) <= 2000

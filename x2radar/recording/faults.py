@@ -1,4 +1,4 @@
-"""How a file is refused: one line, of bounded length, whatever is wrong with it."""
+"""How a file is refused: one line, whatever is wrong with it."""
 
 import contextlib
 from collections.abc import Iterator
@@ -6,13 +6,10 @@ from pathlib import Path
 
 from x2radar.errors import RecordingError, X2RadarError
 
-_MAX_MESSAGE = 1000  # characters of why a file is refused
-
 
 def refuse(path: object, why: str) -> RecordingError:
-    """Return the error that says in one line, of bounded length, what is wrong with a file."""
-    rest = " …" if len(why) > _MAX_MESSAGE else ""
-    return RecordingError(f"{path}: {why[:_MAX_MESSAGE]}{rest}")
+    """Return the error that says in one line what is wrong with a file."""
+    return RecordingError(f"{path}: {why}")
 
 
 def refuse_taken(path: Path) -> None:

@@ -25,7 +25,6 @@ from x2radar.sim.signal.effects import ReceiverEffects
 from x2radar.sim.things import draw_mount
 
 _T = TypeVar("_T")
-_MAX_MESSAGE = 1000  # characters of an error: a file's values may be of any length
 ERRORS_DB = (-40.0, -60.0, -80.0, -100.0)  # of the echoes' error, 20 dB apart
 _USUAL_ERROR_DB = -60.0  # 20 dB under the noise beside a body at 1 m
 _ERROR = Key(ERRORS_DB[-1], ERRORS_DB[0], "largest error of a bin over the echoes' sum, dB")
@@ -110,13 +109,9 @@ def parse_scene(text: str, name: str, where: str) -> Scene:
     """Return the scene that a YAML text says; raises as `load_scene`."""
     try:
         return _parsed(text, name, where)
-    except SceneError as err:
-        if len(str(err)) <= _MAX_MESSAGE:
-            raise
-        raise SceneError(f"{str(err)[:_MAX_MESSAGE]} …") from err
     except (TypeError, ValueError, LookupError, AttributeError, ArithmeticError) as err:
         # Values of kinds that no key takes: lists and mappings for numbers and words.
-        raise SceneError(f"{where}: a value makes no sense ({str(err)[:_MAX_MESSAGE]})") from err
+        raise SceneError(f"{where}: a value makes no sense ({err})") from err
 
 
 def _parsed(text: str, name: str, where: str) -> Scene:
