@@ -6,11 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.framing_helpers import Packing
+from tests.framing_helpers import encode as packed
 from tests.module_helpers import EMPTY, MANUAL, REFUSED, UNKNOWN, ask, fps, frames, module, said
 from x2radar.sim.module.module import BOOT_S, RESET_DELAY_S
 from x2radar.wire import framing
 from x2radar.wire.codec import encode
-from x2radar.wire.framing import Packing
 from x2radar.wire.messages import (
     Ack,
     BasebandAp,
@@ -99,7 +100,7 @@ def test_answers(command, answer):
 @pytest.mark.parametrize("packing", list(Packing))
 def test_any_packing_is_understood(packing):
     m = module()
-    m.receive(framing.encode(encode(Ping()), packing))
+    m.receive(packed(encode(Ping()), packing))
     m.receive(framing.encode(encode(Ping())))
     assert said(m) == [Pong(PongCode.READY)] * 2
 
