@@ -9,7 +9,7 @@ from x2radar.errors import SceneError
 from x2radar.keys import Key
 from x2radar.sim.bodies.body import Body, BodyPlan
 from x2radar.sim.bodies.motion import MOTIONS
-from x2radar.sim.bodies.motion.angles import AngleQuadruped
+from x2radar.sim.bodies.motion.angles import draw_angle_quadruped
 from x2radar.sim.bodies.motion.quadrupeds import gait
 from x2radar.sim.bodies.motion.quadrupeds.footfalls import draw_footfall_quadruped
 from x2radar.sim.bodies.motion.quadrupeds.gait import FOOTWORK, Going
@@ -106,7 +106,7 @@ def draw_pet(
         looks_s = course.start_s, course.end_s
     moves: Motion = Hung(build, action, manner)
     if motion != "gait" and isinstance(action, Going):
-        other = draw_footfall_quadruped if motion == "footfalls" else AngleQuadruped.draw
+        other = draw_footfall_quadruped if motion == "footfalls" else draw_angle_quadruped
         moves = other(rng, course, build, style)
     half = np.array(build.half_lengths())
     plan = BodyPlan(row.label, QUADRUPED.names, half, moves, QUADRUPED.n_trunk, QUADRUPED.gain)

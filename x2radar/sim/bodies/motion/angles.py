@@ -5,6 +5,7 @@ walking and running of Winter (Biomechanics and Motor Control of Human Movement)
 biomechanics of running, 1998), trotting dogs of Hottinger et al. 1996; recalled.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Self
 
@@ -21,7 +22,7 @@ from x2radar.sim.bodies.motion.quadrupeds.footfalls import (
 from x2radar.sim.bodies.motion.quadrupeds.hung import Trunk
 from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.bodies.path.prints import StridePhase
-from x2radar.sim.bodies.pose import UP, Ends, Pose
+from x2radar.sim.bodies.pose import UP, Ends, Motion, Pose
 from x2radar.sim.bodies.skeleton import quadrupeds
 from x2radar.sim.bodies.skeleton.people import PersonBuild
 from x2radar.sim.bodies.skeleton.quadrupeds import QuadrupedBuild
@@ -56,32 +57,31 @@ def harmonics(degrees: ArrayLike) -> NDArray[np.complex128]:
     return np.asarray(np.fft.rfft(curve)[: N_HARMONICS + 1] / len(curve))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class JointCurve:
-    """An angle over the phase of a stride."""
+JointCurve = Callable[[Array, Array], Array]
+"""An angle, in radians, by the phase in strides and the vigour; 0 leaves the mean alone."""
 
-    mean_rad: float  # over the stride
-    amplitude_rad: Array  # (N_HARMONICS,): of the harmonics
-    phase_rad: Array  # (N_HARMONICS,)
 
-    @classmethod
-    def draw(
-        cls, rng: np.random.Generator, coefficients: NDArray[np.complex128], scale: float = 1.0
-    ) -> Self:
-        """Draw a curve about a mean one: about twice the spread between people (Winter)."""
-        n = N_HARMONICS
-        c = coefficients[1:]
-        size = 2 * scale * np.abs(c) * np.exp(0.2 * rng.standard_normal(n))
-        size += 0.1 * size[0] * rng.random(n) * (np.arange(n) > 0)
-        phase = np.angle(c) + 0.15 * rng.standard_normal(n)
-        mean = scale * float(coefficients[0].real) + np.deg2rad(5.0) * rng.standard_normal()
-        return cls(float(mean), size, phase)
+def curve(mean_rad: float, amplitude_rad: Array, phase_rad: Array) -> JointCurve:
+    """Return an angle over the phase of a stride, of `N_HARMONICS` harmonics."""
 
-    def at(self, phase: Array, vigour: Array) -> Array:
-        """Return the angle, in radians, at phases in strides; `vigour` 0 leaves the mean alone."""
-        turn = 2 * np.pi * phase[:, None] * np.arange(1, N_HARMONICS + 1) + self.phase_rad
-        swing = (self.amplitude_rad * np.cos(turn)).sum(axis=1)
-        return np.asarray(self.mean_rad * (0.3 + 0.7 * vigour) + vigour * swing)
+    def at(phase: Array, vigour: Array) -> Array:
+        turn = 2 * np.pi * phase[:, None] * np.arange(1, N_HARMONICS + 1) + phase_rad
+        swing = (amplitude_rad * np.cos(turn)).sum(axis=1)
+        return np.asarray(mean_rad * (0.3 + 0.7 * vigour) + vigour * swing)
+
+    return at
+
+
+def draw_curve(
+    rng: np.random.Generator, coefficients: NDArray[np.complex128], scale: float
+) -> JointCurve:
+    """Draw a curve about a mean one: about twice the spread between people (Winter)."""
+    n, c = N_HARMONICS, coefficients[1:]
+    size = 2 * scale * np.abs(c) * np.exp(0.2 * rng.standard_normal(n))
+    size += 0.1 * size[0] * rng.random(n) * (np.arange(n) > 0)
+    phase = np.angle(c) + 0.15 * rng.standard_normal(n)
+    mean = scale * float(coefficients[0].real) + np.deg2rad(5.0) * rng.standard_normal()
+    return curve(float(mean), size, phase)
 
 
 _BACKWARDS_SHARE = 0.15  # of people who do not run (a guess)
@@ -119,17 +119,17 @@ class AnglePerson(StridingPerson):
         opening_m = stride * mean - build.foot_m
         scale = float(np.clip(opening_m / (2 * leg_m * np.sin(0.36)), 0.25, 1.5))
         legs = [
-            JointCurve.draw(rng, harmonics(curve), share)
-            for curve, share in zip(
+            draw_curve(rng, harmonics(mean_curve), share)
+            for mean_curve, share in zip(
                 RUN if run else WALK, (scale, *[0.4 + 0.6 * scale] * 2), strict=True
             )
         ]
         n = N_HARMONICS
         swing = 0.35 * scale * float(np.exp(0.5 * z[1])) * (0.15 if style == "carry" else 1.0)
         size = swing * np.array([1.0, 0.12, 0.04, 0.02]) * np.exp(0.3 * rng.standard_normal(n))
-        shoulder = JointCurve(0.1 * z[2], size, np.pi + 0.3 * rng.standard_normal(n))
+        shoulder = curve(0.1 * z[2], size, np.pi + 0.3 * rng.standard_normal(n))
         bend = 1.4 if run or style == "carry" else 0.4
-        elbow = JointCurve(bend * float(np.exp(0.3 * z[3])), 0.6 * size, np.pi - 0.4 + 0 * size)
+        elbow = curve(bend * float(np.exp(0.3 * z[3])), 0.6 * size, np.pi - 0.4 + 0 * size)
         limp = 0.1 if style == "limp" else 0.02 * z[4]
         hop = float(0.04 * run * np.exp(0.3 * z[9]))
         surge = float(0.018 * leg_m * np.exp(0.6 * rng.standard_normal()))
@@ -174,7 +174,7 @@ class AnglePerson(StridingPerson):
     def _leg(self, k: int, middle: Array, now: Moment) -> list[Ends]:
         b, vigour = self.build, now.vigour
         phase = now.phase - self.lag[k]
-        hip_rad, knee_rad, ankle_rad = (j.at(phase, vigour) for j in self.joints[:3])
+        hip_rad, knee_rad, ankle_rad = (joint(phase, vigour) for joint in self.joints[:3])
         knee_rad = np.maximum(knee_rad, 0.02) + 1.6 * self.crouch_rad
         hip_rad = hip_rad + self.crouch_rad
         shank_rad = hip_rad - knee_rad
@@ -192,90 +192,38 @@ class AnglePerson(StridingPerson):
 
     def _arm_swing(self, k: int, now: Moment, chest_rad: Array) -> Swing:  # noqa: ARG002 - these swing where the body faces
         phase, gesture = now.phase - self.lag[2 + k], now.gesture
-        angle = self.joints[3].at(phase, now.vigour) + gesture[:, 2 * k]
-        bend = np.maximum(self.joints[4].at(phase, now.vigour) + gesture[:, 2 * k + 1], 0.05)
+        angle = self.joints[3](phase, now.vigour) + gesture[:, 2 * k]
+        bend = np.maximum(self.joints[4](phase, now.vigour) + gesture[:, 2 * k + 1], 0.05)
         return now.facing_rad, angle, bend, 0.12
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class AngleQuadruped:
-    """An animal that goes along a path; a `Motion`."""
+def draw_angle_quadruped(
+    rng: np.random.Generator, path: Path, b: QuadrupedBuild, style: str
+) -> Motion:
+    """Draw how an animal goes along a path by joint angles."""
+    z, u = rng.standard_normal(6).clip(-2, 2), rng.random(3)
+    cruise_mps = max(path.cruise_mps, 0.05)
+    gait, lag = draw_lags(rng, style, cruise_mps, b, (0.05, u[0]))
+    fr = cruise_mps**2 / (9.81 * b.hip_m)
+    stride = 2.5 * b.hip_m * fr**0.36 * float(np.exp(0.15 * z[0]))
+    duty = float(np.clip(0.52 * fr**-0.14, 0.28, 0.7))
+    # Legs that open as wide as the stride asks.
+    scale = float(np.clip(stride * duty / (2 * b.hip_m * np.sin(0.3)), 0.3, 2.0))
+    joints = [
+        draw_curve(rng, harmonics(mean), scale if k % 2 == 0 else 0.5 + 0.5 * scale)
+        for k, mean in enumerate(DOG)
+    ]
+    w = Bearing.draw(rng, gait, style)
+    strides = StridePhase.along(path, lambda v: stride * (v / cruise_mps) ** 0.7)
+    crouch_rad = (0.45 if style == "stalk" else 0.0) + 0.12 * float(u[1])  # of all legs
+    flight = float((0.08 if gait in LEAPS else 0.02) * np.exp(0.3 * z[1]))  # in hip heights
 
-    path: Path
-    build: QuadrupedBuild
-    bearing: Bearing
-    phase: StridePhase  # strides done
-    cruise_mps: float  # speed at which amplitudes are whole
-    joints: tuple[JointCurve, ...]  # of the fore leg's upper and middle joint, and the hind leg's
-    lag: Array  # (4,): of the legs, in strides
-    crouch_rad: float  # added to all legs' angles
-    hop: float  # height of the flight in hip heights
-
-    @classmethod
-    def draw(cls, rng: np.random.Generator, path: Path, build: QuadrupedBuild, style: str) -> Self:
-        """Draw how an animal goes along a path."""
-        z, u = rng.standard_normal(6).clip(-2, 2), rng.random(3)
-        cruise = max(path.cruise_mps, 0.05)
-        gait, lag = draw_lags(rng, style, cruise, build, (0.05, u[0]))
-        fr = cruise**2 / (9.81 * build.hip_m)
-        stride = 2.5 * build.hip_m * fr**0.36 * float(np.exp(0.15 * z[0]))
-        duty = float(np.clip(0.52 * fr**-0.14, 0.28, 0.7))
-        # Legs that open as wide as the stride asks.
-        scale = float(np.clip(stride * duty / (2 * build.hip_m * np.sin(0.3)), 0.3, 2.0))
-        joints = tuple(
-            JointCurve.draw(rng, harmonics(mean), scale if k % 2 == 0 else 0.5 + 0.5 * scale)
-            for k, mean in enumerate(DOG)
-        )
-        return cls(
-            path,
-            build,
-            Bearing.draw(rng, gait, style),
-            StridePhase.along(path, lambda v: stride * (v / cruise) ** 0.7),
-            cruise,
-            joints,
-            lag,
-            (0.45 if style == "stalk" else 0.0) + 0.12 * float(u[1]),
-            float((0.08 if gait in LEAPS else 0.02) * np.exp(0.3 * z[1])),
-        )
-
-    def __call__(self, t_s: Array) -> Pose:
-        b, w = self.build, self.bearing
-        state = self.path.at(t_s)
-        vigour = np.clip(state.speed_mps / self.cruise_mps, 0.0, 1.0)
-        p = self.phase.at(t_s)
-        heading = state.heading_rad
-        place = np.stack([state.x_m, state.y_m, np.zeros_like(heading)], axis=-1)
-        turn = 2 * np.pi * w.bobs * (p - w.bob_lag)
-        surge = b.hip_m * w.surge * vigour * np.cos(turn)
-        place = place + surge[:, None] * direction(heading)
-        legs = [self._leg(k, place, heading, p - self.lag[k], vigour) for k in range(4)]
-        drop = np.stack([-leg[-1][1][:, 2] for leg in legs], axis=1)
-        soft = _SOFT * b.hip_m
-        hop = self.hop * b.hip_m * vigour * (1 - np.cos(2 * np.pi * w.bobs * (p - w.bob_lag)))
-        hind, fore = (
-            soft * np.logaddexp(drop[:, a] / soft, drop[:, a + 2] / soft) - 0.69 * soft + hop
-            for a in (0, 1)
-        )
-        middle = place + (0.5 * (hind + fore))[:, None] * UP
-        trunk = Trunk(
-            middle_m=middle,
-            heading_rad=heading,
-            pitch_rad=np.arctan2(fore - hind, b.back_m),
-            nod=np.sin(2 * np.pi * w.bobs * p * vigour),
-        )
-        lifts = [height[:, None] * UP for height in (hind, fore)]
-        raised = [(a + lifts[k % 2], c + lifts[k % 2]) for k in range(4) for a, c in legs[k]]
-        return w.manner.over_legs(t_s, b, trunk, raised)
-
-    def _leg(
-        self, k: int, middle: Array, heading: Array, phase: Array, vigour: Array
-    ) -> list[Ends]:
-        b, end = self.build, quadrupeds.ENDS[k]
-        upper, lower = self.joints[:2] if end > 0 else self.joints[2:]
-        bend = np.maximum(lower.at(phase, vigour), 0.05) + self.crouch_rad
+    def leg(k: int, middle: Array, heading: Array, phase: Array, vigour: Array) -> list[Ends]:
+        end, side = quadrupeds.ENDS[k], 0.9 * quadrupeds.SIDES[k] * b.half_track_m
+        upper, lower = joints[:2] if end > 0 else joints[2:]
+        bend = np.maximum(lower(phase, vigour), 0.05) + crouch_rad
         # The fore leg's elbow points back, the hind leg's stifle ahead.
-        first = upper.at(phase, vigour) - 0.5 * end * bend
-        side = 0.9 * quadrupeds.SIDES[k] * b.half_track_m
+        first = upper(phase, vigour) - 0.5 * end * bend
         top = middle + 0.5 * end * b.back_m * direction(heading)
         top, knee, ankle, paw = hang(
             top + side * direction(heading + 0.5 * np.pi),
@@ -285,3 +233,29 @@ class AngleQuadruped:
             (first + end * bend + 0.5 + 0.3 * bend, b.paw_m, 0.0),
         )
         return [(top, knee), (knee, ankle), (ankle, paw)]
+
+    def pose(t_s: Array) -> Pose:
+        state, p = path.at(t_s), strides.at(t_s)
+        heading, vigour = state.heading_rad, np.clip(state.speed_mps / cruise_mps, 0.0, 1.0)
+        turn, soft = 2 * np.pi * w.bobs * (p - w.bob_lag), _SOFT * b.hip_m
+        place = np.stack([state.x_m, state.y_m, np.zeros_like(heading)], axis=-1)
+        surge = b.hip_m * w.surge * vigour * np.cos(turn)
+        place = place + surge[:, None] * direction(heading)
+        legs = [leg(k, place, heading, p - lag[k], vigour) for k in range(4)]
+        drop = np.stack([-ends[-1][1][:, 2] for ends in legs], axis=1)
+        hop = flight * b.hip_m * vigour * (1 - np.cos(turn))
+        hind, fore = (
+            soft * np.logaddexp(drop[:, a] / soft, drop[:, a + 2] / soft) - 0.69 * soft + hop
+            for a in (0, 1)
+        )
+        trunk = Trunk(
+            middle_m=place + (0.5 * (hind + fore))[:, None] * UP,
+            heading_rad=heading,
+            pitch_rad=np.arctan2(fore - hind, b.back_m),
+            nod=np.sin(2 * np.pi * w.bobs * p * vigour),
+        )
+        lifts = [height[:, None] * UP for height in (hind, fore)]
+        raised = [(a + lifts[k % 2], c + lifts[k % 2]) for k in range(4) for a, c in legs[k]]
+        return w.manner.over_legs(t_s, b, trunk, raised)
+
+    return pose
