@@ -23,7 +23,7 @@ def test_a_pause_holds_and_says_so():
     reminders, changes = [], []
     playback = Playback(10.0, None, lambda: reminders.append(1))
     playback.listen(lambda: changes.append(1))
-    playback.pause()
+    playback.play(is_playing=False)
     assert not playback.state.is_playing
     assert playback.wait_s(1.0) > 0
     assert playback.wait_s(1.0) > 0
@@ -35,7 +35,7 @@ def test_a_pause_holds_and_says_so():
 
 def test_a_seek_wakes_a_pause_and_is_told_once():
     playback = Playback(10.0, 1.0)
-    playback.pause()
+    playback.play(is_playing=False)
     playback.seek(4.0)
     assert playback.state.position_s == 4.0
     assert (playback.wait_s(1.0), playback.take_seek()) == (0.0, 4.0)
@@ -46,7 +46,7 @@ def test_a_seek_wakes_a_pause_and_is_told_once():
 @pytest.mark.parametrize("is_before", [True, False])
 def test_closing_frees_the_reader(is_before):
     playback = Playback(10.0, 0.25)
-    playback.pause()
+    playback.play(is_playing=False)
     assert playback.wait_s(0.0) > 0
     # Between asking and waiting, too.
     if is_before:

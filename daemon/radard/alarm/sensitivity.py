@@ -25,6 +25,7 @@ SENSITIVITIES: dict[str, dict[str, Numbers]] = {
     },
 }
 """By decision policy and name: K of N, least p(human) of a hit, and of still being there."""
+_TIMES = ("exit_delay_s", "entry_delay_s", "latch_s", "refractory_s")
 
 
 def alarm_policy(section: AlarmSection, decision_policy: str) -> AlarmPolicy:
@@ -34,16 +35,8 @@ def alarm_policy(section: AlarmSection, decision_policy: str) -> AlarmPolicy:
     n = section.confirm_n or max(n, k)
     p_on = section.p_on if section.p_on is not None else p_on
     p_off = section.p_off if section.p_off is not None else min(p_off, p_on or p_off)
-    return AlarmPolicy(
-        k=k,
-        n=n,
-        p_on=p_on,
-        p_off=p_off,
-        exit_delay_s=section.exit_delay_s,
-        entry_delay_s=section.entry_delay_s,
-        latch_s=section.latch_s,
-        refractory_s=section.refractory_s,
-    )
+    times = {name: getattr(section, name) for name in _TIMES}
+    return AlarmPolicy(k=k, n=n, p_on=p_on, p_off=p_off, **times)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

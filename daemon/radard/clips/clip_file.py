@@ -18,24 +18,14 @@ import numpy as np
 from radard.clips.room import date_last
 from radard.clips.spectrogram_png import PictureMaker, Rgb, encode_png
 from radard.errors import OutputError
+from radard.judge.bundle import PROBABILITIES
 from x2radar.atomic import write_atomically
 from x2radar.errors import RecordingError
 from x2radar.frame import Frame, StreamInfo
 from x2radar.recording.hdf5_writer import RecordingWriter
 
 _TEXTS = ("gate", "label")
-_NUMBERS = (
-    "power_db",
-    "noise_floor_db",
-    "threshold_db",
-    "p_human",
-    "p_pet",
-    "p_other",
-    "fused_p_human",
-    "fused_p_pet",
-    "fused_p_other",
-    "range_m",
-)
+_NUMBERS = ("power_db", "noise_floor_db", "threshold_db", *PROBABILITIES, "range_m")
 _WHOLE = ("seq", "frames", "dropped", "alarm")
 
 

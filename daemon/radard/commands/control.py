@@ -6,6 +6,7 @@ from typing import Any
 
 from radard.config.config import Config, load_config
 from radard.config.directories import status_dirs
+from radard.config.options import add_options
 from radard.errors import NotAllowed, RadardError, UsageError
 from radard.run.control import ask, control_path
 from x2radar.command import Parser, new_parser
@@ -40,11 +41,10 @@ class NoDaemon(RadardError):
 
 def make_parser(name: str) -> Parser:
     parser = new_parser(f"radard {name}", _WORDS[name], _EXAMPLES.format(name))
-    add = parser.add_argument
     if name == "arm":
-        add("--home", action="store_true", help="leave out zones.away: people are at home")
-    add("--sensor", metavar="NAME", help="only this one (all that are configured)")
-    add("--config", type=Path, metavar="FILE", help="configuration file")
+        text = "leave out zones.away: people are at home"
+        parser.add_argument("--home", action="store_true", help=text)
+    add_options(parser, "--sensor", "--config")
     return parser
 
 

@@ -13,6 +13,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, TextIO
 
+from radard.judge.bundle import PROBABILITIES
 from radard.outputs.records import Record
 from radard.run.replays import Judged
 from x2radar.command import legible
@@ -26,9 +27,7 @@ DECISIONS: Mapping[str, str] = {
     "t_s": "float64",
     "time": "string",
     "gate": "string",
-    **dict.fromkeys(("power_db", "noise_floor_db", "threshold_db"), "float64"),
-    **dict.fromkeys(("p_human", "p_pet", "p_other"), "float64"),
-    **dict.fromkeys(("fused_p_human", "fused_p_pet", "fused_p_other"), "float64"),
+    **dict.fromkeys(("power_db", "noise_floor_db", "threshold_db", *PROBABILITIES), "float64"),
     "label": "string",
     "alarm": "bool_",
     "range_m": "float64",

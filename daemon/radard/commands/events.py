@@ -49,9 +49,8 @@ def make_parser() -> Parser:
 
 def _configured(file: Path | None) -> Path:
     config = load_config(file)
-    for output in config.output:
-        if output.startswith("store:"):
-            return named_file(output)
+    if (store := config.named_output("store")) is not None:
+        return named_file(store)
     own = log_path(config)
     if own is not None and own.is_file():
         return own

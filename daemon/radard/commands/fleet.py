@@ -83,7 +83,10 @@ class Fleet:
 def run(argv: Sequence[str]) -> int:
     args = make_parser().parse_args(argv)
     config = load_config(args.config)
-    url = args.url or _configured(config)
+    url = args.url or config.named_output("mqtt", "mqtts")
+    if url is None:
+        text = "no broker: give mqtt://HOST, or an output mqtt://HOST in the configuration"
+        raise UsageError(text)
     if not args.wait > 0:
         raise UsageError(f"--wait {args.wait:g}: must be above 0, in seconds")
     with _watched(url, config) as (fleet, listen):
@@ -183,13 +186,6 @@ def _watched(url: str, config: Config) -> Iterator[tuple[Fleet, Callable[[float]
         yield fleet, listen
     finally:
         link.close(0.5)
-
-
-def _configured(config: Config) -> str:
-    for output in config.output:
-        if output.partition(":")[0] in {"mqtt", "mqtts"}:
-            return output
-    raise UsageError("no broker: give mqtt://HOST, or an output mqtt://HOST in the configuration")
 
 
 def _plain(value: object) -> str:

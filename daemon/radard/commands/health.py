@@ -3,12 +3,12 @@
 import json
 import os
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
-from radard.config.config import Config, load_config
+from radard.config.config import load_config
 from radard.config.directories import status_dirs
-from radard.health.status_file import StatusReport, read_status, status_path
+from radard.config.options import add_options
+from radard.health.status_file import read_status, status_path
 from x2radar.command import Parser, new_parser
 
 _ABOUT = {
@@ -48,10 +48,8 @@ def told(line: str, panel: Mapping[str, Any]) -> str:
 def make_parser(name: str) -> Parser:
     text, example = _ABOUT[name]
     parser = new_parser(f"radard {name}", text, _EXAMPLES.format(name, example))
-    add = parser.add_argument
-    add("--sensor", metavar="NAME", help="only this one (all that are configured)")
-    add("--config", type=Path, metavar="FILE", help="configuration file")
-    add("--json", action="store_true", help="all that the status file says")
+    add_options(parser, "--sensor", "--config")
+    parser.add_argument("--json", action="store_true", help="all that the status file says")
     return parser
 
 
@@ -60,7 +58,11 @@ def run(argv: Sequence[str], name: str) -> int:
     args = make_parser(name).parse_args(argv)
     config = load_config(args.config)
     names = [args.sensor] if args.sensor else [each.sensor.name for each in config.each()]
-    reports = {sensor: _report(sensor, config) for sensor in names}
+    reports = {}
+    for sensor in names:
+        paths = [status_path(folder, sensor) for folder in status_dirs(config)]
+        # Not Path.is_file, which raises where others may not look into the folder.
+        reports[sensor] = read_status(next(filter(os.path.isfile, paths), paths[-1]))
     for sensor, report in reports.items():
         if args.json:
             about = {"healthy": report.is_healthy, "line": report.line, **report.content}
@@ -71,9 +73,3 @@ def run(argv: Sequence[str], name: str) -> int:
             print(f"{sensor}: {line}" if len(reports) > 1 else line)
     # As /healthz says it: degraded, with one of several away, is not down.
     return 0 if any(report.is_healthy for report in reports.values()) else 1
-
-
-def _report(name: str, config: Config) -> StatusReport:
-    paths = [status_path(folder, name) for folder in status_dirs(config)]
-    # Not Path.is_file, which raises where others may not look into the folder.
-    return read_status(next(filter(os.path.isfile, paths), paths[-1]))

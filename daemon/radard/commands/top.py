@@ -7,7 +7,6 @@ import sys
 import termios
 import tty
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from rich.console import Console, Group, RenderableType
@@ -18,6 +17,7 @@ from rich.text import Text
 from radard.commands.control import asked, sensors_asked
 from radard.commands.health import told
 from radard.config.config import Config, load_config
+from radard.config.options import add_options
 from radard.errors import RadardError
 from x2radar.command import Parser, new_parser
 
@@ -59,10 +59,8 @@ def run(argv: Sequence[str]) -> int:
 
 def make_parser() -> Parser:
     parser = new_parser("radard top", "Watch the daemon that runs here.", _EXAMPLES)
-    add = parser.add_argument
-    add("--sensor", metavar="NAME", help="only this one (all that are configured)")
-    add("--config", type=Path, metavar="FILE", help="configuration file")
-    add("--once", action="store_true", help="as it is now, and end")
+    add_options(parser, "--sensor", "--config")
+    parser.add_argument("--once", action="store_true", help="as it is now, and end")
     return parser
 
 

@@ -91,6 +91,10 @@ class Config(SinkOptions, RadarSections):
         """Whether this is, or is for, a run of several radars."""
         return bool(self.sensors)
 
+    def named_output(self, *schemes: str) -> str | None:
+        """Return the first output of these schemes; None without one."""
+        return next((o for o in self.output if o.partition(":")[0] in schemes and ":" in o), None)
+
     def digest(self) -> str:
         """Return a hash, 16 hex digits, of what decisions and alarms depend on."""
         sections = {"model", "gate", "decision", "alarm", "zones", "tamper"}

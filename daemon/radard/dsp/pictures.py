@@ -5,7 +5,7 @@ as far as the range tells them apart, see `radard.dsp.unfold`) and Doppler (mu, 
 network sees). A fourth, gait, is the cadence velocity diagram of the last two seconds.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,14 +86,8 @@ class Spectrograms:
 
     def __init__(self, axis: FastTimeAxis, frame_rate_hz: float) -> None:
         self._thin = -(-axis.n_range // _MAX_BINS)
-        axis = FastTimeAxis(
-            kind="baseband",
-            n_range=-(-axis.n_range // self._thin),
-            bin_length_m=axis.bin_length_m * self._thin,
-            range_offset_m=axis.range_offset_m,
-            carrier_hz=axis.carrier_hz,
-            bandwidth_hz=axis.bandwidth_hz,
-        )
+        n_range = -(-axis.n_range // self._thin)
+        axis = replace(axis, n_range=n_range, bin_length_m=axis.bin_length_m * self._thin)
         self._rate_hz = frame_rate_hz
         self._stride = max(1, round(frame_rate_hz / COLUMN_RATE_HZ))
         self.column_s = self._stride / frame_rate_hz

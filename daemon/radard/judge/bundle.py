@@ -23,6 +23,8 @@ from x2radar.frame import FastTimeAxis
 
 SCHEMA = 1
 CLASSES = ("human", "pet", "other")
+PROBABILITIES = tuple(f"{of}p_{name}" for of in ("", "fused_") for name in CLASSES)
+"""Keys of a decision's record: of its window, and of the evidence so far."""
 _MAX_HIDDEN = 4096  # far more than any head here, little enough to keep
 _STREAM_KEYS = ("frame_rate_hz", "bin_length_m", "carrier_hz", "bandwidth_hz")
 

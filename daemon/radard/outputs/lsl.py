@@ -11,6 +11,7 @@ from typing import Any
 
 from radard.config.sink_table import SinkOptions
 from radard.errors import OutputError
+from radard.judge.bundle import PROBABILITIES
 from radard.outputs.base import Record, SinkContext
 from radard.outputs.stdout import json_line
 from radard.outputs.thread_sink import DirectSink
@@ -18,19 +19,7 @@ from x2radar.backoff import Backoff
 from x2radar.errors import MissingExtra
 from x2radar.extras import needed
 
-CHANNELS = (
-    "alarm",
-    "gate_open",
-    "p_human",
-    "p_pet",
-    "p_other",
-    "fused_p_human",
-    "fused_p_pet",
-    "fused_p_other",
-    "power_db",
-    "threshold_db",
-    "range_m",
-)
+CHANNELS = ("alarm", "gate_open", *PROBABILITIES, "power_db", "threshold_db", "range_m")
 """Of a sample, in order; alarm and gate_open are 0 or 1, NaN in a window that is invalid."""
 _QUIET = "[log]\nlevel = -1\n"  # warnings and errors; liblsl greets on stderr otherwise
 _CONFIGS = ("lsl_api.cfg", "~/lsl_api/lsl_api.cfg", "/etc/lsl_api/lsl_api.cfg")

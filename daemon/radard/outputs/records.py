@@ -12,6 +12,7 @@ from radard.alarm.events import Event
 from radard.config.config import Config
 from radard.config.credentials import redact
 from radard.health.health import Status
+from radard.judge.bundle import CLASSES
 from radard.judge.classifier import Probabilities
 from radard.judge.decision import Decision, TrackVerdict, pet_limit_of
 from radard.pipeline import Pipeline
@@ -19,6 +20,7 @@ from x2radar.command import installed_version
 from x2radar.wall_clock import utc_text
 
 SCHEMA = 1  # of output.schema.json
+_OF_AXIS = ("kind", "n_range", "bin_length_m", "range_offset_m", "carrier_hz")
 Record = dict[str, Any]
 
 
@@ -40,11 +42,7 @@ def hello_record(
         "policy": pipeline.policy,
         "pet_limit": pet_limit_of(config, bundle),
         "frame_rate_hz": pipeline.stream.frame_rate_hz,
-        "kind": axis.kind,
-        "n_range": axis.n_range,
-        "bin_length_m": axis.bin_length_m,
-        "range_offset_m": axis.range_offset_m,
-        "carrier_hz": axis.carrier_hz,
+        **{name: getattr(axis, name) for name in _OF_AXIS},
         "dwell_frames": pipeline.shape.n_slow,
         "hop_s": pipeline.shape.hop_s,
         "armed": is_armed,
@@ -118,11 +116,7 @@ def _track(track: TrackVerdict) -> Record:
 
 
 def _probabilities(prefix: str, p: Probabilities | None) -> Record:
-    return {
-        f"{prefix}human": _round(p.human, 4) if p else None,
-        f"{prefix}pet": _round(p.pet, 4) if p else None,
-        f"{prefix}other": _round(p.other, 4) if p else None,
-    }
+    return {f"{prefix}{name}": _round(getattr(p, name), 4) if p else None for name in CLASSES}
 
 
 def _round(value: float, digits: int) -> float:

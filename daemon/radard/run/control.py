@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 log = logging.getLogger("radard")
 COMMANDS = ("arm", "arm-home", "disarm", "ack", "test-alarm", "look")
 _TOLD = ("armed", "mode", "panel", "delay_left_s")
-_MAX_BYTES = 4096  # of a request; they have about thirty
+_MAX_BYTES = 65_536  # of a line; requests have about thirty, and what `top` shows some thousand
 _REQUEST_S = 2.0  # the other end is a program on the same machine
 _TAKEN_UP_S = 5.0  # a worker is never so long in one dwell
 _MAX_ADDRESS = 107  # bytes of a Unix socket's path, unix(7)
@@ -114,7 +114,7 @@ class ControlServer:
                 log.warning("%s: user %d may give no commands", radar.sensor, uid)
                 return
             line.settimeout(_REQUEST_S)
-            request = _first_line(line)
+            request = line.makefile("rb").readline(_MAX_BYTES)
             if not request:
                 # A second daemon only looks whether this one is there.
                 return
@@ -168,7 +168,7 @@ def ask(path: Path, command: str) -> Mapping[str, Any]:
         line.settimeout(ANSWERED_S + _TAKEN_UP_S)
         line.connect(address)
         line.sendall(json.dumps({"command": command}).encode() + b"\n")
-        answer: Mapping[str, Any] = json.loads(_first_line(line))
+        answer: Mapping[str, Any] = json.loads(line.makefile("rb").readline(_MAX_BYTES))
         if not isinstance(answer, dict):
             raise TypeError("its answer is no JSON object")
         return answer
@@ -223,13 +223,3 @@ def _user_of(line: socket.socket) -> int:
     size = struct.calcsize("3i")
     credentials = line.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, size)
     return int(struct.unpack("3i", credentials)[1])
-
-
-def _first_line(line: socket.socket) -> bytes:
-    data = b""
-    while b"\n" not in data and len(data) < _MAX_BYTES * 16:
-        part = line.recv(_MAX_BYTES)
-        if not part:
-            break
-        data += part
-    return data

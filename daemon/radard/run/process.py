@@ -131,13 +131,11 @@ class Process:
         path = status_path(self._folder, sensor.sensor)
         return Watched(sensor.sensor, sensor.health, path, lambda: _told(sensor))
 
-    def _goes_on(self) -> bool:
-        is_read = not any(keeper.has_lost_output for keeper in self._keepers)
-        return is_read and any(keeper.is_alive for keeper in self._keepers)
-
     def _supervise(self) -> bool:
         """Heed signals while radars are kept; return whether one asked for the end."""
-        while self._goes_on():
+        while any(k.is_alive for k in self._keepers):
+            if any(k.has_lost_output for k in self._keepers):
+                return False
             self._heart.main_is_alive()
             self._outputs.retry()
             self._look_at_outputs()
@@ -205,12 +203,11 @@ class Process:
                 log.warning("reload: from one radar to several, or back, takes a restart")
                 config = config.model_copy(update={"sensors": self._config.sensors})
             gone, new = self._compare(config)
-            remade = [
-                (keeper.sensor, parts)
-                for keeper in self._keepers
-                if keeper not in gone
-                and (parts := keeper.sensor.remake(_of(keeper.sensor, config))) is not None
-            ]
+            remade = []
+            for sensor in (keeper.sensor for keeper in self._keepers if keeper not in gone):
+                is_one = config.is_one_of_several
+                parts = sensor.remake(config.of_sensor(sensor.sensor) if is_one else config)
+                remade += [] if parts is None else [(sensor, parts)]
         except RadardError as err:
             log.warning("reload: the old configuration stays: %s", err)
         else:
@@ -267,10 +264,6 @@ def _told(sensor: Sensor) -> dict[str, object]:
     state = sensor.panel()
     told = state.as_record(sensor.mark()) if state is not None else {}
     return {**told, "decision_age_s": round(sensor.health.age_s, 1)}
-
-
-def _of(sensor: Sensor, config: Config) -> Config:
-    return config.of_sensor(sensor.sensor) if config.is_one_of_several else config
 
 
 def _source_of(config: Config) -> tuple[str | None, str]:

@@ -49,19 +49,17 @@ class Playback:
         """Position and speed at this moment; after a seek the place that was asked for."""
         with self._changed:
             return PlaybackState(
-                position_s=self._position_s if self._seek_s is None else self._seek_s,
-                length_s=self._length_s,
+                position_s=round(self._position_s if self._seek_s is None else self._seek_s, 2),
+                length_s=round(self._length_s, 2),
                 is_playing=self._is_playing,
                 speed=self._speed,
             )
 
-    def play(self) -> None:
-        """Go on after a pause."""
-        self._set(is_playing=True)
-
-    def pause(self) -> None:
-        """Stand still before the next frame."""
-        self._set(is_playing=False)
+    def play(self, *, is_playing: bool = True) -> None:
+        """Go on after a pause; or stand still before the next frame."""
+        with self._changed:
+            self._is_playing, self._anchor = is_playing, None
+        self._touch()
 
     def set_speed(self, speed: float | None) -> None:
         """Go faster or slower; raises ValueError outside of 0.25 to 64 (None: no limit)."""
@@ -140,8 +138,3 @@ class Playback:
             self._is_touched = True
             self._changed.notify_all()
         self._on_change()
-
-    def _set(self, *, is_playing: bool) -> None:
-        with self._changed:
-            self._is_playing, self._anchor = is_playing, None
-        self._touch()

@@ -79,10 +79,8 @@ class Actions:
             return refusal(409, "this is no replay")
         action, value = body.get("action"), body.get("value")
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        if action == "play":
-            playback.play()
-        elif action == "pause":
-            playback.pause()
+        if action in {"play", "pause"}:
+            playback.play(is_playing=action == "play")
         elif action == "seek" and is_number:
             playback.seek(float(value))  # type: ignore[arg-type]
         elif action == "speed" and (is_number or value is None):

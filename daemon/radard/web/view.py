@@ -3,6 +3,7 @@
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -174,19 +175,12 @@ class View:
         if host is None:
             return {"state": "starting", "reason": "", "panel": {}, **held, "playback": None}
         status, panel, playback = host.health.status, host.panel(), host.playback()
-        state = playback.state if playback is not None else None
         return {
             "state": status.state,
             "reason": status.reason,
             "panel": panel.as_record(host.mark()) if panel is not None else {},
             **held,
-            "playback": state
-            and {
-                "position_s": round(state.position_s, 2),
-                "length_s": round(state.length_s, 2),
-                "is_playing": state.is_playing,
-                "speed": state.speed,
-            },
+            "playback": asdict(playback.state) if playback is not None else None,
         }
 
     def refreshed_metrics(self) -> Metrics:

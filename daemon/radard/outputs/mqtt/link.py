@@ -254,7 +254,8 @@ class MqttLink:
                 return
             if self._is_unanswered and self._other_protocol() == paho.MQTTv311:
                 continue
-            if was_up and not is_to_blame and self._is_short(began_s):
+            is_short = time.monotonic() - began_s < _SHORT_S and self._is_alive()
+            if was_up and not is_to_blame and is_short:
                 self._reason += f"; is another client called '{self._broker.client_id}'?"
             elif was_up:
                 self._backoff.reset()
@@ -279,9 +280,6 @@ class MqttLink:
         if client is not None:
             _end(client, is_clean=self._is_alive())
         return was_up
-
-    def _is_short(self, began_s: float) -> bool:
-        return time.monotonic() - began_s < _SHORT_S and self._is_alive()
 
     def _other_protocol(self) -> int:
         """Change to the other one: a broker that knows MQTT 3.1.1 alone does not answer to 5."""
@@ -327,7 +325,9 @@ class MqttLink:
         client.on_publish = self._answered
         client.on_subscribe = self._subscribed
         client.on_disconnect = self._disconnected
-        client.on_message = self._received
+        client.on_message = lambda _client, _data, message: self._on_message(
+            message.topic, bytes(message.payload), message.retain
+        )
         return client
 
     def _connected(self, client: paho.Client, _d: Any, _f: Any, code: ReasonCode, p: Any) -> None:
@@ -375,9 +375,6 @@ class MqttLink:
         payload, is_kept = message.payload, message.is_retained and self._limits.can_retain
         payload = payload.encode() if isinstance(payload, str) else payload
         return client.publish(message.topic, payload, message.qos, is_kept)
-
-    def _received(self, _client: paho.Client, _data: Any, message: paho.MQTTMessage) -> None:
-        self._on_message(message.topic, bytes(message.payload), message.retain)
 
 
 def _is_over(info: paho.MQTTMessageInfo) -> bool:

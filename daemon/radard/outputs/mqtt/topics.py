@@ -31,19 +31,22 @@ class Entity:
     expires: bool = False
 
 
+def _entity(platform: str, key: str, name: str, *, expires: bool = False, **more: Any) -> Entity:
+    return Entity(platform, key, {"name": name, **more}, expires)
+
+
 def _flag(key: str, name: str, expression: str, *, topic: str = "state", **more: str) -> Entity:
-    template = "{{ 'ON' if " + expression + " else 'OFF' }}"
-    config = {"name": name, "stat_t": f"~/{topic}", "val_tpl": template, **more}
-    return Entity("binary_sensor", key, config, expires=topic == "state")
+    more |= {"stat_t": f"~/{topic}", "val_tpl": "{{ 'ON' if " + expression + " else 'OFF' }}"}
+    return _entity("binary_sensor", key, name, expires=topic == "state", **more)
 
 
 def _value(key: str, name: str, topic: str, expression: str, **more: Any) -> Entity:
-    config = {"name": name, "stat_t": f"~/{topic}", "val_tpl": f"{{{{ {expression} }}}}", **more}
-    return Entity("sensor", key, config, expires=True)
+    more |= {"stat_t": f"~/{topic}", "val_tpl": f"{{{{ {expression} }}}}"}
+    return _entity("sensor", key, name, expires=True, **more)
 
 
-def _button(key: str, name: str, **more: str) -> Entity:
-    return Entity("button", key, {"name": name, "cmd_t": f"~/command/{key}", "pl_prs": "", **more})
+def _button(key: str, name: str, **more: Any) -> Entity:
+    return _entity("button", key, name, cmd_t=f"~/command/{key}", pl_prs="", **more)
 
 
 _LABELS = ["human", "pet", "other", "pending", "none", "invalid"]
@@ -80,47 +83,39 @@ _DECISION_ENTITIES = (
     _value("range", "Range", "decision", "value_json.range_m", **_METRES),
 )
 """Disabled at first: a value every second fills Home Assistant's database."""
-_PICTURE = Entity(
-    "image", "picture", {"name": "Last alarm", "img_t": "~/picture", "cont_type": "image/png"}
-)
-_EVENT = Entity(
+_PICTURE = _entity("image", "picture", "Last alarm", img_t="~/picture", cont_type="image/png")
+_EVENT = _entity(
     "event",
     "event",
-    {
-        "name": "Event",
-        "stat_t": "~/event",
-        "evt_typ": [f"{kind}_{phase}" for kind in KINDS for phase in PHASES],
-        "val_tpl": (
-            "{{ {'event_type': value_json.kind ~ '_' ~ value_json.phase, 'id': value_json.id, "
-            "'reason': value_json.reason, 'test': value_json.test | default(false)} | to_json }}"
-        ),
-    },
+    "Event",
+    stat_t="~/event",
+    evt_typ=[f"{kind}_{phase}" for kind in KINDS for phase in PHASES],
+    val_tpl=(
+        "{{ {'event_type': value_json.kind ~ '_' ~ value_json.phase, 'id': value_json.id, "
+        "'reason': value_json.reason, 'test': value_json.test | default(false)} | to_json }}"
+    ),
 )
-_PANEL = Entity(
+_PANEL = _entity(
     "alarm_control_panel",
     "panel",
-    {
-        "name": "Panel",
-        "stat_t": "~/state",
-        "val_tpl": "{{ value_json.panel }}",
-        "cmd_t": "~/command/panel",
-        "sup_feat": ["arm_home", "arm_away"],
-        "cod_arm_req": False,
-        "cod_dis_req": False,
-    },
+    "Panel",
+    stat_t="~/state",
+    val_tpl="{{ value_json.panel }}",
+    cmd_t="~/command/panel",
+    sup_feat=["arm_home", "arm_away"],
+    cod_arm_req=False,
+    cod_dis_req=False,
 )
-_SENSITIVITY = Entity(
+_SENSITIVITY = _entity(
     "select",
     "sensitivity",
-    {
-        "name": "Sensitivity",
-        "stat_t": "~/state",
-        "val_tpl": "{{ value_json.sensitivity }}",
-        "cmd_t": "~/command/sensitivity",
-        "ops": list(SENSITIVITIES["fused"]),
-        "ent_cat": "config",
-        "ic": "mdi:tune-vertical",
-    },
+    "Sensitivity",
+    stat_t="~/state",
+    val_tpl="{{ value_json.sensitivity }}",
+    cmd_t="~/command/sensitivity",
+    ops=list(SENSITIVITIES["fused"]),
+    ent_cat="config",
+    ic="mdi:tune-vertical",
 )
 _DISARM = _button("disarm", "Disarm", ic="mdi:shield-off")
 _COMMAND_ENTITIES = (
