@@ -9,19 +9,16 @@ import hashlib
 import uuid
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 from radard.alarm.panel import ARM_MODES, AlarmPanel, PanelChange
 from radard.alarm.state_store import KeptState
 from radard.alarm.zones import armed_zones, sight_of
 from radard.config.sections import ZonesSection
+from radard.config.sink_table import EventKind, Phase
 from radard.judge.decision import Decision
 from radard.stream.ring import Dwell, Notice
 
 _CROCKFORD = "0123456789ABCDEFGHJKMNPQRSTVWXYZ"
-
-Phase = Literal["new", "update", "end"]
-Kind = Literal["alarm", "fault", "tamper"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,7 +27,7 @@ class Event:
 
     id: str  # ULID; the same in every phase of one event
     phase: Phase = "new"  # whether it begins, changes or ends
-    kind: Kind = "alarm"
+    kind: EventKind = "alarm"
     t_s: float  # stream time of this phase
     start_t_s: float  # and of the beginning
     end_t_s: float | None = None
@@ -65,11 +62,11 @@ class EventTracker:
         self.panel = panel or AlarmPanel()
         self._run = run
         self.zones, self.pet_limit = zones or ZonesSection(), pet_limit
-        self._open: dict[Kind, Event] = {}
+        self._open: dict[EventKind, Event] = {}
         self._entry_peak = 0.0
 
     @property
-    def open_events(self) -> dict[Kind, Event]:
+    def open_events(self) -> dict[EventKind, Event]:
         """What is on now, by kind."""
         return dict(self._open)
 
@@ -161,7 +158,7 @@ class EventTracker:
             return self._step(self.panel.disarm(), t_s)
         return self._step(self.panel.acknowledge(t_s), t_s)
 
-    def remark(self, kind: Kind, text: str, t_s: float) -> list[Event]:
+    def remark(self, kind: EventKind, text: str, t_s: float) -> list[Event]:
         """Update an event that is on with a remark; the next decision tells its reason again."""
         on = self._open.get(kind)
         return [] if on is None else [self._go_on(kind, f"{on.reason}; {text}", t_s, "update")]
@@ -187,7 +184,7 @@ class EventTracker:
         ]
 
     def _follow(
-        self, kind: Kind, reason: str | None, *, t_s: float, dwell: Dwell | None = None
+        self, kind: EventKind, reason: str | None, *, t_s: float, dwell: Dwell | None = None
     ) -> list[Event]:
         old = self._open.get(kind)
         if old is None:
@@ -199,7 +196,7 @@ class EventTracker:
         return []
 
     def _begin(
-        self, kind: Kind, reason: str, t_s: float, peak: float, dwell: Dwell | None
+        self, kind: EventKind, reason: str, t_s: float, peak: float, dwell: Dwell | None
     ) -> Event:
         event = Event(
             id=_ulid(f"{kind} {t_s:.6f}{self._run}", t_s, dwell),
@@ -212,7 +209,7 @@ class EventTracker:
         self._open[kind] = event
         return event
 
-    def _go_on(self, kind: Kind, reason: str, t_s: float, phase: Phase) -> Event:
+    def _go_on(self, kind: EventKind, reason: str, t_s: float, phase: Phase) -> Event:
         end_t_s = t_s if phase == "end" else None
         event = replace(self._open[kind], phase=phase, t_s=t_s, end_t_s=end_t_s, reason=reason)
         if phase == "end":

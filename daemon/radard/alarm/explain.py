@@ -7,6 +7,7 @@ record and those before it, by the functions of the alarm itself, so that they a
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import datetime, timedelta
+from functools import partial
 from typing import Any, Literal
 
 from radard.alarm.panel import AlarmPolicy
@@ -19,19 +20,22 @@ from radard.config.sections import ZonesSection
 from radard.detect.gate import GateReading
 from radard.judge.classifier import Probabilities
 from radard.judge.decision import MIN_P, Decision, TrackVerdict
+from radard.log_cursor import Record
 
 _WORDS = {"human": "person", "pet": "pet", "other": "something else"}
-Record = Mapping[str, Any]  # a line of JSON Lines, `radard.outputs.records`
 
 
 @dataclass(frozen=True, slots=True)
 class DecisionStage:
     """One stage of a decision."""
 
-    name: str
     outcome: Literal["passed", "decided"]
+    name: str
     text: str  # with the numbers that decided
     plain: str  # the same for people
+
+
+_passed, _decided = partial(DecisionStage, "passed"), partial(DecisionStage, "decided")
 
 
 def explain(
@@ -67,14 +71,6 @@ def explain(
         "decided_by": by.name,
         "stages": [asdict(stage) for stage in stages],
     }
-
-
-def _passed(name: str, text: str, plain: str) -> DecisionStage:
-    return DecisionStage(name, "passed", text, plain)
-
-
-def _decided(name: str, text: str, plain: str) -> DecisionStage:
-    return DecisionStage(name, "decided", text, plain)
 
 
 def _frames(record: Record, events: Sequence[Record]) -> DecisionStage:

@@ -11,7 +11,7 @@ import os
 import signal
 import sys
 import threading
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import Any
 
 log = logging.getLogger("radard")
@@ -37,12 +37,7 @@ class Signals:
             signal.pthread_sigmask(signal.SIG_UNBLOCK, _ASK)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         """Put the old ones back."""
         for number, handler in self._before.items():
             signal.signal(number, handler)
