@@ -120,7 +120,8 @@ class AlarmPanel:
             self._hits.append(sight.is_hit and not is_quiet)
             if self._hits[-1]:
                 self._reason = sight.reason
-        if self.state == "armed" and self._is_confirmed() and t_s >= self._ready_s - _SLACK_S:
+        is_confirmed = sum(list(self._hits)[-self.policy.n :]) >= self.policy.k
+        if self.state == "armed" and is_confirmed and t_s >= self._ready_s - _SLACK_S:
             self.state, self._since_s = "entry", t_s
         if self.state == "entry" and t_s - self._since_s >= self.policy.entry_delay_s - _SLACK_S:
             seen = sight is None or sight.is_seen
@@ -156,10 +157,6 @@ class AlarmPanel:
     def acknowledge(self, t_s: float) -> list[PanelChange]:
         """End an alarm; the sensor stays armed."""
         return self._end(t_s, "acknowledged") if self.state == "alarm" else []
-
-    def _is_confirmed(self) -> bool:
-        recent = list(self._hits)[-self.policy.n :]
-        return sum(recent) >= self.policy.k
 
     def _begin(self, t_s: float, reason: str, *, is_seen: bool) -> list[PanelChange]:
         self.state, self._seen_s, self._is_seen = "alarm", t_s, is_seen

@@ -9,7 +9,7 @@ from itertools import pairwise
 
 from radard.alarm.panel import AlarmPolicy, ArmMode, Sight
 from radard.config.sections import ZonesSection
-from radard.judge.decision import Decision, TrackVerdict, judge
+from radard.judge.decision import Decision, judge
 
 _SLACK_M = 0.2  # a zone is drawn by hand
 
@@ -86,12 +86,12 @@ def _nearest_heeded(decision: Decision, zones: ZonesSection, pet_limit: float) -
 
 def _suspect_ranges(decision: Decision, pet_limit: float) -> Iterator[float]:
     """Yield where those are who may be people: tracks not taken for pets, else the one range."""
-    suspects = [t.range_m for t in decision.tracks if not _is_harmless(t, pet_limit)]
+    suspects = [
+        track.range_m
+        for track in decision.tracks
+        if track.window is None or judge(track.window, pet_limit)[1]
+    ]
     if suspects:
         yield from suspects
     elif decision.reading is not None:
         yield decision.reading.range_m
-
-
-def _is_harmless(track: TrackVerdict, pet_limit: float) -> bool:
-    return track.window is not None and not judge(track.window, pet_limit)[1]

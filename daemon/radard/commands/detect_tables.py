@@ -84,7 +84,9 @@ def open_table(kind: str, rows: str, file: TextIO | None, path: Path | None) -> 
         lines.writeheader()
 
         def add(judged: Judged) -> int:
-            made = [{k: _plain(v) for k, v in row.items()} for row in table_rows(judged, rows)]
+            made = list(table_rows(judged, rows))
+            if rows == "decisions":
+                made = [{**row, "alarm": str(row["alarm"]).lower()} for row in made]
             lines.writerows(made)
             return len(made)
     else:
@@ -128,7 +130,3 @@ def time_of(started_utc: str, t_s: float) -> str | None:
     """
     started = parse_utc(started_utc)
     return utc_text(started + timedelta(seconds=t_s)) if started else None
-
-
-def _plain(value: Any) -> Any:
-    return str(value).lower() if isinstance(value, bool) else value

@@ -42,9 +42,11 @@ def profile_lines(config: Config, bundle: Bundle) -> Iterator[str]:
     if profile is None:
         yield "no profile: what these settings cost was not measured together; see radard bench"
         return
-    known = front().profiles
+    dearest, much = front().profiles[-1], "as much as any profile takes"
+    if profile != dearest:
+        much = f"{100 * profile.cpu_open:.0f} % of what '{dearest.name}' takes"
     yield (
-        f"profile {profile.name}: CPU {_times(profile, known[-1])} with an open gate, "
+        f"profile {profile.name}: CPU {much} with an open gate, "
         f"{100 * profile.cpu_closed:.0f} % in an empty room;"
     )
     yield f"  people missed {percent(profile.missed)},"
@@ -58,12 +60,6 @@ def profile_lines(config: Config, bundle: Bundle) -> Iterator[str]:
 def basis(n: int) -> str:
     """Return on what errors were measured."""
     return f"{n} simulated people and {n} visits of pets before an X2"
-
-
-def _times(profile: Profile, dearest: Profile) -> str:
-    if profile == dearest:
-        return "as much as any profile takes"
-    return f"{100 * profile.cpu_open:.0f} % of what '{dearest.name}' takes"
 
 
 _EXAMPLES = """\

@@ -88,12 +88,11 @@ def _windows(moment: Moment) -> Iterator[str]:
     for r in moment.records[-_MAX_WINDOWS:]:
         cells = [r["p_human"], r["p_pet"], r["p_other"]]
         fused = [r["fused_p_human"], r["fused_p_pet"]]
-        own, both = (" ".join(_cell(v) for v in values) for values in (cells, fused))
+        own, both = (
+            " ".join(f"{'-':>7}" if p is None else f"{p:7.3f}" for p in values)
+            for values in (cells, fused)
+        )
         yield f"  {r['t_s']:7.2f} {own}   {both}  {r['label']}"
-
-
-def _cell(p: float | None) -> str:
-    return f"{'-':>7}" if p is None else f"{p:7.3f}"
 
 
 def _told_parts(moment: Moment, parts: Sequence[Part]) -> Iterator[str]:

@@ -94,7 +94,10 @@ class InterferenceWatch:
         self._filled_s = self._filled_s + self._hop_s if is_filled else 0.0
         self._note_levels(gate, live)
         found = self._steady(dwell) or self._lasting(blind_db)
-        is_calm = not is_blind and rise_db < self._limit_db and not self._still_stands
+        # Whether cells in which interference was found are as high as ever.
+        here_db = self._levels[-1][:, self._where] if len(self._where) else np.zeros(0)
+        still_stands = here_db.size > 0 and float(np.median(here_db)) >= self._limit_db
+        is_calm = not is_blind and rise_db < self._limit_db and not still_stands
         self._calm_s = self._calm_s + self._hop_s if is_calm else 0.0
         if self._calm_s >= self._hold_s:
             self._reason = ""
@@ -132,12 +135,6 @@ class InterferenceWatch:
         share = np.where(live, gate.cpi_power[-self._n_new :] / self._kept, 0.0)
         cells = share[:, : n_cells * n_bins].reshape(len(share), n_cells, -1).mean(axis=2)
         self._levels.append(10 * np.log10(np.maximum(cells, _TINY)))
-
-    @property
-    def _still_stands(self) -> bool:
-        """Whether cells in which interference was found are as high as ever."""
-        here_db = self._levels[-1][:, self._where] if len(self._where) else np.zeros(0)
-        return here_db.size > 0 and float(np.median(here_db)) >= self._limit_db
 
     def _steady(self, dwell: Dwell) -> str:
         """Return which part of the swath has risen for `_STEADY_S` in a shape that stays."""

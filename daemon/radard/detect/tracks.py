@@ -23,8 +23,8 @@ _RANGE_ERROR_M = 0.08  # sigma of a peak
 _BESIDE_M = 0.35  # nearer peaks may be one body's
 _COAST_S = 1.5  # a track lives so long without a hit
 _MAX_TRACKS = 8
-_BIRTH_HITS = 4  # of so many first
-_BIRTH_BLOCKS = 6
+_BIRTH_HITS = 4  # of a candidate's first blocks
+_MISSES = 2  # among them: with more it is not born any more
 _FIRST_SPEED_MPS = 1.5  # sigma of a candidate's range rate: a walker's
 _LEAVE_M = 0.3  # a track may coast so far behind the edge
 _SLOW_DOWN_S = 0.3  # time constant of the speed of a track without hits
@@ -61,11 +61,6 @@ class _Body:
     seen_s: float = 0.0
     apart_s: float = 0.0
     nodes: list[tuple[float, float]] = field(default_factory=list)
-
-    @property
-    def is_doubtful(self) -> bool:
-        """Whether it can no longer be born: too many blocks without a hit."""
-        return self.blocks - self.hits > _BIRTH_BLOCKS - _BIRTH_HITS
 
     def predict(self, time_s: float, acceleration_mps2: float) -> None:
         dt = time_s - self.time_s
@@ -193,7 +188,10 @@ class Tracker:
             body
             for body in self._bodies
             if time_s - body.apart_s < _MERGE_S
-            and (time_s - body.seen_s < _COAST_S if body.id else not body.is_doubtful)
+            # A candidate with too many blocks without a hit can no longer be born.
+            and (
+                time_s - body.seen_s < _COAST_S if body.id else body.blocks - body.hits <= _MISSES
+            )
         ]
 
     def _is_alone(self, range_m: float) -> bool:

@@ -37,7 +37,10 @@ class StreamingDoppler(ColumnStream):
             raise FeatureError(msg)
         self._map = gram_map(n_cpi)
         self._n_cpi, self._stride = n_cpi, stride
-        super().__init__(n_cpi, _block_length(n_cpi), n_keep, n_cpi)
+        # A block pays for the Gram matrix of its own steps and of the CPI before them, so it
+        # should be no shorter than a CPI; BLAS is at its best with sizes of whole vectors.
+        n_steps = max(_STEPS_AT_ONCE, 2 * n_cpi)
+        super().__init__(n_cpi, n_steps - n_steps % 16 - (n_cpi - 2), n_keep, n_cpi)
 
     def advance(self, steps: StepBuffer, n_new: int) -> int:
         """Make the columns that the newest `n_new` frames complete, by their Gram matrix."""
@@ -88,10 +91,3 @@ def velocity_mps(n_cpi: int, frame_rate_hz: float, carrier_hz: float) -> NDArray
 def unambiguous_velocity_mps(frame_rate_hz: float, carrier_hz: float) -> float:
     """Return the speed from which Doppler folds, lambda fp / 4, in metres per second."""
     return SPEED_OF_LIGHT_MPS / carrier_hz * frame_rate_hz / 4
-
-
-def _block_length(n_cpi: int) -> int:
-    # A block pays for the Gram matrix of its own steps and of the CPI before them, so it
-    # should be no shorter than a CPI; BLAS is at its best with sizes of whole vectors.
-    n_steps = max(_STEPS_AT_ONCE, 2 * n_cpi)
-    return n_steps - n_steps % 16 - (n_cpi - 2)

@@ -171,7 +171,9 @@ class Sensor:
         self, on_notice: Notify, *, is_wanted: Callable[[], bool] = lambda: True
     ) -> OpenedSensor:
         """Open the port, which may mean to wait for a device, and what fits its stream."""
-        self._leave_run()
+        if (before := self._run) is not None:
+            worker = before.worker
+            self._config, self._n_decided, self._run = worker.parts.config, worker.n_decided, None
 
         def notice(kind: str, reason: str) -> None:
             if (run := self._run) is not None:
@@ -293,11 +295,6 @@ class Sensor:
         """Return who works on the stream; None when nobody does."""
         run = self._run
         return run.worker if run is not None and not run.over.is_set() else None
-
-    def _leave_run(self) -> None:
-        if (run := self._run) is not None:
-            self._config, self._n_decided = run.worker.parts.config, run.worker.n_decided
-            self._run = None
 
     def _try_alarm(self) -> None:
         state = self.panel()
