@@ -65,9 +65,7 @@ class Api:
             guard.viewing("/api/v1/decisions/{seq}", self._why),
             guard.reading("/api/v1/sensitivities", self._choices),
             guard.reading("/api/v1/calibration", self._room),
-            guard.reading(
-                "/api/v1/config", lambda: redact_value("", view.config.model_dump(mode="json"))
-            ),
+            guard.reading("/api/v1/config", self._config),
             *EventRoutes(view, guard).routes,
             *Actions(view, guard).routes,
             WebSocketRoute("/ws", self._ws),
