@@ -26,7 +26,7 @@ from radard.judge.features import FeatureSettings, FeatureStream
 from radard.judge.model_choice import model_for
 from radard.pipeline import Pipeline
 from radard.run.components import make_classifier
-from radard.stream.ring import Dwell, DwellShape, FrameRing, Notice
+from radard.stream.ring import DwellShape, FrameRing
 from x2radar.frame import FastTimeAxis, Frame, StreamInfo
 
 Frames = NDArray[np.complex64] | NDArray[np.float32]
@@ -113,7 +113,8 @@ def classify(
     stream = StreamInfo(axis, frame_rate_hz, "array")
     config = Config(model=ModelSection(name=model))
     pipeline = Pipeline(stream, config, make_classifier(config, stream))
-    return [pipeline.decide(dwell) for dwell in _dwells(pipeline.make_ring(), frames, axis)]
+    dwells = pipeline.make_ring().dwells(_numbered(frames, axis))
+    return [pipeline.decide(dwell) for dwell in dwells]
 
 
 def features(
@@ -170,7 +171,7 @@ def features(
     ring = FrameRing(converter.axis, converter.convert, shape)
     remover, maker = ClutterRemover(), FeatureStream(settings, tuple(names))
     windows = []
-    for dwell in _dwells(ring, frames, axis):
+    for dwell in ring.dwells(_numbered(frames, axis)):
         moving = remover.remove(dwell) if settings.clutter == "removed" else dwell
         if moving.is_whole:
             windows.append(FeatureWindow(dwell.t_s, maker.extract(moving)))
@@ -234,11 +235,8 @@ def _checked(frames: Any, axis: FastTimeAxis, frame_rate_hz: float) -> Frames:
     return made
 
 
-def _dwells(ring: FrameRing, frames: Frames, axis: FastTimeAxis) -> Iterator[Dwell]:
-    is_here, last = np.isfinite(frames).all(axis=1), -1
-    for k in np.flatnonzero(is_here).tolist():
-        frame = Frame(frames[k], k, k, k - last - 1, False, axis)
+def _numbered(frames: Frames, axis: FastTimeAxis) -> Iterator[Frame]:
+    last = -1
+    for k in np.flatnonzero(np.isfinite(frames).all(axis=1)).tolist():
+        yield Frame(frames[k], k, k, k - last - 1, False, axis)
         last = k
-        for item in ring.items(frame):
-            if not isinstance(item, Notice):
-                yield item

@@ -239,10 +239,8 @@ class Heard:
         return len(self.frames) / self.stream.frame_rate_hz
 
     def dwells(self, pipeline: Pipeline) -> Iterator[Dwell]:
-        """Yield the dwells that a pipeline's ring cuts of it."""
-        ring = pipeline.make_ring()
-        for frame in self.frames:
-            yield from (item for item in ring.items(frame) if isinstance(item, Dwell))
+        """Return the dwells that a pipeline's ring cuts of it."""
+        return pipeline.make_ring().dwells(self.frames)
 
 
 class _Tap:

@@ -8,7 +8,7 @@ writer waits before it would overwrite a row that a waiting dwell still needs.
 
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -169,6 +169,11 @@ class FrameRing:
             frame = replace(frame, lost=0)
         self.push(frame)
         yield from self._completed()
+
+    def dwells(self, frames: Iterable[Frame]) -> Iterator[Dwell]:
+        """Push frames and yield the dwells that they complete, as `items`."""
+        for frame in frames:
+            yield from (item for item in self.items(frame) if isinstance(item, Dwell))
 
     def _completed(self) -> Iterator[Dwell | Notice]:
         while self._queue:

@@ -2,12 +2,12 @@
 
 import argparse
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 from radard.commands.setup import files
-from radard.commands.setup.coverage import OPTIONS, CoverageOptions, coverage_table
+from radard.commands.setup.coverage import CoverageOptions, coverage_table
 from radard.commands.setup.system import Installation, install_system, uninstall_system, write_file
 from x2radar.command import Parser, new_parser
 
@@ -37,7 +37,7 @@ def run(argv: Sequence[str]) -> int:
     if args.what is None:
         lines = _whole(args)
     elif args.what == "coverage":
-        mount = CoverageOptions(**{name: getattr(args, name) for name in OPTIONS})
+        mount = CoverageOptions(**{f.name: getattr(args, f.name) for f in fields(CoverageOptions)})
         lines = iter(coverage_table(mount))
     else:
         lines = _one(args, *_file_of(args))
@@ -107,11 +107,9 @@ def make_parser() -> Parser:
         add("--install", action="store_true", default=absent, help="write it, as root")
         add("--root", default=absent, metavar="DIR", help="instead of /")
     coverage = _sub(whats, "coverage", "signal over noise of a body, by height and range")
-    for name, value in asdict(CoverageOptions()).items():
-        option, unit, text = OPTIONS[name][:3]
-        coverage.add_argument(
-            option, dest=name, type=float, default=value, metavar=unit, help=text
-        )
+    for f in fields(CoverageOptions):
+        told = {"default": f.default, "metavar": f.metadata["unit"], "help": f.metadata["help"]}
+        coverage.add_argument(f.metadata["option"], dest=f.name, type=float, **told)
     return parser
 
 

@@ -1,7 +1,8 @@
 """What a mount would see: the simulator's beam and link budget over height and range."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 
@@ -16,31 +17,30 @@ from x2radar.sim.signal.pulse import LinkBudget, baseband_noise_power
 HEIGHTS_M = (0.1, 0.3, 0.5, 0.8, 1.2, 1.7)
 DISTANCES_M = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
 ANGLES_DEG = (0, 20, 40, 60, 80)
-OPTIONS = {
-    "height_m": ("--height", "M", "of the radar over the floor (1.5)", 0.05, 10.0),
-    "tilt_deg": ("--tilt", "DEG", "down from level (0)", -90.0, 90.0),
-    "width_deg": ("--width", "DEG", "beam, full at half power (65)", 5.0, 175.0),
-    "limit_db": ("--limit", "DB", "least that is seen (10)", -40.0, 80.0),
-    "rcs_m2": ("--rcs", "M2", "cross section (0.01: a shank)", 1e-6, 100.0),
-}
-"""Option, unit, help, and limits: beyond these it is a slip of the pen."""
+
+
+def _option(default: float, option: str, unit: str, text: str, *limits: float) -> Any:
+    """Return a field with its option; beyond the limits it is a slip of the pen."""
+    about = {"option": option, "unit": unit, "help": text, "limits": limits}
+    return field(default=default, metadata=about)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CoverageOptions:
     """A mount; raises UsageError if a value makes no sense."""
 
-    height_m: float = 1.5  # of the radar over the floor
-    tilt_deg: float = 0.0  # down from level
-    width_deg: float = 65.0  # beam's full width at half power, both ways
-    limit_db: float = 10.0  # less than this over the noise counts as unseen
-    rcs_m2: float = 0.01  # cross section of what is looked at; 0.01 is about a shank's
+    height_m: float = _option(1.5, "--height", "M", "of the radar over the floor (1.5)", 0.05, 10)
+    tilt_deg: float = _option(0.0, "--tilt", "DEG", "down from level (0)", -90, 90)
+    width_deg: float = _option(65.0, "--width", "DEG", "beam, full at half power (65)", 5, 175)
+    limit_db: float = _option(10.0, "--limit", "DB", "least that is seen (10)", -40, 80)
+    rcs_m2: float = _option(0.01, "--rcs", "M2", "cross section (0.01: a shank)", 1e-6, 100)
 
     def __post_init__(self) -> None:
         """Check every value."""
-        for name, (option, _, _, least, most) in OPTIONS.items():
-            value = getattr(self, name)
+        for each in fields(self):
+            value, (least, most) = getattr(self, each.name), each.metadata["limits"]
             if not least <= value <= most:
+                option = each.metadata["option"]
                 raise UsageError(f"{option} {value:g}: must be {least:g} to {most:g}")
 
 
