@@ -10,7 +10,7 @@ from radard.alarm.sensor_state import SensorState
 from radard.config.config import Config
 from radard.config.sink_table import MqttSection
 from radard.errors import ConfigError
-from radard.outputs.mqtt.sink import CommandReader, MqttCommand, panel_command
+from radard.outputs.mqtt.sink import CommandReader, panel_command
 from tests.sink_helpers import decision, event, hello, status, well_host
 from tests.waiting import wait_for
 
@@ -104,7 +104,7 @@ def test_wrong_codes_lock_for_a_minute(tmp_path):
     with pytest.raises(ValueError, match="too many"):
         disarm(b"open sesame")
     now_s[0] = 61.0
-    assert disarm(b"open sesame") == MqttCommand(name="disarm")
+    assert disarm(b"open sesame") == ("disarm", "")
     with pytest.raises(ValueError, match="decode"):
         disarm(b"\xff")
     (tmp_path / "code").unlink()

@@ -36,8 +36,8 @@ class Room:
         self.config, self.pipeline = config, Pipeline(STREAM, config)
         parts = make_parts(config, self.pipeline, now=lambda _t_s: None, is_live=False)
         self.records = []
-        ring, store = self.pipeline.make_ring(), StateStore(EventLog(None), None)
-        self.worker = Worker(parts, ring, self._put, Health(), store)
+        self.ring, store = self.pipeline.make_ring(), StateStore(EventLog(None), None)
+        self.worker = Worker(parts, self.ring, self._put, Health(), store)
         rng = np.random.default_rng(2)
         self.echoes = (30 * rng.standard_normal((2, 64))).T @ [1, 1j]
         self.t_s = 0.0
@@ -56,7 +56,11 @@ class Room:
             self.worker.handle(replace(dwell, t_s=self.t_s, end_frame=round(60 * self.t_s)))
 
     def command(self, name):
-        self.worker.handle(Notice("command", name, self.t_s))
+        self.worker.command(name)
+        self.work()
+
+    def work(self):
+        self.worker.handle(replace(self.ring.next_item(0), t_s=self.t_s))
 
     def reload(self, section, **changes):
         """Take up a section of the configuration, changed, as a reload does."""
@@ -64,7 +68,7 @@ class Room:
         config, old = self.config.model_copy(update={section: changed}), self.worker.parts
         given = {"now": lambda _t_s: None, "is_live": False, "old": old}
         self.worker.exchange(make_parts(config, self.pipeline, **given))
-        self.worker.handle(Notice("reload", "", self.t_s))
+        self.work()
 
     def cover(self):
         self.listen(30)

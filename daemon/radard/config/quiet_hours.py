@@ -38,21 +38,18 @@ class QuietPeriod:
         return before_midnight or (yesterday in self.days and minute < self.to_min)
 
 
+@dataclass(frozen=True, slots=True)
 class QuietHours:
     """Say whether a quiet period holds at a stream time, in `zone` (None: the machine's)."""
 
-    def __init__(self, periods: Sequence[QuietPeriod], zone: tzinfo | None, now: Now) -> None:
-        self._periods = tuple(periods)
-        self._zone = zone
-        self._now = now
+    periods: Sequence[QuietPeriod]
+    zone: tzinfo | None
+    now: Now
 
     def holds(self, t_s: float) -> bool:
         """Return whether it is quiet at a stream time, in seconds."""
-        now = self._now(t_s) if self._periods else None
-        if now is None:
-            return False
-        local = now.astimezone(self._zone)
-        return any(period.covers(local) for period in self._periods)
+        now = self.now(t_s) if self.periods else None
+        return now is not None and any(p.covers(now.astimezone(self.zone)) for p in self.periods)
 
 
 def wall_clock(t_s: float) -> datetime | None:  # noqa: ARG001 - a live stream's time is now

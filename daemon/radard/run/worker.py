@@ -42,7 +42,6 @@ class Worker:
     ) -> None:
         self.parts = parts
         self._rate = rate
-        self._next: Parts | None = None
         self._ring = ring
         self._put = put
         self._health = health
@@ -64,7 +63,6 @@ class Worker:
         self._kept_events = self.tracker.resume(kept)
         self._is_moved = False
         self._room: RoomCalibration | None = None
-        self._made: Calibration | None = None
 
     @property
     def state(self) -> SensorState:
@@ -95,16 +93,15 @@ class Worker:
 
     def command(self, name: str) -> None:
         """Queue a command, see `Host.command`; for any thread."""
-        self._ring.post("command", name)
+        self._ring.post("command", call=partial(self._take_command, name))
 
     def try_alarm(self) -> None:
         """Send a test alarm through the outputs; for any thread."""
-        self._ring.post("test", "")
+        self._ring.post("test", call=self._send_trial)
 
     def exchange(self, parts: Parts) -> None:
         """Work with other parts from the next item on; for any thread."""
-        self._next = parts
-        self._ring.post("reload", "the configuration was read again")
+        self._ring.post("reload", call=lambda _t_s: self._take_parts(parts))
 
     def hold(self, frame: Frame) -> None:
         """Hold a frame for a clip; for the reader."""
@@ -131,19 +128,16 @@ class Worker:
         """Work on the next item of the ring."""
         if isinstance(item, Dwell):
             self._take_dwell(item)
-        elif item.kind == "command":
-            self._take_command(item)
-        elif item.kind == "test":
-            # Between two decisions, so that no output takes its end for that of a real alarm.
-            if "alarm" not in self.tracker.open_events:
-                for event in trial_alarm(item.t_s):
-                    self._put(event_record(event))
-        elif item.kind == "reload":
-            self._take_parts()
-        elif item.kind == "calibrated":
-            self._take_calibration()
+        elif item.call is not None:
+            item.call(item.t_s)
         else:
             self._take_notice(item)
+
+    def _send_trial(self, t_s: float) -> None:
+        # Between two decisions, so that no output takes its end for that of a real alarm.
+        if "alarm" not in self.tracker.open_events:
+            for event in trial_alarm(t_s):
+                self._put(event_record(event))
 
     def _take_dwell(self, dwell: Dwell) -> None:
         parts = self.parts
@@ -205,16 +199,15 @@ class Worker:
         self._tell(self._health.on_notice(notice))
         self._emit(self.tracker.on_notice(notice))
 
-    def _take_command(self, notice: Notice) -> None:
-        name = notice.reason
+    def _take_command(self, name: str, t_s: float) -> None:
         self._log.info("command: %s", name)
         if name == "calibrate":
-            self._calibrate(notice.t_s)
-        elif name in ARM_MODES and not self._may_arm(notice.t_s):
+            self._calibrate(t_s)
+        elif name in ARM_MODES and not self._may_arm(t_s):
             return
         else:
-            self._emit(self.tracker.on_command(name, notice.t_s))
-        self._keep(notice.t_s)
+            self._emit(self.tracker.on_command(name, t_s))
+        self._keep(t_s)
 
     def _keep(self, t_s: float) -> None:
         self._store.save(self.tracker.kept(t_s))
@@ -244,15 +237,11 @@ class Worker:
 
         def take_up(made: Calibration) -> None:
             """Take it up with the next item; called from the calibration's thread."""
-            self._made = made
-            self._ring.post("calibrated", "the room was calibrated")
+            self._ring.post("calibrated", call=lambda _t_s: self._take_calibration(made))
 
         self._room = RoomCalibration(config, origin, t_s, take_up)
 
-    def _take_calibration(self) -> None:
-        made, self._made = self._made, None
-        if made is None:
-            return
+    def _take_calibration(self, made: Calibration) -> None:
         try:
             self.parts.pipeline.use(made)
         except ConfigError as err:
@@ -269,10 +258,7 @@ class Worker:
             parts.pipeline.tamper.relearn()
             parts.room.forget(room_of(parts.config, parts.pipeline))
 
-    def _take_parts(self) -> None:
-        parts, self._next = self._next, None
-        if parts is None:
-            return
+    def _take_parts(self, parts: Parts) -> None:
         if self.parts.clips is not None and self.parts.clips is not parts.clips:
             self.parts.clips.close(0.0)
         self.parts = parts

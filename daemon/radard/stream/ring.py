@@ -84,12 +84,14 @@ class Notice:
     """Something that happened to the stream between two dwells, or that is asked of the worker.
 
     'restart': counter or device started again; 'lost' and 'found': the device is away, is back;
-    'paused', 'moved': a replay stands still, goes on elsewhere; 'silent': nothing comes.
+    'paused', 'moved': a replay stands still, goes on elsewhere; 'silent': nothing comes. What is
+    asked of the worker is a `call`, which is given the stream time.
     """
 
     kind: str
     reason: str  # for people
     t_s: float  # stream time
+    call: Callable[[float], object] | None = None
 
 
 class FrameRing:
@@ -184,10 +186,12 @@ class FrameRing:
         """Call `on_item` whenever there is something to take, also the end; from any thread."""
         self._on_item = on_item
 
-    def post(self, kind: str, reason: str) -> None:
+    def post(
+        self, kind: str, reason: str = "", call: Callable[[float], object] | None = None
+    ) -> None:
         """Queue a notice for the worker."""
         t_s = (self._index + 1) / self.frame_rate_hz
-        self._put(Notice(kind, reason, t_s))
+        self._put(Notice(kind, reason, t_s, call))
 
     def end(self) -> None:
         """Tell the worker that nothing more will come."""

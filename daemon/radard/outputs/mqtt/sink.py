@@ -12,7 +12,7 @@ import logging
 import re
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from urllib.parse import unquote, urlsplit
 
 from radard.alarm.sensitivity import SENSITIVITIES
@@ -88,14 +88,6 @@ def _takes_commands(broker: Broker, options: MqttSection) -> bool:
     return options.commands == "always" or (options.commands == "auto" and is_authenticated)
 
 
-@dataclass(frozen=True, slots=True)
-class MqttCommand:
-    """A command, or with `sensitivity` that name alone."""
-
-    name: str = ""
-    sensitivity: str = ""
-
-
 def code_of(options: MqttSection) -> str:
     """Return the code that disarming takes, empty without one; raises ConfigError."""
     return read_secret("mqtt.code", options.code_file, options.code_env) or ""
@@ -114,17 +106,17 @@ class CommandReader:
         self._n_wrong = 0
         self._locked_until_s = float("-inf")
 
-    def read(self, topic: str, payload: bytes, *, is_retained: bool) -> MqttCommand | None:
-        """Return what a message asks for, None on other topics; ValueError or ConfigError."""
+    def read(self, topic: str, payload: bytes, *, is_retained: bool) -> tuple[str, str]:
+        """Return command and sensitivity, empty on other topics; or ValueError, ConfigError."""
         head, _, name = topic.rpartition("/")
         if head != self._head:
-            return None
+            return "", ""
         shown = repr(name[:_MAX_SHOWN])
         if is_retained:
             msg = f"command {shown} ignored: it was retained; remove it from the broker"
             raise ValueError(msg)
         if name == "sensitivity":
-            return self._sensitivity(payload)
+            return "", self._sensitivity(payload)
         code = ""
         if name == "panel":
             name, code = panel_command(payload)
@@ -137,14 +129,14 @@ class CommandReader:
             raise ValueError(f"command {shown} ignored: its payload must be empty")
         if name == "disarm":
             self._check_code(code)
-        return MqttCommand(name=name)
+        return name, ""
 
-    def _sensitivity(self, payload: bytes) -> MqttCommand:
+    def _sensitivity(self, payload: bytes) -> str:
         names = tuple(SENSITIVITIES["fused"])
         text = payload.decode()
         if text not in names:
             raise ValueError(f"command 'sensitivity' ignored: it is one of {', '.join(names)}")
-        return MqttCommand(sensitivity=text)
+        return text
 
     def _check_code(self, given: str) -> None:
         wanted = code_of(self._options)
@@ -314,20 +306,15 @@ class MqttSink(ThreadSink):
                 if payload == b"online":
                     self._announce()
                 return
-            command = self._reader.read(topic, payload, is_retained=is_retained)
-            if command is not None:
-                self._obey(command)
+            name, sensitivity = self._reader.read(topic, payload, is_retained=is_retained)
+            if sensitivity:
+                log.info("%s: sensitivity %s", self.name, sensitivity)
+                self._context.choose(sensitivity)
+            elif name:
+                log.info("%s: command %s", self.name, name)
+                self._context.command(name)
         except Exception as err:  # noqa: BLE001 - in the library's thread, which must go on
             self._warn(str(err))
-
-    def _obey(self, command: MqttCommand) -> None:
-        context = self._context
-        if command.sensitivity:
-            log.info("%s: sensitivity %s", self.name, command.sensitivity)
-            context.choose(command.sensitivity)
-        else:
-            log.info("%s: command %s", self.name, command.name)
-            context.command(command.name)
 
     def _warn(self, text: str) -> None:
         """Log what is wrong with a command, once a minute: a sender must not fill the log."""
