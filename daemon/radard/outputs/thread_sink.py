@@ -55,20 +55,17 @@ class RecordQueue:
 
     def take(self, timeout_s: float | None = None) -> Record | None:
         """Return the oldest record; None after `timeout_s`, after `wake`, or at the end."""
-        deadline_s = None if timeout_s is None else time.monotonic() + timeout_s
         with self._changed:
-            while True:
-                if self._records:
-                    record = self._records.popleft()
-                    self._n_others -= record.get("type") != "event"
-                    self._changed.notify_all()
-                    return record
-                left_s = None if deadline_s is None else deadline_s - time.monotonic()
-                is_late = left_s is not None and left_s <= 0
-                if self.is_ended or self._is_woken or is_late:
-                    self._is_woken = False
-                    return None
-                self._changed.wait(left_s)
+            self._changed.wait_for(
+                lambda: self._records or self.is_ended or self._is_woken, timeout_s
+            )
+            if not self._records:
+                self._is_woken = False
+                return None
+            record = self._records.popleft()
+            self._n_others -= record.get("type") != "event"
+            self._changed.notify_all()
+            return record
 
     def wake(self) -> None:
         """Let `take` return although there is no record."""
