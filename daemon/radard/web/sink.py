@@ -67,13 +67,9 @@ class WebSink:
         )
 
     def _view(self, sensor: str) -> View:
-        return View(
-            self._section,
-            self._log,
-            self._post,
-            sensor,
-            lambda view: Api(view, self._access, self._all_views).app,
-        )
+        view = View(self._section, self._log, self._post, sensor)
+        view.app = Api(view, self._access, self._all_views).app
+        return view
 
     def _all_views(self) -> list[View]:
         return list(self._views.values()) or [self._first]

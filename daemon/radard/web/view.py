@@ -108,14 +108,9 @@ _MAX_STATES = 4000  # above the decisions of `radard.web.view`
 class View:
     """One sensor's records, counters, pages and pictures; `sensor` is empty for an only one."""
 
-    def __init__(
-        self,
-        section: WebSection,
-        log: EventLog,
-        post: Post,
-        sensor: str,
-        make_app: Callable[["View"], ASGIApp],
-    ) -> None:
+    app: ASGIApp  # its pages
+
+    def __init__(self, section: WebSection, log: EventLog, post: Post, sensor: str) -> None:
         self.section, self.log, self.sensor = section, log, sensor
         self.host: Host | None = None  # the sensor's run, once there is one
         self.history, self.metrics = History(), Metrics(sensor)
@@ -126,7 +121,6 @@ class View:
             lambda axes: post(self.hub.announce, axes),
             lambda data: post(self.hub.show, data),
         )
-        self.app = make_app(self)
         self._post = post
         self._last: Mapping[str, Any] = {}
 
