@@ -205,9 +205,9 @@ class Process:
             gone, new = self._compare(config)
             remade = []
             for sensor in (keeper.sensor for keeper in self._keepers if keeper not in gone):
-                is_one = config.is_one_of_several
-                parts = sensor.remake(config.of_sensor(sensor.sensor) if is_one else config)
-                remade += [] if parts is None else [(sensor, parts)]
+                own = config.of_sensor(sensor.sensor) if config.is_one_of_several else config
+                if (parts := sensor.remake(own)) is not None:
+                    remade.append((sensor, parts))
         except RadardError as err:
             log.warning("reload: the old configuration stays: %s", err)
         else:
