@@ -57,21 +57,12 @@ class SourceOpener(Protocol):
     def __call__(
         self, target: str, options: Mapping[str, str], *, speed: float | None
     ) -> FrameSource:
-        """Open what stands behind the scheme's colon.
+        """Open what stands behind the colon: `target` up to the question mark, and its `options`.
 
-        Parameters
-        ----------
-        target, options : str, mapping of str to str
-            Up to the question mark, and the keys behind it.
-        speed : float or None
-            Stream seconds per real second, for sources that can choose; None is as fast as
-            possible.
-
-        Returns
-        -------
-        FrameSource
-            Open, with its stream known. Its frames are numbered from 0 and read-only. What cannot
-            be opened raises a RadardError or X2RadarError of one line, with its exit code.
+        `speed` is stream seconds per real second, for sources that can choose; None is as fast as
+        possible. The source is open and its stream known, its frames are numbered from 0 and
+        read-only. What cannot be opened raises a RadardError or X2RadarError of one line, with its
+        exit code.
         """
         ...
 
