@@ -57,23 +57,19 @@ class Session:
         self._decoder = PacketDecoder()
         self._events: deque[Event] = deque()
         self._to_send = bytearray()
-        self._outstanding: Message | None = None
-
-    @property
-    def outstanding(self) -> Message | None:
+        self.outstanding: Message | None = None
         """The command that waits for its reply, or None."""
-        return self._outstanding
 
     def send(self, command: Message) -> None:
         """Queue a command; raises ProtocolError if another one still waits for its reply."""
-        if self._outstanding is not None:
-            raise ProtocolError(f"{self._outstanding} is not answered yet")
+        if self.outstanding is not None:
+            raise ProtocolError(f"{self.outstanding} is not answered yet")
         self._to_send += framing.encode(encode(command))
-        self._outstanding = command
+        self.outstanding = command
 
     def give_up(self) -> None:
         """Stop waiting for the outstanding command's reply."""
-        self._outstanding = None
+        self.outstanding = None
 
     def data_to_send(self) -> bytes:
         """Return the bytes that must go to the port now, and forget them."""
@@ -95,7 +91,7 @@ class Session:
         self._decoder.reset()
         self._events.clear()
         self._to_send.clear()
-        self._outstanding = None
+        self.outstanding = None
 
     def _read(self, item: Packet | LineFault) -> Event:
         if isinstance(item, LineFault):
@@ -104,12 +100,12 @@ class Session:
             message = decode_response(item.data)
         except MessageError as err:
             return Damaged(str(err), len(item.data))
-        command = self._outstanding
+        command = self.outstanding
         if command is not None:
             if isinstance(message, ErrorReply):
-                self._outstanding = None
+                self.outstanding = None
                 return Refused(command, message.code)
             if isinstance(message, ANSWERS.get(type(command), Ack)):
-                self._outstanding = None
+                self.outstanding = None
                 return Answered(command, message)
         return Received(message)

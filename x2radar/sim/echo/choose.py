@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from x2radar.errors import SceneError
 from x2radar.frame import FastTimeAxis
 from x2radar.sim.echo import dense, gridded, spread
-from x2radar.sim.echo.common import FINEST_DB, Amplitude, Frames, Task, echo_sigma_m
+from x2radar.sim.echo.common import FINEST_DB, Amplitude, Frames, Task, blocks, echo_sigma_m
 from x2radar.sim.points import Array
 
 
@@ -57,7 +57,8 @@ def _gridded_ns(task: Task) -> float:
     each_ns = 5 + 1.7 * made.grid.n_touched
     frame_ns = gridded.frame_ns(made.n_blocks, made.n_block, made.n_window)
     frame_ns *= 1.2 if task.axis.kind == "rf" else 1.5
-    return task.n_calls * 5e4 + each_ns * task.n_echoes + frame_ns * task.n_slow
+    n_calls = sum(1 for _ in blocks(task.n_slow, task.n_points))
+    return n_calls * 5e4 + each_ns * task.n_echoes + frame_ns * task.n_slow
 
 
 TIERS: Mapping[str, Tier] = {

@@ -55,11 +55,6 @@ class Task:
         """Number of echoes: frames times scatterers."""
         return self.n_slow * self.n_points
 
-    @property
-    def n_calls(self) -> int:
-        """Pieces that slow time is cut into."""
-        return sum(1 for _ in blocks(self.n_slow, self.n_points))
-
 
 def counted(
     range_m: Array, amplitude: Amplitude, near_m: float, far_m: float, floor: float

@@ -75,7 +75,7 @@ class FrameDraws:
             return out
         # A burst may have begun up to its greatest length before the first frame asked for.
         start = max(0, first - _MAX_BURST + 1)
-        begins, length, raised = self._draw("burst", start, first + n - start, _bursts)
+        begins, length, raised = self._draw("burst", start, first + n - start, _draw_bursts)
         chance = 1 - np.exp(-e.burst_rate_hz / self._rate_hz)
         frames = np.ceil(length * e.burst_s * self._rate_hz).clip(1, _MAX_BURST)
         span_db = e.burst_most_db - e.burst_least_db
@@ -98,7 +98,8 @@ class FrameDraws:
         if self._effects.spike_share == 0:
             none = np.zeros(0, np.int64)
             return none, none, none
-        chance, number, *rest = self._draw("spike", first, n, _spikes)
+        shape = (2 + 2 * _MAX_SPIKES, _BLOCK)
+        chance, number, *rest = self._draw("spike", first, n, lambda rng: rng.random(shape))
         column, counts = np.split(np.stack(rest, axis=1), 2, axis=1)
         is_spiked = (chance < self._effects.spike_share)[:, None]
         rank = np.arange(_MAX_SPIKES)
@@ -124,9 +125,5 @@ class FrameDraws:
         return np.concatenate(parts, axis=1)[:, at : at + n]
 
 
-def _bursts(rng: np.random.Generator) -> Array:
+def _draw_bursts(rng: np.random.Generator) -> Array:
     return np.stack([rng.random(_BLOCK), rng.exponential(size=_BLOCK), rng.random(_BLOCK)])
-
-
-def _spikes(rng: np.random.Generator) -> Array:
-    return rng.random((2 + 2 * _MAX_SPIKES, _BLOCK))
