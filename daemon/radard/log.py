@@ -23,6 +23,7 @@ from radard.log_file import (
     ForeignDatabase,
     StoredEvent,
     check_pages,
+    fault_text,
     files_of,
     fold_events,
     is_damage,
@@ -229,13 +230,13 @@ class EventLog:
         path = self._path
         if path is not None and is_damage(err):
             try:
-                self._say(f"damaged ({_one_line(err)}), put aside as {put_aside(path).name}")
+                self._say(f"damaged ({fault_text(err)}), put aside as {put_aside(path).name}")
             except OSError as fault:
                 err = fault
             else:
                 self._write_all_again()
                 return True
-        why = _one_line(err)
+        why = fault_text(err)
         if not self._trouble:
             log.warning("%s: events are kept in memory only: %s", path, why)
         self._trouble = why
@@ -375,10 +376,6 @@ class EventLog:
             raise
         with self._changed:
             self._written, self._held = last, held
-
-
-def _one_line(err: Exception) -> str:
-    return " ".join(str((isinstance(err, OSError) and err.strerror) or err).split())
 
 
 def _put_place(db: sqlite3.Connection, name: str, place: Place | None) -> None:

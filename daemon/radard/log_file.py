@@ -11,6 +11,7 @@ The views `events` (one row an event, by its last phase) and `statuses` are for 
 """
 
 import contextlib
+import errno
 import json
 import os
 import re
@@ -104,7 +105,11 @@ def open_log_file(path: Path, more: str = "") -> sqlite3.Connection:
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     with contextlib.suppress(FileExistsError):
         os.close(os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600))
-    db = sqlite3.connect(path, timeout=_BUSY_S, isolation_level=None, check_same_thread=False)
+    if not path.is_file():
+        raise OSError(errno.EINVAL, "it is no file", str(path))
+    # Not as it is written: SQLite takes some names, as :memory:, for no file.
+    whole = path.absolute()
+    db = sqlite3.connect(whole, timeout=_BUSY_S, isolation_level=None, check_same_thread=False)
     try:
         _check_owner(db)
         db.execute("PRAGMA auto_vacuum=INCREMENTAL")
@@ -155,6 +160,11 @@ def is_damage(err: Exception) -> bool:
 def is_passing(err: Exception) -> bool:
     """Return whether a fault of SQLite may pass by itself, as a full disk does."""
     return isinstance(err, sqlite3.Error) and _code(err) in _PASSING
+
+
+def fault_text(err: Exception) -> str:
+    """Return what is wrong with a file, in one line that names no numbers of the system's."""
+    return " ".join(str((isinstance(err, OSError) and err.strerror) or err).split())
 
 
 def _code(err: sqlite3.Error) -> int:

@@ -1,8 +1,10 @@
 """The SQLite store: what is in it, an end to its growth, disks, and `radard events`."""
 
 import json
+import os
 import sqlite3
 from contextlib import closing
+from pathlib import Path
 
 import pytest
 
@@ -139,6 +141,19 @@ def test_events_command(path, capsys, tmp_path, monkeypatch):
     assert json.loads(capsys.readouterr().out)["id"] == ulid(3)
     assert cli.main(["events", "--since", "2026-11-21T07:00"]) == 0
     assert capsys.readouterr().out == "no events\n"
+
+
+def test_a_name_that_sqlite_knows_is_a_file_all_the_same(tmp_path, monkeypatch):
+    """Before, all went into memory, and a file of that name stayed empty."""
+    monkeypatch.chdir(tmp_path)
+    assert ids(filled(Path(":memory:"), [event(1)])) == [ulid(1)]
+
+
+def test_what_is_no_file_is_left_alone(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(OutputError, match="pipe: cannot be used: it is no file"):
+        filled(tmp_path / "pipe", [event(1)])
+    assert (tmp_path / "pipe").is_fifo()
 
 
 def test_events_command_without_a_store_lists_the_daemons_own_log(capsys, tmp_path, monkeypatch):

@@ -246,5 +246,6 @@ class ClipKeeper:
                 self._complain(err)
 
     def _complain(self, err: Exception) -> None:
-        self.complaint = str(err)
-        log.warning("clip: %s", err)
+        why = err.strerror if isinstance(err, OSError) else None
+        self.complaint = f"{self._folder}: {why}" if why else str(err)
+        log.warning("clip: %s", self.complaint)

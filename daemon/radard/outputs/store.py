@@ -18,6 +18,7 @@ from radard.errors import OutputError
 from radard.log_file import (
     ForeignDatabase,
     check_pages,
+    fault_text,
     files_of,
     is_damage,
     is_passing,
@@ -83,7 +84,9 @@ class StoreSink(DirectSink):
             may_pass = is_passing(err) or (isinstance(err, OSError) and err.errno in PASSING)
             # Where nobody waits, a full disk must not keep the radar from its work.
             if not self._begins_anew(err) and (self.waits or not may_pass):
-                raise OutputError(f"--output {self.name}: cannot be used: {err}") from err
+                raise OutputError(
+                    f"--output {self.name}: cannot be used: {fault_text(err)}"
+                ) from err
 
     def _opened(self) -> sqlite3.Connection:
         if self._db is not None and files_of(self._path) != self._files:
@@ -101,7 +104,7 @@ class StoreSink(DirectSink):
         except (OSError, sqlite3.Error, ForeignDatabase) as err:
             self._let_go()
             if not self._begins_anew(err):
-                raise DeliveryError(f"cannot keep it: {err}") from err
+                raise DeliveryError(f"cannot keep it: {fault_text(err)}") from err
             self._deliver(record)
 
     def _put(self, record: Record) -> None:
@@ -134,7 +137,7 @@ class StoreSink(DirectSink):
         except (OSError, sqlite3.Error) as err:
             self._let_go()
             if not self._begins_anew(err):
-                self._keeper.failed(f"cannot commit: {err}")
+                self._keeper.failed(f"cannot commit: {fault_text(err)}")
 
     def _shut(self) -> None:
         with contextlib.suppress(sqlite3.Error):
