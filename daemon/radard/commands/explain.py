@@ -15,6 +15,13 @@ from radard.judge.model_choice import OF_ONE_MODULE, hop_warning, model_for
 from x2radar.command import Parser, new_parser
 from x2radar.ports import parse_port
 
+_EXAMPLES = """\
+examples:
+  radard explain                         the configuration that holds
+  radard explain --sensitivity low
+  radard explain --model mine.onnx --pass-time 8
+"""
+
 
 def in_use(config: Config) -> Profile | None:
     """Return the profile whose settings hold, with all else of a decision as usual; else None."""
@@ -60,14 +67,6 @@ def profile_lines(config: Config, bundle: Bundle) -> Iterator[str]:
 def basis(n: int) -> str:
     """Return on what errors were measured."""
     return f"{n} simulated people and {n} visits of pets before an X2"
-
-
-_EXAMPLES = """\
-examples:
-  radard explain                         the configuration that holds
-  radard explain --sensitivity low
-  radard explain --model mine.onnx --pass-time 8
-"""
 
 
 def run(argv: Sequence[str]) -> int:

@@ -14,6 +14,11 @@ from typing import Any
 from radard.config.sink_table import find_row
 from radard.errors import ConfigError
 
+MASK = "***"
+_USERINFO = re.compile(r"(//[^:\s]*):\S*@")  # up to the last @: a password may hold /, @, :
+_QUERY = re.compile(r"([?&][^=&\s]*(?:pass|secret|token|key|auth)[^=&\s]*)=[^&\s]*", re.IGNORECASE)
+_KEY = re.compile(r"pass(word)?|secret|token|api_?key", re.IGNORECASE)
+
 
 def read_secret(what: str, file: Path | None, variable: str | None) -> str | None:
     """Return the first line of `file` or `variable`, None if neither is named; or ConfigError."""
@@ -34,12 +39,6 @@ def read_secret(what: str, file: Path | None, variable: str | None) -> str | Non
     if not line:
         raise ConfigError(fault)
     return line
-
-
-MASK = "***"
-_USERINFO = re.compile(r"(//[^:\s]*):\S*@")  # up to the last @: a password may hold /, @, :
-_QUERY = re.compile(r"([?&][^=&\s]*(?:pass|secret|token|key|auth)[^=&\s]*)=[^&\s]*", re.IGNORECASE)
-_KEY = re.compile(r"pass(word)?|secret|token|api_?key", re.IGNORECASE)
 
 
 def redact(text: str) -> str:

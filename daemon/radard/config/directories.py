@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 SYSTEM_RUNTIME_DIR = Path("/run/radard")  # RuntimeDirectory= of the unit in deploy/systemd
 SYSTEM_STATE_DIR = Path("/var/lib/radard")  # StateDirectory= of the same
+log = logging.getLogger("radard")
 
 
 def named_state_dir(config: "Config", environ: Mapping[str, str] = os.environ) -> Path | None:
@@ -159,9 +160,6 @@ def _temporary_dir() -> Path | None:
         return None
     is_own = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid()
     return folder if is_own and not found.st_mode & 0o077 else None
-
-
-log = logging.getLogger("radard")
 
 
 @contextlib.contextmanager

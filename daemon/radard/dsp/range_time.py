@@ -16,6 +16,9 @@ from radard.errors import FeatureError
 from x2radar.frame import FastTimeAxis
 
 MIN_COVERAGE = 0.5  # a cell of which less than this was seen is not known: a half
+_BLOCK = 64  # frames at once: a hop at 60 Hz
+# Squares of rows within these energies neither overflow float32 nor lose digits in it.
+_LOW, _HIGH = 1e-25, 1e30
 
 
 def overlap(sample_edges: Reals, cell_edges: Reals) -> Reals:
@@ -53,11 +56,6 @@ def time_cells(
     # Columns that do not count must not count as NaN or Inf either.
     power = np.where(valid, columns, 0.0) @ share
     return power / np.where(known > 0, known, 1.0), known >= MIN_COVERAGE - 1e-9
-
-
-_BLOCK = 64  # frames at once: a hop at 60 Hz
-# Squares of rows within these energies neither overflow float32 nor lose digits in it.
-_LOW, _HIGH = 1e-25, 1e30
 
 
 class RangeTimeMap(ColumnStream):

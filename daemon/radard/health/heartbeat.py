@@ -19,6 +19,8 @@ from radard.health.health import Health, Status, may_feed_all, overall
 from radard.health.status_file import read_status, write_status
 
 log = logging.getLogger("radard")
+_EVERY_S = 1.0  # `radard health` calls a file of 10 s stale
+_MAIN_LATE_S = 5.0  # the main thread comes by once a second
 
 
 class Notifier:
@@ -62,10 +64,6 @@ class Notifier:
         if self.every_s is not None and now_s - self._fed_s >= self.every_s / 2:
             self._fed_s = now_s
             self.send("WATCHDOG=1", f"STATUS={status}")
-
-
-_EVERY_S = 1.0  # `radard health` calls a file of 10 s stale
-_MAIN_LATE_S = 5.0  # the main thread comes by once a second
 
 
 @dataclass(slots=True)

@@ -22,6 +22,7 @@ from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 WEAKEST_COLUMN_DB = 25.0  # weaker columns stay dark: the maps' own depth
 
 Map = NDArray[np.float32]
+_MAX_SHARE = 0.75  # of a dwell, for a CPI: the rest is what its columns move over
 
 
 def shown(power: NDArray[np.float64], valid: NDArray[np.bool_], depth_db: float) -> Map:
@@ -59,9 +60,6 @@ def busiest_rows(power: NDArray[np.float64], n_rows: int) -> NDArray[np.float64]
     sums = np.concatenate([[0.0], np.cumsum(share)])
     first = int(np.argmax(sums[n_rows:] - sums[:-n_rows]))
     return power[first : first + n_rows].copy()
-
-
-_MAX_SHARE = 0.75  # of a dwell, for a CPI: the rest is what its columns move over
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

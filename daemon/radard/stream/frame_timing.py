@@ -16,6 +16,8 @@ _MAX_BLOCKS = 360  # an hour: a crystal follows the room's temperature more slow
 _MIN_BLOCKS = 10  # before that, the interval is wider than any crystal's error
 _T = 2.31  # Student's t, 95 %, eight degrees of freedom; more have less
 _STAMP_S = 1e-3  # that a block's stamps may share: USB polls once a ms (USB 2.0, 5.11)
+_STRETCH = 5  # dwells, of a second each: a fault is announced after ten seconds
+_MAX_OFF = 0.1  # clocks differ by 1e-4, and speeds by this much do no harm
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,10 +71,6 @@ class ClockDrift:
         scatter = float(np.sqrt((rest @ rest) / (len(rest) - 2) / spread))
         shared = _STAMP_S / float(t_s[-1] - t_s[0])
         return Drift(1.0 / (1.0 + slope) - 1.0, _T * scatter + shared)
-
-
-_STRETCH = 5  # dwells, of a second each: a fault is announced after ten seconds
-_MAX_OFF = 0.1  # clocks differ by 1e-4, and speeds by this much do no harm
 
 
 class FrameTiming:

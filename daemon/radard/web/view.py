@@ -23,6 +23,8 @@ from radard.web.pictures.picture_thread import PictureThread
 DECISIONS, EVENTS = 3600, 500  # an hour of decisions, and as many events as a page shows
 N_BEFORE = 16  # decisions that confirmation looks at, at most (`alarm.confirm_n`)
 _MAX_ALARMS = 100  # whose decisions are kept for longer: days of them
+Post = Callable[[Callable[[Any], None], Any], None]  # a call in the web's own thread
+_MAX_STATES = 4000  # above `DECISIONS`
 
 
 class History:
@@ -99,10 +101,6 @@ class History:
         """Return events of this run, oldest first, each in its last phase."""
         with self._lock:
             return list(self._events.values())
-
-
-Post = Callable[[Callable[[Any], None], Any], None]  # a call in the web's own thread
-_MAX_STATES = 4000  # above the decisions of `radard.web.view`
 
 
 class View:
