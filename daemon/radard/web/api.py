@@ -29,11 +29,11 @@ from radard.errors import ConfigError, ModelMismatch
 from radard.health.health import Status, overall
 from radard.judge.card import read_card
 from radard.outputs.base import Sink
-from radard.web import hub as socket
 from radard.web.actions import Actions
 from radard.web.auth import AccessControl, Role
 from radard.web.events import EventRoutes
 from radard.web.guard import Guard, SecurityMiddleware, query_number, refusal, whole_number
+from radard.web.hub import serve
 from radard.web.metrics import exposition
 from radard.web.view import DECISIONS, View
 
@@ -180,7 +180,7 @@ class Api:
             "events": view.history.events()[-50:],
         }
         most = view.section.max_viewers
-        await socket.serve(websocket, self._access, view.hub, most, welcome)
+        await serve(websocket, self._access, view.hub, most, welcome)
 
     async def _page(self, request: Request) -> Response:
         is_known = self._access.role(request) != "nobody"
