@@ -85,26 +85,28 @@ class NotifySocket:
         self._socket.close()
 
 
-def write_recording(path, samples, rate_hz=60.0, **attributes):
-    """Make a foreign recording: only what the contract asks for."""
+def write_recording(path, samples, rate_hz=60.0, sets=None, **attributes):
+    """Make a foreign recording: only what the contract asks for; None leaves something out."""
     n = len(samples)
+    known = {
+        "format": "x2radar-recording",
+        "format_version": 1,
+        "kind": "baseband",
+        "frame_rate_hz": rate_hz,
+        "carrier_hz": 6.8e9,
+        "sample_rate_hz": 41e9,
+        "bin_length_m": 299_792_458 / 82e9,
+        "range_offset_m": 0.6,
+        "started_utc": "2026-01-01T00:00:00Z",
+        "device": "{}",
+        "settings": "{}",
+    }
+    columns = {"samples": samples, "counter": np.arange(n, dtype=np.uint32)}
+    columns |= {"t_s": np.arange(n) / rate_hz, **(sets or {})}
     with h5py.File(path, "w") as file:
-        file.attrs.update(
-            {
-                "format": "x2radar-recording",
-                "format_version": 1,
-                "kind": "baseband",
-                "frame_rate_hz": rate_hz,
-                "carrier_hz": 6.8e9,
-                "sample_rate_hz": 41e9,
-                "bin_length_m": 299_792_458 / 82e9,
-                "range_offset_m": 0.6,
-                "started_utc": "2026-01-01T00:00:00Z",
-                "device": "{}",
-                "settings": "{}",
-                **attributes,
-            }
-        )
-        file["frames/samples"] = samples
-        file["frames/counter"] = np.arange(n, dtype=np.uint32)
-        file["frames/t_s"] = np.arange(n) / rate_hz
+        for name, value in (known | attributes).items():
+            if value is not None:
+                file.attrs[name] = value
+        for name, value in columns.items():
+            if value is not None:
+                file[f"frames/{name}"] = value

@@ -172,6 +172,21 @@ class OnUsb(Wrapped):
     is_usb = True
 
 
+class Clock:
+    """Time that passes only in sleeps and where a test says so."""
+
+    def __init__(self) -> None:
+        self.now_s = 100.0
+        self.slept_s: list[float] = []
+
+    def __call__(self) -> float:
+        return self.now_s
+
+    def sleep(self, duration_s: float) -> None:
+        self.slept_s.append(duration_s)
+        self.now_s += duration_s
+
+
 def raw(counter: int) -> bytes:
     return wire(Data(0, counter, np.full(256, counter, np.float32)))
 

@@ -18,6 +18,7 @@ from x2train.nets.bundle_answers import outputs_of
 from x2train.nets.map_fit import INPUTS as NAMES
 from x2train.nets.map_fit import MAPS, MapFitSettings, MapTrained, fit_maps
 from x2train.nets.temporal_head import Given, HeadSettings, HeadTrained, fit_head
+from x2train.sets.shards import ShardSet
 
 TINY = MapFitSettings(
     epochs=20,
@@ -39,6 +40,20 @@ INPUTS = tuple(ModelInput(name, feature_shape(name, FEATURES), name) for name in
 def as_float(values):
     """Return maps as networks take them; what is no map stays."""
     return (values / 255 if values.dtype == np.uint8 else values).astype(np.float32)
+
+
+def write_set(folder, columns, **about):
+    """Write windows as a set of one shard; returns the folder."""
+    about = {"kind": "windows", "use": "all", "settings": settings(), **about}
+    ShardSet(folder, about).write("shard-00000", columns)
+    return folder
+
+
+def one_line(capsys):
+    """Return the one line that was said on stderr, all progress left out."""
+    err = capsys.readouterr().err.splitlines()
+    (line,) = [line for line in err if not line.startswith("passages:")]
+    return line
 
 
 def toy(n=96, seed=0):

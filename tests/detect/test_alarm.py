@@ -102,9 +102,7 @@ def test_latched_until_nobody_was_seen_for_long_enough():
     assert kinds(steps) == [(1, "new"), (7, "update"), (9, "end")]
     assert steps[-1][2] == "nobody seen for 5 s"
     assert panel.state == "armed"
-
-
-def test_an_update_says_who_left_and_who_came_back():
+    # An update says who left and who came back.
     panel = AlarmPanel(AlarmPolicy(latch_s=60))
     steps = play(panel, [HIT, *[NOTHING] * 4, SEEN])
     assert steps[1:] == [(4, "update", "nobody in sight"), (6, "update", "human at 2.0 m, again")]
@@ -118,6 +116,26 @@ def test_the_exit_delay_gives_time_to_leave():
     # Who is still there when it ends is seen by the window after it, and no earlier.
     assert kinds(play(panel, [HIT] * 12)) == [(12, "new")]
     assert panel.left_s(12) is None
+    # What ends the exit delay early leaves the sensor armed.
+    panel = AlarmPanel(AlarmPolicy(exit_delay_s=600), is_armed=False)
+    panel.arm(0)
+    assert panel.on_loss(2) == []
+    assert panel.state == "armed"
+    panel.disarm()
+    panel.arm(3)
+    panel.policy = AlarmPolicy(exit_delay_s=2)
+    play(panel, [NOTHING], start_s=5)
+    assert panel.state == "armed"
+    # Short exit delays and those of another policy.
+    panel = AlarmPanel(AlarmPolicy(exit_delay_s=0.5), is_armed=False)
+    panel.arm(1.0)
+    assert panel.state == "exit"
+    panel = AlarmPanel(AlarmPolicy(exit_delay_s=30))
+    # Of a time when it was 70 s: it is no longer than it would be now.
+    panel.resume_exit(70.0)
+    assert panel.left_s(0.0) == 30.0
+    panel.on_sight(30.0, HIT)
+    assert panel.state == "armed"
 
 
 def test_no_way_around_the_alarm_through_the_exit_delay():
@@ -129,9 +147,7 @@ def test_no_way_around_the_alarm_through_the_exit_delay():
     assert kinds(play(panel, [NOTHING] * 6, start_s=2)) == [(6, "new")]
     panel.arm(7, "home")
     assert panel.state == "alarm"
-
-
-def test_to_arm_in_another_way_is_to_arm_again():
+    # To arm in another way is to arm again.
     panel = AlarmPanel(AlarmPolicy(exit_delay_s=10), is_armed=False)
     panel.arm(0, "home")
     panel.arm(4, "away")
@@ -143,26 +159,12 @@ def test_to_arm_in_another_way_is_to_arm_again():
     assert (panel.state, panel.mode) == ("exit", "home")
 
 
-def test_what_ends_the_exit_delay_early_leaves_the_sensor_armed():
-    panel = AlarmPanel(AlarmPolicy(exit_delay_s=600), is_armed=False)
-    panel.arm(0)
-    assert panel.on_loss(2) == []
-    assert panel.state == "armed"
-    panel.disarm()
-    panel.arm(3)
-    panel.policy = AlarmPolicy(exit_delay_s=2)
-    play(panel, [NOTHING], start_s=5)
-    assert panel.state == "armed"
-
-
 def test_a_resumed_alarm_waits_for_its_acknowledgement():
     panel = AlarmPanel(AlarmPolicy(latch_s=30))
     panel.resume("human at 1 m")
     assert panel.state == "alarm"
     assert kinds(play(panel, [NOTHING] * 40)) == [(30, "end")]
-
-
-def test_without_a_policy_the_verdict_alone_counts():
+    # Without a policy the verdict alone counts.
     policy = AlarmPolicy()
     assert (policy.k, policy.n, policy.p_on, policy.p_off) == (1, 1, 0.0, 1.0)
     delays_s = policy.exit_delay_s, policy.entry_delay_s, policy.latch_s, policy.refractory_s
@@ -184,15 +186,3 @@ def test_who_is_seen_in_an_alarm_and_what_is_left_of_a_delay():
     panel.disarm()
     panel.arm(40.0)
     assert (panel.left_s(50.0), panel.left_s(71.0)) == (20.0, 0.0)
-
-
-def test_short_exit_delays_and_those_of_another_policy():
-    panel = AlarmPanel(AlarmPolicy(exit_delay_s=0.5), is_armed=False)
-    panel.arm(1.0)
-    assert panel.state == "exit"
-    panel = AlarmPanel(AlarmPolicy(exit_delay_s=30))
-    # Of a time when it was 70 s: it is no longer than it would be now.
-    panel.resume_exit(70.0)
-    assert panel.left_s(0.0) == 30.0
-    panel.on_sight(30.0, HIT)
-    assert panel.state == "armed"

@@ -111,6 +111,13 @@ def test_peak_follows_what_is_seen():
         tracker.on_decision(decision(t_s), DWELL)
     events = tracker.on_command("ack", 7.2)
     assert [(e.phase, e.peak, e.id, e.t_s) for e in events] == [("end", 0.9, new.id, 7.2)]
+    # The peak of a delay that was broken off is forgotten.
+    tracker = EventTracker(AlarmPanel(AlarmPolicy(entry_delay_s=3.0)))
+    tracker.on_decision(decision(1, 0.9), DWELL)
+    tracker.on_command("disarm", 1)
+    tracker.on_command("arm", 2)
+    assert tracker.on_decision(decision(3, 0.3), DWELL) == []
+    assert tracker.kept(3).alarm_peak == 0.3
 
 
 @pytest.mark.parametrize("how", ["over", "lost", "restarted"])
@@ -126,15 +133,6 @@ def test_an_alarm_behind_an_entry_delay_knows_who_was_seen_in_it(how):
     else:
         (new,) = EventTracker(AlarmPanel(policy)).resume(tracker.kept(3))
     assert (new.kind, new.phase, new.peak) == ("alarm", "new", 0.9)
-
-
-def test_the_peak_of_a_delay_that_was_broken_off_is_forgotten():
-    tracker = EventTracker(AlarmPanel(AlarmPolicy(entry_delay_s=3.0)))
-    tracker.on_decision(decision(1, 0.9), DWELL)
-    tracker.on_command("disarm", 1)
-    tracker.on_command("arm", 2)
-    assert tracker.on_decision(decision(3, 0.3), DWELL) == []
-    assert tracker.kept(3).alarm_peak == 0.3
 
 
 def test_alarm_fault_and_tamper_are_apart():
@@ -179,6 +177,14 @@ def test_what_is_kept_comes_back():
     ended = [e for t_s in range(1, 30) for e in again.on_decision(decision(t_s), DWELL)]
     assert [(e.phase, e.id) for e in ended] == [("end", new.id)]
     assert EventTracker().resume(KeptState(is_armed=False, alarm_id=new.id)) == []
+    # An alarm that goes on begins anew in stream time.
+    kept = KeptState(is_armed=True, alarm_id="A", alarm_reason="human", alarm_peak=0.7)
+    (event,) = EventTracker().resume(kept)
+    assert (event.id, event.phase, event.t_s, event.start_t_s) == ("A", "update", 0.0, 0.0)
+    assert (event.peak, event.end_t_s, event.is_trial) == (0.7, None, False)
+    (begun,) = EventTracker().resume(KeptState(is_armed=True, entry_reason="human"))
+    assert (begun.phase, begun.t_s, begun.start_t_s, begun.peak) == ("new", 0.0, 0.0, 0.0)
+    assert trial_alarm(3.0)[0].peak == 0.0
 
 
 def test_an_entry_delay_is_kept_and_its_alarm_begins_at_once():
@@ -289,6 +295,22 @@ def test_the_time_of_an_id_is_stream_time_in_milliseconds():
         assert new.is_trial
         assert end.is_trial
 
+    # Ids come from the last frame and the time and never grow.
+    def id_of(rows, t_s=1.0, run=" a"):
+        dwell = dataclasses.replace(DWELL, frames=rows)
+        return EventTracker(run=run).on_decision(decision(t_s, 0.9), dwell)[0].id
+
+    rows = noise(10)
+    other_first, other_last = rows.copy(), rows.copy()
+    other_first[:-1] += 1
+    other_last[-1] += 1
+    assert id_of(rows) == id_of(other_first) != id_of(other_last)
+    assert id_of(rows) != id_of(rows, run=" b")
+    # 48 bits of milliseconds: after that they begin again.
+    assert trial_alarm(((1 << 48) + 5) / 1000)[0].id[:10] == trial_alarm(0.005)[0].id[:10]
+    assert trial_alarm(0.005)[0].id[:10] == "0000000005"
+    assert len(trial_alarm(1e18)[0].id) == 26
+
 
 def test_zones_that_leave_nothing_at_home_are_a_fault_and_say_so():
     home = ZonesSection(exclude=((0.0, 1.0),), away=((1.0, 9.0),))
@@ -336,30 +358,3 @@ def test_fault_and_tamper_are_told_once_and_only_tamper_when_its_reason_changes(
     ended = tracker.on_decision(decision(5.0), DWELL)
     assert [(e.phase, e.t_s, e.end_t_s) for e in ended] == [("end", 5.0, 5.0)] * 2
     assert tracker.open_events == {}
-
-
-def test_an_alarm_that_goes_on_begins_anew_in_stream_time():
-    kept = KeptState(is_armed=True, alarm_id="A", alarm_reason="human", alarm_peak=0.7)
-    (event,) = EventTracker().resume(kept)
-    assert (event.id, event.phase, event.t_s, event.start_t_s) == ("A", "update", 0.0, 0.0)
-    assert (event.peak, event.end_t_s, event.is_trial) == (0.7, None, False)
-    (begun,) = EventTracker().resume(KeptState(is_armed=True, entry_reason="human"))
-    assert (begun.phase, begun.t_s, begun.start_t_s, begun.peak) == ("new", 0.0, 0.0, 0.0)
-    assert trial_alarm(3.0)[0].peak == 0.0
-
-
-def test_ids_come_from_the_last_frame_and_the_time_and_never_grow():
-    def id_of(rows, t_s=1.0, run=" a"):
-        dwell = dataclasses.replace(DWELL, frames=rows)
-        return EventTracker(run=run).on_decision(decision(t_s, 0.9), dwell)[0].id
-
-    rows = noise(10)
-    other_first, other_last = rows.copy(), rows.copy()
-    other_first[:-1] += 1
-    other_last[-1] += 1
-    assert id_of(rows) == id_of(other_first) != id_of(other_last)
-    assert id_of(rows) != id_of(rows, run=" b")
-    # 48 bits of milliseconds: after that they begin again.
-    assert trial_alarm(((1 << 48) + 5) / 1000)[0].id[:10] == trial_alarm(0.005)[0].id[:10]
-    assert trial_alarm(0.005)[0].id[:10] == "0000000005"
-    assert len(trial_alarm(1e18)[0].id) == 26

@@ -34,7 +34,7 @@ def copy(tmp_path):
     return write
 
 
-def test_shipped_bundles_load_and_answer():
+def test_shipped_bundles_answer_extremes_too():
     assert {"thesis", "balanced"} <= set(bundle_names())
     for name in bundle_names():
         bundle = load_bundle(name)
@@ -44,9 +44,6 @@ def test_shipped_bundles_load_and_answer():
         p = classifier.classify(inputs)
         assert p.human + p.pet + p.other == pytest.approx(1, abs=1e-6)
         assert min(p.human, p.pet, p.other) >= 0
-
-
-def test_extreme_features_stay_finite():
     classifier = Classifier(load_bundle("thesis"))
     for vector in (np.zeros(1176), np.ones(1176) * 1e4):
         p = classifier.classify(features(vector))

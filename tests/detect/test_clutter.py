@@ -5,12 +5,10 @@ import pytest
 
 from radard.detect.clutter_map import ClutterMap, ClutterRemover
 from radard.dsp.clutter import (
-    block_power,
     centre_spread_m,
     median,
     noise_of,
     noise_profile,
-    part_edges,
     second_differences,
     sound_rows,
     spike_rows,
@@ -54,9 +52,8 @@ def test_pure_noise_is_unbiased_in_any_unit(sigma):
 def test_residual_power_is_exact_whatever_clutter_lies_under_it(clutter_db):
     frames = noise(147, 64) + noise(1, 64, seed=9, sigma=10 ** (clutter_db / 20))
     frames = frames.astype(np.complex64)
-    np.testing.assert_allclose(
-        residual_power(frames, ALL, 28), reference_power(frames, ALL, 28), rtol=1e-5
-    )
+    got, wanted = residual_power(frames, ALL, 28), reference_power(frames, ALL, 28)
+    np.testing.assert_allclose(got, wanted, rtol=1e-5)
 
 
 @pytest.mark.parametrize("value", [0.0, 5.0, -1e30, 1e-42])
@@ -66,39 +63,19 @@ def test_equal_frames_have_no_power(value):
     assert noise_power(frames, ALL) == 0
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e39, 1e6])
+@pytest.mark.parametrize("bad", [np.nan, -np.inf, 1e39, 1e6])
 @pytest.mark.parametrize("position", [0, 1, 27, 73, 119, 145, 146])
 def test_rows_that_are_lost_or_not_finite_are_left_out(bad, position):
     frames = noise(147, 64).astype(np.complex128)
     frames[position, 5] = complex(bad, 1)
     good = np.arange(147) != position
     valid = good if bad == 1e6 else ALL
-    np.testing.assert_allclose(
-        residual_power(frames, valid, 28),
-        reference_power(np.nan_to_num(frames), good, 28),
-        rtol=1e-5,
-    )
+    wanted = reference_power(np.nan_to_num(frames), good, 28)
+    np.testing.assert_allclose(residual_power(frames, valid, 28), wanted, rtol=1e-5)
     assert noise_power(frames, valid) == pytest.approx(1, rel=0.1)
     rows, usable, _ = sound_rows(frames, valid)
     assert np.isfinite(rows).all()
     np.testing.assert_array_equal(usable, good)
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        *(lambda f, t=t: np.rint(30 * f.real).astype(t) for t in ("f2", "i2", ">i2", "f8", ">f4")),
-        lambda f: np.repeat(f, 2, axis=1)[:, ::2],
-        np.asfortranarray,
-        lambda f: f[::-1],
-        lambda f: f.astype(">c8"),
-        lambda f: f.astype(np.complex128),
-    ],
-)
-def test_type_and_layout_do_not_matter(change):
-    frames = change(noise(147, 64))
-    got = residual_power(frames, ALL, 28)
-    np.testing.assert_allclose(got, reference_power(frames, ALL, 28), rtol=1e-5)
 
 
 def test_frames_stay_as_they_were_and_may_be_read_only():
@@ -112,59 +89,35 @@ def test_frames_stay_as_they_were_and_may_be_read_only():
     np.testing.assert_array_equal(frames, before)
 
 
-def test_parts_of_a_cpi_share_its_power():
-    frames = noise(147, 16)
-    frames[130:] *= 10
-    rows, usable, scale = sound_rows(frames, ALL)
-    whole, _ = block_power(rows, usable, 28, 1)
-    parts, kept = block_power(rows, usable, 28, 4)
-    assert parts.shape == (5, 4, 16)
-    assert kept.all()
-    np.testing.assert_array_equal(part_edges(28, 4), [0, 7, 14, 21])
-    np.testing.assert_allclose(parts.mean(axis=1), whole[:, 0], rtol=1e-6)
-    assert parts[-1, -1].mean() * scale**2 > 30 * parts[-1, 0].mean() * scale**2
-    usable[119:126] = False
-    without, _ = block_power(rows, usable, 28, 4)
-    assert not without[-1, 0].any()
-    usable[119:140] = False
-    assert block_power(rows, usable, 28, 4)[1].tolist() == [True] * 4 + [False]
-    assert part_edges(7, 3).tolist() == [0, 3, 5]
+def spikes(frames, valid=ALL):
+    rows, usable, _ = sound_rows(frames, valid)
+    return np.flatnonzero(spike_rows(rows, usable)).tolist()
 
 
 @pytest.mark.parametrize("position", range(147))
 def test_a_spike_at_every_position(position):
     frames = room()
     frames[position] += 3000
-    rows, usable, _ = sound_rows(frames, ALL)
-    assert np.flatnonzero(spike_rows(rows, usable)).tolist() == [position]
+    assert spikes(frames) == [position]
 
 
 @pytest.mark.parametrize("speed_mps", [0.0, 0.3, 1.2, 4.0, 11.0])
 def test_what_moves_is_no_spike(speed_mps):
-    frames = noise(147) + walker(147, 60, speed_mps=speed_mps, start_m=2.4, level=100)
-    rows, usable, _ = sound_rows(frames, ALL)
-    assert not spike_rows(rows, usable).any()
+    assert not spikes(noise(147) + walker(147, 60, speed_mps=speed_mps, start_m=2.4, level=100))
 
 
-def test_spikes_among_lost_frames_and_in_short_records():
-    frames = noise(147)
+def test_spikes_among_lost_frames_in_short_records_and_of_clipped_frames():
+    frames, valid = noise(147), ALL.copy()
     frames[70] += 1e5
-    valid = ALL.copy()
     valid[[69, 72]] = False
-    rows, usable, _ = sound_rows(frames, valid)
-    assert np.flatnonzero(spike_rows(rows, usable)).tolist() == [70]
-    assert not spike_rows(rows[:4], usable[:4]).any()
-
-
-def test_a_clipped_frame_is_a_spike():
+    assert spikes(frames, valid) == [70]
+    assert not spikes(frames[68:72], ALL[:4])
     axis = axis_of("rf")
     rng = np.random.default_rng(4)
     rf = 50 + 30 * np.sin(np.arange(axis.n_range)) + 0.04 * rng.standard_normal((60, 1))
     rf = (rf + 0.04 * rng.standard_normal(rf.shape)).astype(np.float32)
     rf[31] = np.clip(3 * rf[31], 0, 100)
-    frames = DownConverter(axis, 8).convert(rf)
-    rows, usable, _ = sound_rows(frames, np.ones(60, np.bool_))
-    assert np.flatnonzero(spike_rows(rows, usable)).tolist() == [31]
+    assert spikes(DownConverter(axis, 8).convert(rf), ALL[:60]) == [31]
 
 
 def test_spread_of_the_centre():
@@ -235,7 +188,7 @@ def test_map_is_as_good_after_a_million_frames_as_after_a_thousand(level):
     assert max(errors) < 1e-12
 
 
-def test_remover_leaves_noise_of_a_still_room():
+def test_remover_leaves_noise_and_doppler_and_counts_spikes():
     remover = ClutterRemover()
     for k in range(4):
         out = remover.remove(replace(dwell(room(seed=k)), t_s=2.45 + k))
@@ -243,18 +196,14 @@ def test_remover_leaves_noise_of_a_still_room():
         # The map itself is gone, too, all but the jitter of its estimate.
         assert db(np.mean(np.abs(out.frames) ** 2)) < 3
         assert out.n_lost == 0
-
-
-def test_remover_leaves_doppler_alone():
+    # Doppler stays.
     target = body(2.4 - 0.5 * np.arange(147) / 60, 30)
     still = room(jitter_s=0, gain=0)
     out = ClutterRemover().remove(dwell((still + target).astype(np.complex64)))
     steps = np.diff(still + target, axis=0)
     left = np.diff(out.frames, axis=0)
     assert np.abs(left - steps).std() < 0.05 * np.abs(steps).std()
-
-
-def test_remover_counts_spikes_and_repeats_the_row_before():
+    # Spikes are counted, and repeat the row before.
     frames = room()
     frames[40] += 3000
     frames[90] = np.nan

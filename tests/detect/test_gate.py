@@ -113,9 +113,7 @@ def test_the_floor_of_a_bin_moves_at_a_bounded_rate():
     gate.reset()
     gate.read(dwell_of(noise(147, seed=20)))
     assert db(gate.background[10]) == pytest.approx(0, abs=1.5)
-
-
-def test_a_body_does_not_become_floor():
+    # A body does not become floor.
     gate = Gate(GateSettings())
     for k in range(15):
         turning = 30 * np.exp(0.3j * np.cumsum(np.random.default_rng(k).standard_normal(147)))
@@ -135,7 +133,7 @@ def calibration(floor=1.0, threshold_db=10.0, n_range=64):
     )
 
 
-def test_calibration_takes_the_place_of_floor_and_threshold():
+def test_calibration_takes_the_place_of_floor_and_threshold_and_survives_its_file(tmp_path):
     gate = Gate(GateSettings(), calibration=calibration(floor=100.0))
     reading = gate.read(dwell_of(noise(147)))
     assert reading.noise_floor_db == pytest.approx(20)
@@ -145,9 +143,6 @@ def test_calibration_takes_the_place_of_floor_and_threshold():
     # Of what is over the calibrated floor, as much again may be clutter's residue.
     assert reading.threshold_db == pytest.approx(db(2 * 0.01 * 10), abs=0.1)
     assert reading.is_open
-
-
-def test_calibration_survives_its_file(tmp_path):
     made = calibration(floor=1e-6)
     made.floor[3] = 0
     made.threshold_db[5] = 7.25

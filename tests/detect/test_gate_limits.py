@@ -63,6 +63,10 @@ def test_before_the_first_dwell_nothing_is_known():
     assert [each.shape for each in of_bins] == [(0,)] * 6
     assert gate.cpi_power.shape == gate.cell_peak.shape == (0, 0)
     assert gate.bin_length_m == 0
+    # Four frames are a cpi where frames are slow.
+    gate = Gate(GateSettings())
+    gate.read(dwell_of(noise(24), rate_hz=8.0))
+    assert gate.cpi_power.shape == gate.cell_peak.shape == (6, N_RANGE)
 
 
 @pytest.mark.parametrize("hop_s", [0.5, 1.0, 2.0])
@@ -89,15 +93,6 @@ def test_a_floor_moves_by_its_rate_in_time_whatever_the_hop():
     # Of the two ends, one goes up by the rate and the other one down.
     assert moved_db[0] == pytest.approx(2 * 0.1 * 4 * 0.5, rel=0.05)
     assert moved_db[1] == pytest.approx(2 * 0.1 * 4 * 2.0, rel=0.05)
-
-
-def test_four_frames_are_a_cpi_where_frames_are_slow():
-    gate = Gate(GateSettings())
-    gate.read(dwell_of(noise(24), rate_hz=8.0))
-    assert gate.cpi_power.shape == gate.cell_peak.shape == (6, N_RANGE)
-
-
-# ---------------------------------------------------------------- what is learned
 
 
 @pytest.mark.parametrize(
@@ -227,9 +222,6 @@ def test_clutter_may_raise_a_level_to_twice_the_noise_of_a_bin_or_its_neighbours
     np.testing.assert_array_equal(steps, MAX_RESIDUE * np.full(4, 9.0))
 
 
-# ---------------------------------------------------------------- what is told
-
-
 @pytest.mark.parametrize(("share", "is_open"), [(1.0, False), (0.7, True)])
 def test_power_must_exceed_the_threshold_not_reach_it(share, is_open):
     dwell = dwell_of(swing(in_bins([20], 100.0)))
@@ -242,14 +234,12 @@ def test_power_must_exceed_the_threshold_not_reach_it(share, is_open):
     assert reading.power_db == db(peak)
 
 
-def test_a_calibrated_threshold_is_in_decibels():
+def test_what_a_reading_tells():
     gate = calibrated(GateSettings(), 1.0, threshold_db=6.0)
     reading = gate.read(dwell_of(noise(140, sigma=0.1)))
     assert reading.noise_floor_db == 0
     assert reading.threshold_db == pytest.approx(6)
-
-
-def test_over_a_floor_of_nothing_any_power_opens():
+    # Over a floor of nothing any power opens.
     gate = calibrated(GateSettings(), np.where(np.arange(N_RANGE) == 20, 0.0, 1.0))
     # Transforms of four frames are exact: nothing but the motion is in any cell.
     turning = np.tile(np.array([1, 1j, -1, -1j]), 6)[:, None]
@@ -258,9 +248,7 @@ def test_over_a_floor_of_nothing_any_power_opens():
     assert gate.level[20] == 0
     assert reading.is_open is True
     assert reading.range_m == BASEBAND.range_m[20]
-
-
-def test_bins_without_a_signal_never_stand_out():
+    # Bins without a signal never stand out.
     frames = np.zeros((140, N_RANGE), np.complex64)
     frames[:, 7] = noise(140)[:, 7]
     reading = Gate(GateSettings()).read(dwell_of(frames))
@@ -268,9 +256,7 @@ def test_bins_without_a_signal_never_stand_out():
     assert reading.range_m == BASEBAND.range_m[7]
     assert np.isfinite(reading.power_db)
     assert reading.power_db > reading.noise_floor_db
-
-
-def test_without_a_cpi_the_power_is_under_any_threshold():
+    # Without a cpi the power is under any threshold.
     floor = np.linspace(1e-12, 2e-12, N_RANGE)
     reading = calibrated(GateSettings(), floor).read(dwell_of(noise(140), lost=range(140)))
     assert reading.is_open is False
@@ -278,9 +264,7 @@ def test_without_a_cpi_the_power_is_under_any_threshold():
     # The nearest bin stands for all of them.
     assert reading.range_m == BASEBAND.range_m[0]
     assert reading.noise_floor_db == pytest.approx(db(floor[0]))
-
-
-def test_the_swath_of_the_reading_is_that_of_the_dwell():
+    # The swath of the reading is that of the dwell.
     axis = replace(BASEBAND, range_offset_m=1.5)
     dwell = replace(dwell_of(swing(in_bins([20], 100.0)) + noise(140)), axis=axis)
     gate = Gate(GateSettings())

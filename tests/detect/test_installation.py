@@ -38,9 +38,7 @@ def test_an_echo_is_as_strong_at_1_m_wherever_it_is():
     far = echo_at_1m_db(*power_of(2.03, 2000.0 / 2.0099**4), RANGE_M)
     assert near == pytest.approx(30.0, abs=0.3)
     assert far == pytest.approx(near, abs=0.3)
-
-
-def test_a_body_over_several_bins_counts_whole():
+    # A body over several bins counts whole.
     one, floor = power_of(2.0, 3000.0)
     spread = floor.copy()
     at = int(np.argmax(one))
@@ -50,20 +48,13 @@ def test_a_body_over_several_bins_counts_whole():
     )
 
 
-@pytest.mark.parametrize("scale", [1e-150, 1.0, 1e150])
-def test_strength_does_not_depend_on_the_unit(scale):
+def test_strength_does_not_depend_on_the_unit_and_nothing_that_moves_has_none():
     power, floor = power_of(1.5, 500.0)
-    assert echo_at_1m_db(power * scale, floor * scale, RANGE_M) == pytest.approx(
-        echo_at_1m_db(power, floor, RANGE_M)
-    )
-
-
-@pytest.mark.parametrize(
-    ("power", "floor"),
-    [(np.ones(4), np.ones(4)), (np.zeros(4), np.zeros(4)), (np.full(4, np.inf), np.ones(4))],
-)
-def test_nothing_that_moves_has_no_strength(power, floor):
-    assert echo_at_1m_db(power, floor, RANGE_M[:4]) is None
+    usual = echo_at_1m_db(power, floor, RANGE_M)
+    for scale in (1e-150, 1e150):
+        assert echo_at_1m_db(power * scale, floor * scale, RANGE_M) == pytest.approx(usual)
+    for power, floor in (np.ones((2, 4)), np.zeros((2, 4)), (np.full(4, np.inf), np.ones(4))):
+        assert echo_at_1m_db(power, floor, RANGE_M[:4]) is None
 
 
 def test_the_feature_is_what_is_known_or_the_rate_alone():

@@ -1,6 +1,7 @@
 """What holds for every map of a stream: its definition in float64, at any level, cut and gap."""
 
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -237,21 +238,18 @@ def test_maps_that_share_their_steps():
     assert [stream.n_columns for stream in together] == [1, 1, 15]
 
 
+WRONG = [("step_mps", 0.0), ("step_mps", 6.0), ("max_mps", np.inf), ("cpi_s", -1.0)]
+WRONG += [("column_rate_hz", np.nan), ("n_frequencies", 0)]
+
+
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: StreamingDoppler(1),
-        lambda: StreamingDoppler(4, stride=0),
-        lambda: RangeTimeMap(X2, 1),
-        lambda: RangeTimeMap(X2, 28, cell_m=0.0),
-        lambda: RangeTimeMap(X2, 28, near_m=9.0, far_m=8.0),
-        lambda: VelocityTransform(X2, 0.0),
-        lambda: VelocityTransform(X2, 60.0, step_mps=0.0),
-        lambda: VelocityTransform(X2, 60.0, step_mps=6.0),
-        lambda: VelocityTransform(X2, 60.0, max_mps=np.inf),
-        lambda: VelocityTransform(X2, 60.0, cpi_s=-1.0),
-        lambda: VelocityTransform(X2, 60.0, column_rate_hz=np.nan),
-        lambda: VelocityTransform(X2, 60.0, n_frequencies=0),
+        *(partial(StreamingDoppler, 1), partial(StreamingDoppler, 4, stride=0)),
+        *(partial(RangeTimeMap, X2, 1), partial(RangeTimeMap, X2, 28, cell_m=0.0)),
+        partial(RangeTimeMap, X2, 28, near_m=9.0, far_m=8.0),
+        *(partial(VelocityTransform, X2, 60.0, **{name: value}) for name, value in WRONG),
+        partial(VelocityTransform, X2, 0.0),
     ],
 )
 def test_settings_that_make_no_sense(make):

@@ -8,7 +8,7 @@ import pytest
 from radard.judge.features import FeatureSettings, extract
 from radard.judge.velocity_map import WEAKEST_COLUMN_DB, shown
 from radard.stream.ring import Dwell
-from tests.radar_helpers import BASEBAND, dwell_of, noise, walker
+from tests.radar_helpers import BASEBAND, dwell_of, noise
 
 
 def by_definition(power, valid, depth_db):
@@ -60,47 +60,22 @@ SETTINGS = FeatureSettings(velocity_cpi_s=0.2, velocity_cpi_frames=6)
 GRIDS = SETTINGS.velocity_grids()
 
 
-def two_at(a_mps, b_mps):
-    """Two bodies of one strength at one range, at two velocities."""
-    pair = [walker(147, 60, speed_mps=v, start_m=2, level=30) for v in (a_mps, b_mps)]
-    return dwell_of(noise(147) + pair[0] + pair[1])
-
-
-def peaks_mps(dwell, name):
-    """Velocities of the middle column's maxima within 6 dB of its strongest, none an alias."""
-    grid = GRIDS[name]
-    shown = extract(dwell, SETTINGS, (name,))[name]
-    line = shown[:, shown.shape[1] // 2]
-    inner = line[1:-1]
-    is_peak = (inner > line[:-2]) & (inner >= line[2:]) & (inner > line.max() - 6 / grid.depth_db)
-    found = (np.flatnonzero(is_peak) + 1 - len(line) // 2) * grid.step_mps
-    return found[np.abs(found) < 0.65]
-
-
-@pytest.mark.parametrize(
-    ("name", "apart_mps", "n"),
-    [
-        ("velocity_time", 0.5, 2),
-        ("velocity_time", 0.12, 1),
-        ("velocity_time_medium", 0.2, 2),
-        ("velocity_time_medium", 0.04, 1),
-        ("velocity_time_long", 0.06, 2),
-    ],
-)
-def test_the_longer_the_cpi_the_nearer_the_velocities_that_it_parts(name, apart_mps, n):
-    found = peaks_mps(two_at(0.05, 0.05 + apart_mps), name)
-    assert len(found) == n
-    if n == 2:
-        step_mps = GRIDS[name].step_mps
-        assert found == pytest.approx([0.05, 0.05 + apart_mps], abs=1.01 * step_mps)
-
-
 def test_shapes_hold_the_columns_of_a_dwell_and_no_more():
     assert [GRIDS[name].shape for name in GRIDS] == [(101, 40), (61, 24), (81, 9)]
     dwell = dwell_of(noise(147))
     for name, made in extract(dwell, SETTINGS, tuple(GRIDS)).items():
         assert made.shape == GRIDS[name].shape
         assert made.any(axis=0).all()
+    # A picture takes the newest columns.
+    grid = GRIDS["velocity_time_long"]
+    rng = np.random.default_rng(0)
+    columns = rng.random((81, 40))
+    valid = np.ones(40, np.bool_)
+    whole = grid.picture(columns, valid, 10.0)
+    assert np.array_equal(whole, grid.picture(columns[:, -12:], valid[-12:], 10.0))
+    few = grid.picture(columns[:, -4:], valid[-4:], 10.0)
+    assert not few[:, :5].any()
+    assert few[:, 5:].any(axis=0).all()
 
 
 @pytest.mark.parametrize("carrier_hz", [3.9e9, 6.8e9, 8.7e9])
@@ -120,15 +95,3 @@ def test_a_cpi_never_takes_more_than_three_quarters_of_a_dwell(carrier_hz, rate_
         shown = extract(dwell, asked, (name,))[name]
         # What no whole CPI ends in stays empty; the newest cell is always there.
         assert shown[:, -1].any()
-
-
-def test_a_picture_takes_the_newest_columns():
-    grid = GRIDS["velocity_time_long"]
-    rng = np.random.default_rng(0)
-    columns = rng.random((81, 40))
-    valid = np.ones(40, np.bool_)
-    whole = grid.picture(columns, valid, 10.0)
-    assert np.array_equal(whole, grid.picture(columns[:, -12:], valid[-12:], 10.0))
-    few = grid.picture(columns[:, -4:], valid[-4:], 10.0)
-    assert not few[:, :5].any()
-    assert few[:, 5:].any(axis=0).all()

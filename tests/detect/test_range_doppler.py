@@ -5,15 +5,8 @@ import pytest
 
 from radard.config.sections import GateSettings
 from radard.detect.gate import DAY_S, Gate
+from radard.dsp import range_doppler
 from radard.dsp.clutter import block_power, sound_rows
-from radard.dsp.range_doppler import (
-    ALONE,
-    MAX_RESIDUE,
-    cell_factor,
-    doppler_peaks,
-    two_of_three,
-    usual_peak,
-)
 from tests.radar_helpers import dwell_of, noise, walker
 
 N_CPI = 28
@@ -23,7 +16,7 @@ def peaks_of(frames, lost=()):
     usable = np.ones(len(frames), np.bool_)
     usable[list(lost)] = False
     rows, usable, scale = sound_rows(frames, usable)
-    peak, residue, power = doppler_peaks(rows, usable, N_CPI)
+    peak, residue, power = range_doppler.doppler_peaks(rows, usable, N_CPI)
     assert power == pytest.approx(block_power(rows, usable, N_CPI, 1)[0][:, 0], rel=1e-4, abs=1e-9)
     return peak * scale**2, residue * scale**2
 
@@ -34,25 +27,21 @@ def test_of_white_noise_residue_is_its_power_and_peaks_are_as_usual(sigma):
     assert np.mean([r for _, r in found]) == pytest.approx(sigma**2, rel=0.02)
     peak = np.array([p for p, _ in found])
     assert peak.shape == (20, 5, 64)
-    assert peak.mean() == pytest.approx(usual_peak(N_CPI) * sigma**2, rel=0.02)
+    assert peak.mean() == pytest.approx(range_doppler.usual_peak(N_CPI) * sigma**2, rel=0.02)
 
 
-def test_a_line_is_as_strong_as_its_gain_says():
+def test_a_line_is_as_strong_as_its_gain_says_and_what_stands_still_is_in_no_cell():
     turns = np.exp(2j * np.pi * 5 * np.arange(140) / N_CPI)[:, None] * np.ones(64)
     peak, residue = peaks_of(turns.astype(np.complex64))
     # All of its power in one of three cells.
     assert peak == pytest.approx(np.full((5, 64), N_CPI / 3), rel=1e-4)
     assert residue == pytest.approx(np.zeros(64), abs=1e-9)
-
-
-def test_what_stands_still_is_in_no_cell_and_a_lost_frame_makes_none():
+    # A lost frame makes none either.
     frames = np.full((147, 64), 1e4 + 5e3j, np.complex64)
     frames[60] = 0
     peak, _ = peaks_of(frames, lost=[60])
     assert not peak.any()
-
-
-def test_without_a_usable_cpi_there_is_nothing():
+    # Without a usable cpi there is nothing.
     peak, residue = peaks_of(noise(147), lost=range(147))
     assert peak.shape == (0, 64)
     assert not residue.any()
@@ -66,16 +55,18 @@ def test_without_a_usable_cpi_there_is_nothing():
         ([3.0, 2.0], (2.0, 1)),
         ([3.0, 0.5, 2.0, 0.5, 0.5], (2.0, 2)),
         ([3.0, 0.5, 0.6, 4.0, 0.5], (0.6, 2)),
-        ([0.5, 0.5, ALONE, 0.5, 0.5], (ALONE, 2)),
+        ([0.5, 0.5, range_doppler.ALONE, 0.5, 0.5], (range_doppler.ALONE, 2)),
     ],
 )
 def test_two_of_three(excess, reached):
-    assert two_of_three(np.array(excess)) == reached
+    assert range_doppler.two_of_three(np.array(excess)) == reached
 
 
 @pytest.mark.parametrize(("n_cpis", "n_cpi", "n_range"), [(5, 28, 96), (4, 8, 180), (2, 28, 64)])
 def test_the_factor_falls_with_the_rate(n_cpis, n_cpi, n_range):
-    factors = [cell_factor(share, n_cpis, n_cpi, n_range) for share in (1e-8, 1e-5, 1e-2, 1)]
+    factors = [
+        range_doppler.cell_factor(share, n_cpis, n_cpi, n_range) for share in (1e-8, 1e-5, 1e-2, 1)
+    ]
     assert factors == sorted(factors, reverse=True)
     assert factors[-1] < 1e-2
 
@@ -107,13 +98,11 @@ def test_residue_of_jitter_opens_nothing_and_a_body_does_not_hide_itself():
     for k in range(40):
         white = noise(147, seed=100 + k)
         frames = noise(147, seed=k)
-        frames[:, 20] += 0.95 * (MAX_RESIDUE - 1) ** 0.5 * white[:, 20]
+        frames[:, 20] += 0.95 * (range_doppler.MAX_RESIDUE - 1) ** 0.5 * white[:, 20]
         assert not weak.read(dwell_of(frames)).is_open
         frames[:, 20:26] += 6 * white[:, 20:26]
         assert strong.read(dwell_of(frames)).is_open or k >= 20
-
-
-def test_a_short_burst_opens_nothing_and_who_rushes_past_does():
+    # A short burst opens nothing and who rushes past does.
     burst = noise(147, seed=1)
     burst[60:63] *= 10
     assert not Gate(GateSettings()).read(dwell_of(burst)).is_open

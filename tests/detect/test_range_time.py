@@ -18,7 +18,7 @@ def fed(frames, axis, n_cpi, **kwargs):
     return stream
 
 
-def test_cells_are_of_the_columns_that_are_kept():
+def test_cells_are_of_the_columns_that_are_kept_and_noise_has_its_own_power():
     # Eight columns at 60 Hz are 0.13 s: of two cells of 0.1 s one is whole, one a third.
     stream = fed(noise(50, 24), SMALL, 12, n_keep=8)
     power, good = stream.cells(60.0, cell_s=0.1, n_cells=2)
@@ -28,9 +28,6 @@ def test_cells_are_of_the_columns_that_are_kept():
     power, good = stream.cells(60.0, cell_s=0.1, n_cells=5)
     assert power.shape == (len(stream.range_m), 5)
     assert not good.any()
-
-
-def test_noise_alone_has_its_own_power():
     ours = fed(noise(4000, 96, sigma=3.0), X2, 28, n_keep=4000).columns()
     assert ours.mean() == pytest.approx(9.0, rel=0.01)
 
@@ -70,34 +67,35 @@ def test_bin_length_does_not_matter():
     cell_s=st.floats(0.01, 1.0),
     n_cells=st.integers(1, 50),
     seed=st.integers(0, 99),
+    level=st.sampled_from([1e-290, 1e-30, 1.0, 1e30, 1e290]),
 )
-def test_time_cells_average_what_is_valid(n, rate_hz, cell_s, n_cells, seed):
+def test_time_cells_against_extended_precision(n, rate_hz, *, cell_s, n_cells, seed, level):
     rng = np.random.default_rng(seed)
-    valid = rng.random(n) < 0.8
-    columns = np.where(valid, 7.0, np.nan)[None].repeat(3, axis=0)
-    cells, known = time_cells(columns, valid, rate_hz, cell_s=cell_s, n_cells=n_cells)
+    valid, columns = rng.random(n) < 0.8, rng.random((3, n)) * level
+    given = np.where(valid, columns, np.nan)
+    cells, known = time_cells(given, valid, rate_hz, cell_s=cell_s, n_cells=n_cells)
     assert cells.shape == (3, n_cells)
     assert np.isfinite(cells).all()
-    assert cells[:, known] == pytest.approx(7.0)
-    assert np.all((cells == 0) | np.isclose(cells, 7.0))
+    ends_s, cell_s = np.arange(-n, 1) / np.longdouble(rate_hz), np.longdouble(cell_s)
+    for k in np.flatnonzero(known):
+        low, high = (k - n_cells) * cell_s, (k - n_cells + 1) * cell_s
+        inside = np.minimum(ends_s[1:], high) - np.maximum(ends_s[:-1], low)
+        share = np.where(valid, np.maximum(inside, 0), 0)
+        if share.sum() > 1e-9:
+            wanted = (columns.astype(np.longdouble) @ share) / share.sum()
+            assert error(cells[:, k], wanted.astype(np.float64)) < 1e-6
 
 
-def test_time_cells_keep_energy_and_end_with_the_columns():
-    rng = np.random.default_rng(1)
-    columns = rng.random((4, 120))
-    cells, known = time_cells(columns, np.ones(120, np.bool_), 60.0, cell_s=0.05, n_cells=40)
-    assert known.all()
-    assert np.allclose(cells[:, -1], columns[:, -3:].mean(axis=1))
-    assert np.allclose(cells.mean(axis=1), columns.mean(axis=1))
+def test_overlap_and_cells_that_keep_energy():
     # At 30.5 Hz a cell holds one and a half columns; the mean is the same still.
-    cells, known = time_cells(
-        columns[:, :61], np.ones(61, np.bool_), 30.5, cell_s=0.05, n_cells=40
-    )
-    assert known.all()
-    assert np.allclose(cells.mean(axis=1), columns[:, :61].mean(axis=1))
-
-
-def test_overlap():
+    for n, rate_hz in ((120, 60.0), (61, 30.5)):
+        columns = np.random.default_rng(1).random((4, n))
+        flags = np.ones(n, np.bool_)
+        cells, known = time_cells(columns, flags, rate_hz, cell_s=0.05, n_cells=40)
+        assert known.all()
+        assert np.allclose(cells.mean(axis=1), columns.mean(axis=1))
+        if rate_hz == 60:
+            assert np.allclose(cells[:, -1], columns[:, -3:].mean(axis=1))
     share = overlap(np.array([0, 1, 2, 3.0]), np.array([0.5, 1.5, 5.5]))
     assert np.allclose(share, [[0.5, 0], [0.5, 0.125], [0, 0.25]])
 
@@ -108,17 +106,3 @@ def centre_m(power, range_m):
     near = np.abs(range_m[:, None] - range_m[power.argmax(axis=0)]) <= 0.8
     weight = np.where(near & (power >= peak * 10**-1.2), power, 0)
     return range_m @ weight / weight.sum(axis=0)
-
-
-@pytest.mark.parametrize("level", [1e-290, 1e-30, 1.0, 1e30, 1e290])
-def test_time_cells_against_extended_precision(level):
-    columns = np.random.default_rng(2).random((5, 61)) * level
-    valid = np.arange(61) % 7 != 2
-    cells, known = time_cells(columns, valid, 30.5, cell_s=0.05, n_cells=40)
-    ends_s = np.arange(-61, 1) / np.longdouble(30.5)
-    for k in np.flatnonzero(known):
-        low, high = (k - 40) * np.longdouble(0.05), (k - 39) * np.longdouble(0.05)
-        inside = np.minimum(ends_s[1:], high) - np.maximum(ends_s[:-1], low)
-        share = np.where(valid, np.maximum(inside, 0), 0)
-        wanted = (columns.astype(np.longdouble) @ share) / share.sum()
-        assert error(cells[:, k], wanted.astype(np.float64)) < 1e-12

@@ -230,6 +230,12 @@ def test_who_looks_on_after_a_restart_sees_the_new_stream_only():
     recent = ring.recent(20)
     assert recent.begun_at == 100
     assert np.array_equal(recent.frames, samples[100 : recent.end_frame])
+    # Frames that wait are shown when the stream begins again.
+    ring = copy_ring(147, RATE_HZ)
+    for frame in frames_of(noise(11)):
+        ring.push(replace(frame, restarted=frame.index == 10))
+    recent = ring.recent()
+    assert (recent.begun_at, recent.end_frame) == (10, 10)
 
 
 RATE_HZ = 60.0
@@ -259,9 +265,7 @@ def in_thread(work):
 def test_a_dwell_has_two_columns_at_least():
     shape = DwellShape.of(dwell_s=0.01, hop_s=1, frame_rate_hz=RATE_HZ, n_cpi=4)
     assert shape.n_slow == 2 + 4 - 1
-
-
-def test_a_dwell_of_its_own_is_whole_and_of_no_stream():
+    # A dwell of its own is whole and of no stream.
     one = alone()
     assert (one.n_lost, one.longest_gap_s, one.t_mono_s, one.end_frame) == (0, 0, 0, 0)
     assert one.is_whole
@@ -393,9 +397,7 @@ def test_frames_of_another_kind_keep_their_rows():
         real = frame.samples.real.astype(np.float32)
         ring.push(replace(frame, samples=real) if frame.index >= 10 else frame)
     assert np.array_equal(ring.next_item(0).frames, samples)
-
-
-def test_frames_of_one_bin():
+    # Frames of one bin.
     axis = replace(BASEBAND, n_range=1)
     shape = DwellShape(n_slow=4, hop_s=1.0, frame_rate_hz=RATE_HZ)
     ring = FrameRing(axis, lambda samples, out: np.copyto(out, samples), shape)
@@ -403,9 +405,7 @@ def test_frames_of_one_bin():
     for frame in frames_of(samples, axis):
         ring.push(frame)
     assert np.array_equal(ring.next_item(0).frames, samples)
-
-
-def test_a_first_frame_that_is_not_finite_is_an_empty_row():
+    # A first frame that is not finite is an empty row.
     samples = noise(10)
     samples[0, 0] = np.nan
     ring = copy_ring(10, RATE_HZ)
@@ -421,22 +421,12 @@ def test_a_gap_of_a_whole_hop_leaves_the_schedule_as_it_is():
     ends = [d.end_frame for d in dwells(copy_ring(41, 17.5), lossy(noise(160), {17}))]
     assert ends == [41 + round(17.5 * k) for k in range(len(ends))]
     assert len(ends) > 5
-
-
-def test_hops_of_half_a_second_and_what_a_notice_says_of_the_time():
+    # Hops of half a second and what a notice says of the time.
     ring = copy_ring(10, RATE_HZ, hop_s=0.5)
     ends = [item.end_frame for frame in frames_of(noise(100)) for item in ring.items(frame)]
     assert ends == [10, 40, 70, 100]
     ring.post("silent", "")
     assert ring.next_item(0).t_s == pytest.approx(100 / RATE_HZ)
-
-
-def test_frames_that_wait_are_shown_when_the_stream_begins_again():
-    ring = copy_ring(147, RATE_HZ)
-    for frame in frames_of(noise(11)):
-        ring.push(replace(frame, restarted=frame.index == 10))
-    recent = ring.recent()
-    assert (recent.begun_at, recent.end_frame) == (10, 10)
 
 
 @pytest.mark.parametrize("n_before", [0, 10])

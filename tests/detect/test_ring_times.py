@@ -25,18 +25,14 @@ def test_the_next_dwell_is_due_when_its_last_frame_arrives():
     for frame in list(timed(noise(40), 100.0))[20:]:
         ring.push(frame)
     assert ring.due_s() == pytest.approx(100 + 89 / RATE_HZ)
-
-
-def test_a_clock_that_runs_apart_is_followed_within_two_hops():
+    # A clock that runs apart is followed within two hops.
     ring = copy_ring(30, RATE_HZ)
     for frame in timed(noise(400), 100.0):
         ring.push(replace(frame, t_mono_s=frame.t_mono_s + 0.01 * (frame.index >= 100)))
         while ring._queue:
             ring.next_item(0)
     assert ring.due_s() == pytest.approx(100.01 + (30 + 60 * 7 - 1) / RATE_HZ)
-
-
-def test_after_a_restart_the_old_times_do_not_count():
+    # After a restart the old times do not count.
     ring = copy_ring(30, RATE_HZ)
     for frame in timed(noise(20), 100.0):
         late_s = 5.0 * (frame.index >= 10)

@@ -66,6 +66,13 @@ def test_without_a_reference_what_is_on_at_the_start_is_the_room(store):
     assert Sensor(store).listen(40, gain=0.1) is None
     other = RoomStore(store.path, "another stream")
     assert Sensor(other).listen(40) is None
+    # With one, other settings do not take what is there now for it.
+    sensor = Sensor()
+    assert sensor.watch.known is None
+    sensor.listen(40)
+    settings = TamperSection(learn_s=20, hold_s=12)
+    changed = Sensor(settings=settings, known=sensor.watch.known)
+    assert changed.listen(20, gain=0.1) == (3, {"covered"})
 
 
 def test_what_is_kept_is_of_a_room_in_which_nothing_is_wrong(store):
@@ -87,15 +94,6 @@ def test_it_follows_the_room_and_is_kept_every_ten_minutes(store):
     assert store.path.read_text() == kept
     sensor.listen(300, gain=0.9, has_gate=False)
     assert store.path.read_text() != kept
-
-
-def test_other_settings_do_not_take_what_is_there_now_for_the_room():
-    sensor = Sensor()
-    assert sensor.watch.known is None
-    sensor.listen(40)
-    settings = TamperSection(learn_s=20, hold_s=12)
-    changed = Sensor(settings=settings, known=sensor.watch.known)
-    assert changed.listen(20, gain=0.1) == (3, {"covered"})
 
 
 def test_a_relearned_room_leaves_no_older_one_behind(store):
@@ -157,21 +155,18 @@ def test_all_of_it_comes_back(store):
         {"floor": [1.0]},
         {"floor": [0.0, 1.0]},
         {"calm_s": 10**400},
+        *("", "[" * 100_000, "7", "[]", '{"format": "radard-room"}', "\0"),
     ],
+    ids=lambda change: str(change)[:40],
 )
 def test_a_file_that_makes_no_sense_counts_as_none(store, change, caplog):
     store.save(reference())
-    raw = json.loads(store.path.read_text()) | change
-    store.path.write_text(json.dumps(raw).replace("Infinity", "1e999"))
+    if not isinstance(change, str):
+        raw = json.loads(store.path.read_text()) | change
+        change = json.dumps(raw).replace("Infinity", "1e999")
+    store.path.write_text(change)
     assert store.load() is None
     assert "the room's reference is unreadable and not used" in caplog.text
-
-
-@pytest.mark.parametrize("text", ["", "[" * 100_000, "7", "[]", '{"format": "radard-room"}', "\0"])
-def test_a_file_of_something_else_counts_as_none(store, text, caplog):
-    store.path.write_text(text)
-    assert store.load() is None
-    assert "unreadable" in caplog.text
 
 
 def test_a_disk_that_fails_is_told_once_and_is_no_end(tmp_path, caplog):
@@ -187,13 +182,6 @@ def test_a_disk_that_fails_is_told_once_and_is_no_end(tmp_path, caplog):
     assert store.load() is not None
 
 
-def test_without_a_file_nothing_is_kept():
-    store = RoomStore()
-    store.save(reference())
-    store.forget("")
-    assert store.load() is None
-
-
 def test_a_reference_may_know_echoes_or_noise_alone():
     noise_alone = reference(usable=np.zeros(0, np.bool_), echoes=np.zeros((0, 0)))
     assert TamperWatch(SETTINGS, known=noise_alone).is_blind
@@ -202,10 +190,13 @@ def test_a_reference_may_know_echoes_or_noise_alone():
     assert echoes_alone.known.noise_db is None
     whole = TamperWatch(SETTINGS, known=reference()).known
     assert (whole.noise_db, whole.noise_kept_db) == (-3.0, -2.5)
-
-
-def test_a_gate_that_has_seen_nothing_tells_of_no_interference():
+    # A gate that has seen nothing tells of no interference.
     watch, gate = InterferenceWatch(6.0, 16.0, 1.0), Gate(GateSettings())
     dwell = dwell_of(noise(147).astype(np.complex64))
     assert watch.update(gate, dwell, is_passed_over=True) == ""
     assert len(watch.reference.first) == 0
+    # Without a file nothing is kept.
+    store = RoomStore()
+    store.save(reference())
+    store.forget("")
+    assert store.load() is None

@@ -1,22 +1,20 @@
 """`radard why`: the decision of a replay, in words and pictures, and what moved it."""
 
-import hashlib
-import json
-from dataclasses import asdict
+from dataclasses import replace
 
 import numpy as np
-import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
 from radard.commands.why import lines, place, run
 from radard.config.config import Config
-from radard.judge.bundle import load_bundle
+from radard.judge.bundle import ModelInput, load_bundle
 from radard.judge.occlusion import effects, map_views, occluded
 from radard.run.moment import moment_of
 from tests.radar_helpers import run_radard
 from tests.recording_helpers import record_scene
 from x2radar.command import run_command
+from x2train.bundle.writing import write_bundle
 
 
 @pytest.fixture(scope="module")
@@ -30,44 +28,39 @@ def why(capsys, *argv):
     return code, out, err
 
 
+CORNER = np.zeros((101, 40), np.float32)
+CORNER[40:60, 30:40] = 0.02
+
+
 @pytest.fixture
 def linear(tmp_path):
     """A bundle that looks at one corner of one map; what is there speaks for a person."""
-    shipped = load_bundle("fast")
-    weights = np.zeros((101 * 40, 2), np.float32)
-    corner = np.zeros((101, 40), np.float32)
-    corner[40:60, 30:40] = 0.02
-    weights[:, 0] = corner.ravel()
-    graph = helper.make_graph(
-        [
-            helper.make_node("Flatten", ["maps"], ["flat"]),
-            helper.make_node("Gemm", ["flat", "w", "b"], ["logits"]),
-        ],
-        "linear",
-        [helper.make_tensor_value_info("maps", TensorProto.FLOAT, ["n", 101, 40])],
-        [helper.make_tensor_value_info("logits", TensorProto.FLOAT, ["n", 2])],
-        [
-            numpy_helper.from_array(weights, "w"),
-            numpy_helper.from_array(np.array([-1.0, 0.0], np.float32), "b"),
-        ],
-    )
+    weights, value = np.zeros((101 * 40, 2), np.float32), helper.make_tensor_value_info
+    weights[:, 0] = CORNER.ravel()
+    nodes = [
+        helper.make_node("Flatten", ["maps"], ["flat"]),
+        helper.make_node("Gemm", ["flat", "w", "b"], ["logits"]),
+    ]
+    given = [value("maps", TensorProto.FLOAT, ["n", 101, 40])]
+    made = [value("logits", TensorProto.FLOAT, ["n", 2])]
+    known = {"w": weights, "b": np.array([-1.0, 0.0], np.float32)}
+    tensors = [numpy_helper.from_array(values, name) for name, values in known.items()]
+    graph = helper.make_graph(nodes, "linear", given, made, tensors)
     opset = [helper.make_opsetid("", 17)]
-    model = helper.make_model(graph, opset_imports=opset, ir_version=9)
-    onnx.save(model, tmp_path / "linear.onnx")
-    made = (tmp_path / "linear.onnx").read_bytes()
-    sidecar = {
-        "schema": 1,
-        "name": "linear",
-        "onnx_sha256": hashlib.sha256(made).hexdigest(),
-        "inputs": [{"name": "maps", "shape": [101, 40], "feature": "velocity_time"}],
-        "features": asdict(shipped.features),
-        "stream": {key: list(value) for key, value in shipped.stream.items()},
-        "classes": ["human", "pet"],
-        "temperature": 1.0,
-        "pet_limit": 0.5,
-        "policy": "window",
-    }
-    (tmp_path / "linear.json").write_text(json.dumps(sidecar))
+    bundle = replace(
+        load_bundle("fast"),
+        name="linear",
+        onnx=helper.make_model(graph, opset_imports=opset, ir_version=9).SerializeToString(),
+        inputs=(ModelInput("maps", (101, 40), "velocity_time"),),
+        classes=("human", "pet"),
+        temperature=1.0,
+        pet_limit=0.5,
+        policy="window",
+        evidence={},
+        n_hidden=0,
+    )
+    training = {"recipe": "by hand", "command": "none"}
+    write_bundle(tmp_path, bundle, training=training, metrics={}, gate={})
     return tmp_path / "linear.onnx"
 
 
@@ -92,9 +85,7 @@ def test_parts_of_a_linear_network_are_what_its_weights_say(person, linear):
     assert len(parts) == 8 * 5
     (view,) = map_views(moment.settings, moment.seen)
     for part in parts:
-        weights = np.zeros((101, 40))
-        weights[40:60, 30:40] = 0.02
-        inside = (weights * values)[part.rows, part.columns].sum()
+        inside = (CORNER * values)[part.rows, part.columns].sum()
         assert part.effect == pytest.approx(inside, abs=1e-4)
     assert [abs(p.effect) for p in parts] == sorted((abs(p.effect) for p in parts), reverse=True)
     drawn = effects(parts, view)
@@ -106,13 +97,18 @@ def test_parts_of_a_linear_network_are_what_its_weights_say(person, linear):
     assert "for a person" in text
 
 
-def test_axes_are_those_of_the_maps(person):
+def test_axes_are_those_of_the_maps(person, capsys, tmp_path):
     moment = moment_of(person, 3.4, Config(model={"name": "fast"}))
     views = {view.name: view for view in map_views(moment.settings, moment.seen)}
     assert list(views) == ["velocity_time", "range_time", "velocity_time_medium", *list(views)[3:]]
     v = views["velocity_time"]
     assert (v.rows[0], v.rows[50], v.rows[-1]) == pytest.approx((-5.0, 0.0, 5.0))
     assert (v.columns[0], v.columns[-1]) == pytest.approx((-1.95, 0.0))
+    # A picture of all of them, the network's memory included.
+    out = tmp_path / "why.svg"
+    code, _, err = why(capsys, person, "--at", "3.4", "--model", "fast", "--out", out)
+    assert (code, err.strip()) == (0, str(out))
+    assert b"velocity_time_long" in out.read_bytes()
 
 
 def test_the_thesis_network_has_a_profile_and_a_diagram(person, capsys, tmp_path):
@@ -126,13 +122,6 @@ def test_the_thesis_network_has_a_profile_and_a_diagram(person, capsys, tmp_path
     vector = moment.seen.features["thesis_type2"]
     assert np.array_equal(profile.of(vector)[0], vector[:392])
     assert np.array_equal(diagram.of(vector)[:, 0], vector[392 : 392 + 28])
-
-
-def test_a_picture_of_a_network_with_memory(person, capsys, tmp_path):
-    out = tmp_path / "why.svg"
-    code, _, err = why(capsys, person, "--at", "3.4", "--model", "fast", "--out", out)
-    assert (code, err.strip()) == (0, str(out))
-    assert b"velocity_time_long" in out.read_bytes()
 
 
 @pytest.mark.parametrize(

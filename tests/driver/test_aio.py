@@ -100,8 +100,7 @@ def test_errors_of_opening_come_where_it_is_opened():
     with pytest.raises(PortNotFound):
         asyncio.run(main(x2radar.open_async("/dev/ttyNOTHING")))
 
-
-def test_not_opened():
+    # One that was not opened says so.
     async def main():
         return await anext(AsyncRadar(radar()))
 

@@ -29,15 +29,7 @@ def raw(counter: int, values: np.ndarray | None = None) -> Message:
 
 
 def baseband(cls: type, counter: int, one: list, two: list, bin_length_m: float = 0.04) -> Message:
-    return cls(
-        counter,
-        bin_length_m,
-        39e9,
-        6.8e9,
-        0.4,
-        np.array(one, np.float32),
-        np.array(two, np.float32),
-    )
+    return cls(counter, bin_length_m, 39e9, 6.8e9, 0.4, *np.array([one, two], np.float32))
 
 
 def frames(messages: list[Message]) -> list[Frame | None]:
@@ -62,9 +54,8 @@ def test_raw_frame_takes_its_axis_from_the_settings() -> None:
     axis = frame.axis
     assert (axis.kind, axis.n_range, axis.phase_sign) == ("rf", 8, -1)
     assert (axis.carrier_hz, axis.bandwidth_hz, axis.sample_rate_hz) == (7.3e9, 2.35e9, 41e9)
-    np.testing.assert_allclose(
-        axis.range_m, 299_792_458 / 2 * (10e-9 + np.arange(8) / 41e9), rtol=1e-12
-    )
+    wanted_m = 299_792_458 / 2 * (10e-9 + np.arange(8) / 41e9)
+    np.testing.assert_allclose(axis.range_m, wanted_m, rtol=1e-12)
 
 
 def test_iq_frame_takes_its_axis_from_the_message() -> None:
@@ -88,13 +79,9 @@ def test_amplitude_and_phase_become_complex() -> None:
 @pytest.mark.parametrize(
     "message",
     [
-        Ack(),
-        Unknown(b"\x02"),
-        Data(ContentId.ENVELOPE, 1, np.zeros(3, np.float32)),
-        Data(ContentId.RAW_FRAME, 1, np.zeros(3, np.uint8)),
-        raw(1, np.zeros(0, np.float32)),
-        baseband(BasebandIq, 1, [], []),
-        baseband(BasebandAp, 1, [], []),
+        *(Ack(), Unknown(b"\x02"), Data(ContentId.ENVELOPE, 1, np.zeros(3, np.float32))),
+        *(Data(ContentId.RAW_FRAME, 1, np.zeros(3, np.uint8)), raw(1, np.zeros(0, np.float32))),
+        *(baseband(cls, 1, [], []) for cls in (BasebandIq, BasebandAp)),
     ],
     ids=lambda m: type(m).__name__,
 )
@@ -186,18 +173,15 @@ def test_index_counts_what_was_sent(first: int, ahead: list[int]) -> None:
         assert (kind is Step.GAP) == (step > 1)
 
 
-def test_a_recording_with_losses(tmp_path):
+def test_a_recording_with_losses_ends_where_the_module_restarted(tmp_path):
     path, samples = make(tmp_path / "in.h5", "rf", [7, 8, 11, 12])
     rows, stream = x2radar.read_frames(path)
     assert np.isnan(rows[:, 0]).tolist() == [False, False, True, True, False, False]
     assert np.array_equal(rows[[0, 1, 4, 5]], samples)
     assert stream.axis.kind == "rf"
     assert rows.dtype == np.float32
-
-
-def test_it_ends_where_the_module_restarted(tmp_path):
-    """Counters go 4294967290, 91, 94, 3, 4, 4, 5 and then to 900 million."""
-    path, samples = make(tmp_path / "in.h5", "baseband", COUNTERS)
+    # Counters go 4294967290, 91, 94, 3, 4, 4, 5 and then to 900 million.
+    path, samples = make(tmp_path / "other.h5", "baseband", COUNTERS)
     rows, _ = x2radar.read_frames(path)
     assert len(rows) == 12
     assert np.array_equal(rows[-1], samples[6])

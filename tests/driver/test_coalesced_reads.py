@@ -5,16 +5,17 @@ import pytest
 
 from radard.stream.coalesced_reads import PAUSE_S, CoalescedReads
 from radard.stream.frame_timing import FrameTiming
+from tests.device_helpers import Clock
 from x2radar.errors import TransportClosed
 
 
 class Port:
     """A transport whose reads are written down beforehand; None is a port that went away."""
 
-    def __init__(self, *reads, is_usb=False):
+    is_usb = False
+
+    def __init__(self, *reads):
         self.reads = list(reads)
-        self.written = []
-        self.is_usb = is_usb
 
     def read(self, timeout_s):
         assert timeout_s > 0
@@ -25,25 +26,10 @@ class Port:
         return data
 
     def write(self, data):
-        self.written.append(data)
+        raise NotImplementedError
 
     def close(self):
-        self.reads.clear()
-
-
-class Clock:
-    """Time that passes only in sleeps."""
-
-    def __init__(self):
-        self.now_s = 100.0
-        self.slept_s = []
-
-    def __call__(self):
-        return self.now_s
-
-    def sleep(self, duration_s):
-        self.slept_s.append(duration_s)
-        self.now_s += duration_s
+        raise NotImplementedError
 
 
 def reader(*reads, due_s=lambda: math.inf):
@@ -52,54 +38,36 @@ def reader(*reads, due_s=lambda: math.inf):
     return port, clock
 
 
-def test_a_stream_is_left_alone_between_two_reads():
-    port, clock = reader(b"x" * 3084, b"x" * 6168, b"x" * 6168)
-    assert [len(port.read(1.0)) for _ in range(3)] == [3084, 6168, 6168]
-    assert clock.slept_s == pytest.approx([PAUSE_S, PAUSE_S])
+@pytest.mark.parametrize(
+    ("sizes", "got", "n_sleeps"),
+    [
+        # A stream is left alone between two reads; replies to commands never wait.
+        ((3084, 6168, 6168), [3084, 6168, 6168], 2),
+        ((5, 0, 7, 600, 1), [5, 0, 7, 600], 0),
+        # What a full terminal still holds is read at once, though not for ever.
+        ((4095, 4095, 100, 1), [8290], 0),
+        ([4095] * 40, [17 * 4095], 0),
+    ],
+)
+def test_what_is_read_at_once_and_what_waits(sizes, got, n_sleeps):
+    reads = [bytes([65 + k]) * size for k, size in enumerate(sizes)]
+    port, clock = reader(*reads)
+    found = [port.read(1.0) for _ in got]
+    assert [len(data) for data in found] == got
+    assert b"".join(reads).startswith(b"".join(found))
+    assert clock.slept_s == pytest.approx([PAUSE_S] * n_sleeps)
 
 
-def test_a_late_reader_does_not_wait():
+def test_a_late_reader_does_not_wait_and_bytes_before_the_end_are_kept():
     port, clock = reader(b"x" * 3084, b"x" * 3084)
     port.read(1.0)
     clock.now_s += 2 * PAUSE_S
     port.read(1.0)
     assert clock.slept_s == []
-
-
-def test_replies_to_commands_never_wait():
-    port, clock = reader(b"reply", b"", b"another", b"x" * 600, b"x")
-    for _ in range(4):
-        port.read(1.0)
-    assert clock.slept_s == []
-
-
-def test_what_a_full_terminal_still_holds_is_read_at_once():
-    port, clock = reader(b"a" * 4095, b"b" * 4095, b"c" * 100, b"d")
-    assert port.read(1.0) == b"a" * 4095 + b"b" * 4095 + b"c" * 100
-    assert clock.slept_s == []
-
-
-def test_bytes_before_the_end_of_a_port_are_kept():
     port, _ = reader(b"a" * 4095, None, None)
     assert port.read(1.0) == b"a" * 4095
     with pytest.raises(TransportClosed):
         port.read(1.0)
-
-
-def test_a_port_that_is_always_full_is_not_read_for_ever():
-    port, _ = reader(*[b"a" * 4095] * 40)
-    assert len(port.read(1.0)) == 17 * 4095
-
-
-@pytest.mark.parametrize("is_usb", [True, False])
-def test_everything_else_is_the_ports_own(is_usb):
-    inner = Port(b"x", is_usb=is_usb)
-    port = CoalescedReads(inner)
-    port.write(b"hello")
-    assert inner.written == [b"hello"]
-    assert port.is_usb is is_usb
-    port.close()
-    assert inner.reads == []
 
 
 def test_the_frame_that_completes_a_dwell_never_waits():

@@ -23,8 +23,6 @@ from x2radar.wire.layouts import COMMANDS, RESPONSES
 from x2radar.wire.messages import Data, Message, Ping, Reply, Unknown
 from x2radar.wire.wire_ids import COMMAND_NAMES, RESPONSE_NAMES
 
-# ---------------------------------------------------------------- round trips
-
 
 @settings(max_examples=500)
 @given(command_messages)
@@ -56,9 +54,6 @@ def test_packets_known_by_name_keep_their_bytes(names: dict[bytes, str]) -> None
         message = decode(data)
         assert (message, message.name) == (Unknown(data), name)
         assert encode(message) == data
-
-
-# ---------------------------------------------------------------- lengths
 
 
 def lengths_of(data: bytes, rows) -> tuple[int, set[int], int]:

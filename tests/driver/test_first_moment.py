@@ -30,10 +30,8 @@ def hears_sigterm(pid: int) -> bool:
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("prog", ENDLESS)
-def test_signals_are_obeyed_from_the_first_moment_on(prog, number, tmp_path, monkeypatch):
+def test_signals_are_obeyed_from_the_first_moment_on(prog, number, tmp_path):
     """Each moment alone: while numpy is loaded, and the command's own modules, and later."""
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     for pause_s in (0.0, 0.1, 0.3, 0.6, 1.0):
         process = started("-m", *ENDLESS[prog], stdout=subprocess.DEVNULL, cwd=tmp_path)
         try:
@@ -58,6 +56,13 @@ def test_before_the_handlers_stand_next_to_nothing_is_loaded(package):
     assert not loaded & {"typing", "re", "threading", "contextlib", "argparse", "x2radar.command"}
 
 
+def shell(argv, redirect, folder):
+    """What came of a command in a shell, with its streams as said."""
+    line = f"exec {sys.executable} -m {' '.join(argv)} {redirect}"
+    given = {"stderr": subprocess.PIPE, "cwd": folder, "timeout": 120}
+    return subprocess.run(["/bin/sh", "-c", line], check=False, **given)
+
+
 @pytest.mark.parametrize("closed", [">&-", "<&- >&-", "<&- >&- 2>&-"])
 @pytest.mark.parametrize(
     "argv",
@@ -71,18 +76,13 @@ def test_before_the_handlers_stand_next_to_nothing_is_loaded(package):
 )
 def test_standard_streams_that_are_closed_are_the_null_device(argv, closed, tmp_path):
     """Before, a traceback; and the next file that was opened took the number of stdout."""
-    line = f"exec {sys.executable} -m {' '.join(argv)} {closed}"
-    done = subprocess.run(
-        ["/bin/sh", "-c", line], stderr=subprocess.PIPE, cwd=tmp_path, timeout=120, check=False
-    )
+    done = shell(argv, closed, tmp_path)
     assert done.returncode == 0
     assert b"Traceback" not in done.stderr
 
 
 @pytest.mark.parametrize("name", ["SIGHUP", "SIGUSR1"])
-def test_a_daemon_that_starts_is_not_ended_by_what_it_heeds_later(name, tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+def test_a_daemon_that_starts_is_not_ended_by_what_it_heeds_later(name, tmp_path):
     for pause_s in (0.0, 0.3, 0.7, 1.2):
         process = started("-m", *RADARD, "-v", stdout=subprocess.DEVNULL, cwd=tmp_path)
         try:
@@ -102,21 +102,22 @@ def test_a_daemon_that_starts_is_not_ended_by_what_it_heeds_later(name, tmp_path
 
 
 @pytest.mark.parametrize("argv", [("x2radar", "scenes"), ("radard", "explain")])
-def test_a_stdout_that_is_full_is_one_line(argv, tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    line = f"exec {sys.executable} -m {' '.join(argv)} >/dev/full"
-    done = subprocess.run(
-        ["/bin/sh", "-c", line], stderr=subprocess.PIPE, cwd=tmp_path, timeout=120, check=False
-    )
+def test_a_stdout_that_is_full_is_one_line(argv, tmp_path):
+    done = shell(argv, ">/dev/full", tmp_path)
     assert (done.returncode, done.stderr.count(b"\n")) == (1, 1)
     assert b"No space left on device" in done.stderr
     assert b"internal" not in done.stderr
 
 
-def test_an_exit_code_tells_what_went_wrong_where_nobody_can_be_told(tmp_path):
+def test_an_exit_code_tells_what_went_wrong_also_where_nobody_can_be_told(tmp_path):
     with Path("/dev/full").open("w") as full:
         done = ran("-m", "x2radar", "info", "gone.h5", capture_output=False, stderr=full)
     assert done.returncode == 66
+    # A name of any bytes is printed.
+    name = b"\xff.x2cap"
+    argv = [sys.executable, "-m", "x2radar", "info", name]
+    done = subprocess.run(argv, capture_output=True, cwd=tmp_path, timeout=60, check=False)
+    assert (done.returncode, done.stderr.count(b"\n")) == (66, 1)
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-16"])
@@ -127,13 +128,6 @@ def test_a_locale_changes_nothing_of_what_is_printed(encoding, tmp_path):
     other = ran(*argv, text=False, env=environ(PYTHONIOENCODING=encoding))
     assert (other.returncode, other.stdout) == (0, usual.stdout)
     assert "\N{MINUS SIGN}".encode() in other.stdout
-
-
-def test_names_of_any_bytes_are_printed(tmp_path):
-    name = b"\xff.x2cap"
-    argv = [sys.executable, "-m", "x2radar", "info", name]
-    done = subprocess.run(argv, capture_output=True, cwd=tmp_path, timeout=60, check=False)
-    assert (done.returncode, done.stderr.count(b"\n")) == (66, 1)
 
 
 @pytest.mark.parametrize("name", [b"k\xfcche", b"a$\\x$b%20", "küche".encode()])

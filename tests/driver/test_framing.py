@@ -63,15 +63,18 @@ def reference_flagged(line: Iterator[int]) -> tuple[bytes, Packing]:
     return bytes(data[:-1]), Packing.ESCAPED
 
 
-# ---------------------------------------------------------------- the specification's bytes
-
-
-def test_length_packet_bytes() -> None:
+def test_length_packets_and_what_waits_of_them() -> None:
     data = bytes.fromhex("a0 12 7d 7e 7f")
     wire = bytes.fromhex("7c 7c 7c 7c 05 00 00 00 00 a0 12 7d 7e 7f")
     assert encode(data, Packing.LENGTH) == wire
     read_three_ways(wire, [Packet(data)])
     read_three_ways(wire * 3, [Packet(data)] * 3)
+    decoder = PacketDecoder()
+    assert decoder.feed(encode(b"\x10", Packing.LENGTH)) == [Packet(b"\x10")]
+    assert decoder.n_buffered == 0
+    assert decoder.feed(LENGTH_START[:2]) == []
+    assert decoder.n_buffered == 2
+    assert decoder.feed(encode(b"\x11", Packing.LENGTH)[2:]) == [Packet(b"\x11")]
 
 
 @pytest.mark.parametrize("end", [b"", b"\x7e"])
@@ -84,9 +87,6 @@ def test_fast_packet_bytes_with_and_without_end_flag(end: bytes) -> None:
     read_three_ways(wire * 2, [Packet(data)] * 2)
 
 
-# ---------------------------------------------------------------- escapes and checksums
-
-
 @pytest.mark.parametrize("flag", [START, END, ESC])
 def test_escaped_checksum(flag: int) -> None:
     data = bytes([0x10, 0x10 ^ START ^ flag])
@@ -95,36 +95,26 @@ def test_escaped_checksum(flag: int) -> None:
     read_three_ways(wire, [Packet(data)])
 
 
-def test_start_flag_as_bare_checksum() -> None:
-    data = b"\x10\x10"
-    read_three_ways(bytes([START, *data, START, END]), [Packet(data)])
+GOOD = encode(b"\x10")
+LOST = encode(b"\x01\x02\x03")[:-1]
 
 
-def test_start_flag_as_bare_checksum_behind_escaped_escape() -> None:
-    data = b"\x10\x6f\x7f"
-    assert checksum(data) == START
-    wire = b"\x7d\x10\x6f" + b"\x7f\x7f" + b"\x7d\x7e"
-    read_three_ways(wire, [Packet(data)])
-
-
-def test_escape_as_bare_checksum_is_read_at_the_next_start_flag() -> None:
-    data = b"\x10\x12"
-    wire = bytes([START, *data, ESC, END])
-    assert decode([wire]) == []
-    read_three_ways(wire + encode(b"\x10"), [Packet(data), Packet(b"\x10")])
-    read_three_ways(wire * 2 + encode(b"\x10"), [Packet(data), Packet(data), Packet(b"\x10")])
-
-
-def test_bare_checksum_of_a_packet_behind_a_lost_end_flag() -> None:
-    lost = encode(b"\x01\x02\x03")[:-1]
-    wire = lost + b"\x7d\x10\x10\x7d\x7e"
-    assert decode([wire]) == [LineFault(Fault.LOST_BYTES, len(lost)), Packet(b"\x10\x10")]
-
-
-def test_escaped_end_flag_before_7c_does_not_end_a_packet() -> None:
-    # The part before the escaped end flag has 7F for a checksum.
-    data = b"\x02\x7e\x7c\x01"
-    read_three_ways(encode(data), [Packet(data)])
+@pytest.mark.parametrize(
+    ("wire", "expected"),
+    [
+        (b"\x7d\x10\x10\x7d\x7e", [b"\x10\x10"]),
+        # The same behind an escaped escape, and behind a lost end flag.
+        (b"\x7d\x10\x6f\x7f\x7f\x7d\x7e", [b"\x10\x6f\x7f"]),
+        (LOST + b"\x7d\x10\x10\x7d\x7e", [LineFault(Fault.LOST_BYTES, len(LOST)), b"\x10\x10"]),
+        # An escape for a checksum is one only where the next start flag is seen.
+        (b"\x7d\x10\x12\x7f\x7e" + GOOD, [b"\x10\x12", b"\x10"]),
+        (b"\x7d\x10\x12\x7f\x7e" * 2 + GOOD, [b"\x10\x12", b"\x10\x12", b"\x10"]),
+        # The part before the escaped end flag has 7F for a checksum.
+        (encode(b"\x02\x7e\x7c\x01"), [b"\x02\x7e\x7c\x01"]),
+    ],
+)
+def test_a_flag_for_a_checksum(wire: bytes, expected: list) -> None:
+    read_three_ways(wire, [Packet(e) if isinstance(e, bytes) else e for e in expected])
 
 
 @given(st.binary(max_size=70))
@@ -135,18 +125,12 @@ def test_checksum_is_the_xor_of_all_bytes(data: bytes) -> None:
     assert checksum(data) == checksum(bytearray(data)) == checksum(memoryview(data)) == expected
 
 
-# ---------------------------------------------------------------- what cannot be packed
-
-
-def test_empty_and_too_long_data_are_refused() -> None:
+def test_what_cannot_be_packed_is_refused() -> None:
     for data in (b"", b"\0" * MAX_PACKET):
         with pytest.raises(ProtocolError, match="bytes"):
             encode(data)
     with pytest.raises(ProtocolError, match="131072"):
         encode(b"\x7d" * (MAX_PACKET // 2))
-
-
-def test_escaped_data_that_look_like_a_fast_packet_are_refused() -> None:
     with pytest.raises(ProtocolError, match="fast packing"):
         encode(b"\x51\x01")
 
@@ -162,9 +146,6 @@ def test_escaped_data_that_look_like_a_fast_packet_are_refused() -> None:
 def test_longest_packets(data: bytes, packing: Packing) -> None:
     wire = encode(data, packing)
     assert decode(wire[k : k + 5000] for k in range(0, len(wire), 5000)) == [Packet(data)]
-
-
-# ---------------------------------------------------------------- sound streams, any cut
 
 
 @settings(max_examples=400)
@@ -187,12 +168,3 @@ def test_reset_forgets_half_a_packet(half: bytes) -> None:
     decoder.reset()
     assert decoder.n_buffered == 0
     assert decoder.feed(encode(b"\x10")) == [Packet(b"\x10")]
-
-
-def test_length_packet_is_not_held_back_and_not_counted_as_buffered() -> None:
-    decoder = PacketDecoder()
-    assert decoder.feed(encode(b"\x10", Packing.LENGTH)) == [Packet(b"\x10")]
-    assert decoder.n_buffered == 0
-    assert decoder.feed(LENGTH_START[:2]) == []
-    assert decoder.n_buffered == 2
-    assert decoder.feed(encode(b"\x11", Packing.LENGTH)[2:]) == [Packet(b"\x11")]

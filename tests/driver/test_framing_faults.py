@@ -24,8 +24,6 @@ from x2radar.wire.framing import (
 )
 from x2radar.wire.messages import Data
 
-# ---------------------------------------------------------------- faults, each by name
-
 GOOD = encode(b"\x10")
 SOUND = Packet(b"\x10")
 
@@ -51,12 +49,9 @@ def test_packet_behind_a_false_start(packing: Packing, false_start: bytes) -> No
     ]
 
 
-def test_impossible_starts_inside_a_broken_packet_are_passed_over() -> None:
+def test_impossible_starts_are_passed_over_and_hidden_ones_found() -> None:
     junk = b"\x7d\x51\xff\xff\xff\xff" + LENGTH_START + b"\xff\xff\xff\xff" + b"\x01\x7e"
     assert decode([b"\x7d\x01" + junk + GOOD])[-1] == SOUND
-
-
-def test_packet_whose_start_flag_is_hidden_by_junk() -> None:
     hidden = encode(b"\x10\x7d\x11")
     items = decode([b"\x7d\x01\x02\x7e" + b"\x7d\x7f\x7d\x03\x7f" + hidden + GOOD])
     assert items[-2:] == [Packet(b"\x10\x7d\x11"), SOUND]
@@ -93,9 +88,6 @@ def test_packets_behind_a_start_flag_without_end_are_found_at_the_limit() -> Non
     items = decode(stream[k : k + 999] for k in range(0, len(stream), 999))
     assert [type(i) for i in items[:2]] == [LineFault, LineFault]
     assert items[2:] == [Packet(one[9:])] * (MAX_PACKET // len(one) + 1)
-
-
-# ---------------------------------------------------------------- any corruption
 
 
 FLAGS = (START, END, ESC, 0x51, 0x7C, 0)
@@ -265,6 +257,7 @@ a length packet behind junk, and the beginning of one behind it:
     7e 7c 7c 7c 7c 03 00 00 00 00 03 7e 7c = junk 1, L<03 7e 7c>
 escapes before a false start flag: 7d 7d 7f 7e / 7f 7f 03 7d 7e = +4 / lost 1, lost 6, nothing 2
 an escaped end flag is no packet: 51 7c / 7d 7f 7e 7e = junk 1 +1 / junk 1, nothing 4
+an escape for a checksum is one where a start flag follows: 7d 10 12 7f 7e / ok = +5 / <10 12>, ok
 two escapes guard no start flag: 7d 7f / 7f / ok = +2 / +3 / lost 3, ok
 junk in pieces: 01 00 7d / 7e / ef a9 7f 7f 7f 7d = junk 2 +1 / nothing 2 / junk 5 +1
 a length packet of no byte is told once its header is whole:
@@ -359,7 +352,7 @@ def test_the_same_packets_come_of_a_line_byte_by_byte(pieces: list[str], told: l
     assert items == expected
 
 
-def test_a_reset_in_a_packet_forgets_how_far_it_was_searched() -> None:
+def test_a_reset_forgets_how_far_a_packet_was_searched() -> None:
     decoder = PacketDecoder()
     assert decoder.feed(bytes.fromhex("7d 7c 01")) == []
     decoder.reset()
@@ -369,9 +362,7 @@ def test_a_reset_in_a_packet_forgets_how_far_it_was_searched() -> None:
     decoder.reset()
     assert decoder.feed(bytes.fromhex(ACK)) == [SOUND]
     assert decoder.n_buffered == 0
-
-
-def test_a_reset_forgets_that_a_fast_packet_may_have_an_end_flag() -> None:
+    # And that a fast packet may have an end flag.
     decoder = PacketDecoder()
     assert decoder.feed(bytes.fromhex("7d 51 01 00 00 00 64 49")) == [Packet(b"\x64")]
     decoder.reset()

@@ -3,19 +3,15 @@
 import argparse
 import shutil
 import subprocess
-from pathlib import Path
 
 import pytest
 
 from radard import cli as radard_cli
-from radard.config.options import PORTS
 from x2radar import cli as x2radar_cli
 from x2radar import manual
 from x2radar.command import Parser, nearest
-from x2radar.ports import KEYS, PORT_FORMS
 from x2train import cli as training_cli
 
-ROOT = Path(__file__).parents[2]
 MAINS = {"radard": radard_cli.main, "x2radar": x2radar_cli.main, "train-export": training_cli.main}
 
 
@@ -123,17 +119,6 @@ def test_commands_print_both(capsys):
     assert said(capsys, "x2radar", "--print-man").startswith(".TH X2RADAR 1")
     assert "complete -" in said(capsys, "x2radar", "--print-completion", "bash")
     assert ".SS radard calibrate" in said(capsys, "radard", "--print-man")
-
-
-def test_help_of_port_names_every_form_and_key(capsys):
-    assert all(f"{key}=" in PORT_FORMS for key in KEYS["sim"] | KEYS["live"])
-    assert all(f"{key}=" in PORTS for key in KEYS["replay"])
-    assert all(form in PORTS for form in ("auto", "/dev/", "URL", "sim:", "replay:"))
-    shown = " ".join(said(capsys, "radard", "--help-all").split())
-    assert PORTS in shown
-
-
-# ---------------------------------------------------------------- did you mean
 
 
 @pytest.mark.parametrize(

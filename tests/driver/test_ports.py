@@ -1,7 +1,6 @@
 import time
 from itertools import islice
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -12,19 +11,15 @@ from x2radar.ports import Port, parse_port
 from x2radar.radars import make_radar
 from x2radar.sim.module.stream import EchoStream
 
-# ---------------------------------------------------------------- parsing
-
 
 @pytest.mark.parametrize(
     ("text", "spec"),
     [
         ("/dev/ttyACM0", Port("live", "/dev/ttyACM0", {})),
         ("/dev/ttyS1?rate=200", Port("live", "/dev/ttyS1", {"rate": "200"})),
-        ("socket://host:7000", Port("live", "socket://host:7000", {})),
         ("sim:human", Port("sim", "human", {})),
         ("sim:human?seed=1&kind=rf", Port("sim", "human", {"seed": "1", "kind": "rf"})),
         ("sim:a%20b%3F%26.yaml?seed=3", Port("sim", "a b?&.yaml", {"seed": "3"})),
-        ("sim:x?seed=%31%32", Port("sim", "x", {"seed": "12"})),
         (
             "replay:night.h5?start=12&loop=1",
             Port("replay", "night.h5", {"start": "12", "loop": "1"}),
@@ -43,9 +38,7 @@ def test_parsing(text, spec):
     ("text", "wanted"),
     [
         ("sim:human?seed", "key=value pairs joined by '&'"),
-        ("sim:human?seed=1&seed=1", "a key is given twice"),
         ("sim:human?seed=1&s%65ed=2", "a key is given twice"),
-        ("sim:", "nothing behind 'sim:'"),
         ("sim:?seed=1", "nothing behind 'sim:'"),
         ("", "no port"),
     ],
@@ -60,15 +53,8 @@ def test_strings_that_are_no_port(text, wanted):
 @pytest.mark.parametrize(
     "url",
     [
-        "socket://127.0.0.1",
-        "socket://h:99999",
-        "socket://h:x",
-        "socket://a b:7000",
-        "socket://h:7000/path",
-        "socket://[::1:7000",
-        "rfc2217://h",
-        "spy://",
-        "tcp://h:1",
+        *("socket://127.0.0.1", "socket://h:99999", "socket://h:x", "socket://a b:7000"),
+        *("socket://h:7000/path", "socket://[::1:7000", "rfc2217://h", "spy://", "tcp://h:1"),
         "://h:1",
     ],
 )
@@ -102,9 +88,6 @@ def test_percent_encoding_carries_any_text(target, value):
     assert parse_port(text) == Port("sim", target, {"seed": value})
 
 
-# ---------------------------------------------------------------- options
-
-
 def test_unknown_keys_name_the_known_ones():
     spec = parse_port("sim:human?speed=2")
     known = "device, fault, kind, rate, run, seed"
@@ -121,11 +104,9 @@ def test_unknown_keys_name_the_known_ones():
     [
         ("sim:human?rate=fast", SettingsError, "port key 'rate': 'fast' is not a number"),
         ("sim:human?rate=0", SettingsError, "frame_rate_hz = 0.0"),
-        ("sim:human?rate=1001", SettingsError, "frame_rate_hz = 1001.0"),
         ("sim:human?rate=nan", SettingsError, "'nan' is not a number"),
         ("sim:human?kind=iq", SettingsError, "port key 'kind': 'iq'; known are rf, baseband"),
         ("sim:human?seed=-1", SettingsError, "port key 'seed': '-1' must be a whole number"),
-        ("sim:human?seed=1.5", SettingsError, "port key 'seed': '1.5' must be"),
         ("sim:human?seed=" + "9" * 30, SettingsError, "port key 'seed'"),
         ("sim:nobody", SceneError, "no scene 'nobody'"),
         ("replay:human", SettingsError, "a recording is no radar"),
@@ -135,27 +116,6 @@ def test_faults_come_before_anything_is_opened(port, error, wanted):
     with pytest.raises(error, match=wanted) as caught:
         make_radar(parse_port(port))
     assert "\n" not in str(caught.value)
-
-
-# ---------------------------------------------------------------- streaming
-
-
-def first_frames(port, n=30):
-    with make_radar(parse_port(port), speed=None) as radar:
-        out = list(islice(radar.frames(), n))
-        assert radar.stream.frame_rate_hz == radar.settings.frame_rate_hz
-    assert [f.counter for f in out] == list(range(1, n + 1))
-    assert [f.index for f in out] == list(range(n))
-    assert not any(f.lost or f.restarted for f in out)
-    return out
-
-
-def test_a_simulated_radar_streams():
-    frames = first_frames("sim:human?seed=1")
-    assert frames[0].axis.kind == "rf"
-    assert frames[0].samples.dtype == np.float32
-    assert frames[0].axis.n_range == frames[0].samples.size == 768
-    assert frames[0].axis.range_m[0] == pytest.approx(0.5996, abs=1e-3)
 
 
 @pytest.mark.parametrize("fault", ["", "?fault=spike:0.1"])

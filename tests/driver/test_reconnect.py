@@ -1,19 +1,20 @@
 """A device that goes away and comes back: real terminals, and scripted radars for the rest."""
 
+import contextlib
 import itertools
 import threading
 import time
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from tests.device_helpers import SETTINGS, Clock, in_thread, plugged, served
 from tests.sim_helpers import axis_with
 from x2radar.backoff import Backoff
 from x2radar.device.device import RadarStats, X2Radar
 from x2radar.device.link import Deadlines
 from x2radar.device.reconnect import ReconnectingRadar, StreamEvent
-from x2radar.device.transport import PtyTransport, SerialTransport, memory_pair
+from x2radar.device.transport import SerialTransport, memory_pair
 from x2radar.errors import (
     DeviceError,
     NoPort,
@@ -23,13 +24,10 @@ from x2radar.errors import (
     TransportClosed,
 )
 from x2radar.frame import Frame
-from x2radar.modules.x2 import RadarSettings
-from x2radar.sim.module.host import serve
 from x2radar.sim.module.module import SimulatedModule
 from x2radar.sim.scene.scene import load_scene
 
 pytestmark = pytest.mark.integration
-SETTINGS = RadarSettings(frame_stitch=1)
 SHORT = Deadlines(reply_s=60, ready_s=60, ping_every_s=0.03, usb_gone_s=0.1, stall_s=60)
 AXIS = axis_with("rf", 4, 0.004, 0.6, bandwidth_hz=0, sample_rate_hz=0)
 
@@ -49,45 +47,30 @@ def take_until(items, wanted, most=500):
     raise AssertionError(taken)
 
 
-def is_restarted(item):
-    return isinstance(item, Frame) and item.restarted
-
-
 def is_frame(item):
     return isinstance(item, Frame)
-
-
-# ---------------------------------------------------------------- real terminals
 
 
 class Socket:
     """A simulated module on a pseudo-terminal under one name, to pull and to plug in again."""
 
-    def __init__(self, name, faults=None):
+    def __init__(self, name):
         self.name = name
-        self.faults = faults
-        self.pty = None
+        self.plugged = contextlib.ExitStack()
 
     def plug(self):
-        self.pty = PtyTransport()
-        module = SimulatedModule(load_scene("empty"), 0, self.faults)
-        self.thread = threading.Thread(target=serve, args=(module, self.pty))
-        self.thread.start()
+        pty = self.plugged.enter_context(plugged())
         self.name.unlink(missing_ok=True)
-        self.name.symlink_to(self.pty.path)
+        self.name.symlink_to(pty.path)
 
     def pull(self):
-        if self.pty is not None:
-            self.pty.close()
-            self.thread.join()
-            self.name.unlink(missing_ok=True)
-            self.pty = None
+        self.plugged.close()
+        self.name.unlink(missing_ok=True)
 
-    def radar(self, *, stall_s=60.0, backoff=None, **options):
-        deadlines = replace(SHORT, stall_s=stall_s)
+    def radar(self, *, backoff=None, **options):
         connect = lambda: SerialTransport(str(self.name))  # noqa: E731
         return ReconnectingRadar(
-            X2Radar(connect, SETTINGS, deadlines=deadlines, name="x2"),
+            X2Radar(connect, SETTINGS, deadlines=SHORT, name="x2"),
             backoff=backoff or Backoff(0.01, 0.05, "x2"),
             **options,
         )
@@ -134,39 +117,25 @@ def test_absent_at_start(socket):
         assert (items[-1].index, items[-1].restarted) == (0, False)
 
 
-@pytest.mark.parametrize("plugged", [False, True], ids=["waiting", "streaming"])
-def test_closing_from_another_thread_ends_it_at_once(socket, plugged):
-    if plugged:
+@pytest.mark.parametrize("is_plugged", [False, True], ids=["waiting", "streaming"])
+def test_closing_from_another_thread_ends_it_at_once(socket, is_plugged):
+    if is_plugged:
         socket.plug()
     radar = socket.radar(wait=True, backoff=Backoff(60, 60, "x2"))
-    ended = threading.Event()
-
-    def read():
-        for _ in radar.items():
-            pass
-        ended.set()
-
-    thread = threading.Thread(target=read, daemon=True)
-    thread.start()
+    thread = in_thread(lambda: list(radar.items()))
     time.sleep(0.25)
     radar.close()
-    assert ended.wait(59)
+    thread.join(59)
+    assert not thread.is_alive()
 
 
 def test_gaps_repeats_and_reboots_are_told_before_the_frame_that_they_concern():
     plan = {"drop_frames": 0.03, "duplicate": 0.03, "reboot": 0.005}
     near, far = memory_pair()
-    thread = threading.Thread(
-        target=serve,
-        args=(SimulatedModule(load_scene("empty"), 1, plan), far),
-        kwargs={"speed": 20.0},
-    )
-    thread.start()
     inner = X2Radar(lambda: near, SETTINGS, deadlines=SHORT)
-    with ReconnectingRadar(inner) as radar:
+    module = SimulatedModule(load_scene("empty"), 1, plan)
+    with served(far, module, speed=20.0), ReconnectingRadar(inner) as radar:
         items = list(itertools.islice(radar.items(), 600))
-    far.close()
-    thread.join()
     assert {"gap", "repeat", "restart"} <= set(kinds(items))
     index = -1
     told = {}
@@ -179,9 +148,6 @@ def test_gaps_repeats_and_reboots_are_told_before_the_frame_that_they_concern():
         # Without a restart, no frame number is left out that was not told of.
         assert item.index == index + 1 + item.lost or (item.restarted and item.index > index)
         index, told = item.index, {}
-
-
-# ---------------------------------------------------------------- scripted
 
 
 class EndOfScriptError(Exception):
@@ -226,21 +192,6 @@ class FakeRadar:
         self.n_closed += 1
 
 
-class Clock:
-    """Time that passes only in sleeps and where the test says so."""
-
-    def __init__(self):
-        self.now_s = 100.0
-        self.slept = []
-
-    def __call__(self):
-        return self.now_s
-
-    def sleep(self, s):
-        self.slept.append(s)
-        self.now_s += s
-
-
 GONE = TransportClosed("gone")
 STALL = ReadTimeout("no frame")
 
@@ -267,12 +218,12 @@ def test_any_loss_is_followed_by_a_new_opening():
 def test_pauses_grow_up_to_the_cap():
     failures = [PortNotFound("nothing there")] * 12
     radar, fake, clock = scripted([1, GONE], *failures, [1])
-    items = take_until(radar.items(), is_restarted)
+    items = take_until(radar.items(), lambda item: is_frame(item) and item.restarted)
     # The same reason is told once.
     assert kinds(items) == ["frame", "lost", "lost", "found", "frame"]
     plain = [min(0.25 * 2**k, 2.0) for k in range(13)]
-    assert len(clock.slept) == 13
-    ratios = [s / p for p, s in zip(plain, clock.slept, strict=True)]
+    assert len(clock.slept_s) == 13
+    ratios = [s / p for p, s in zip(plain, clock.slept_s, strict=True)]
     assert ratios == pytest.approx([ratios[0]] * 13)
     assert 2 / 3 < ratios[0] <= 1
     assert fake.n_closed >= 13
@@ -284,8 +235,8 @@ def test_a_device_that_is_lost_soon_again_is_left_alone_longer():
     for item in itertools.islice(radar.items(), 14):
         if is_frame(item) and item.counter == 2:
             clock.now_s += 11
-    first = clock.slept[0]
-    assert clock.slept == [first, 2 * first, 4 * first, first]
+    first = clock.slept_s[0]
+    assert clock.slept_s == [first, 2 * first, 4 * first, first]
 
 
 def test_at_start_errors_are_raised_or_waited_for_but_what_is_no_port_never():
@@ -300,15 +251,13 @@ def test_at_start_errors_are_raised_or_waited_for_but_what_is_no_port_never():
             assert kinds(take_until(radar.items(), is_frame)) == ["lost", "found", "frame"]
 
 
-def test_closing_in_a_pause_ends_the_stream():
+def test_what_ends_the_stream():
     clock = Clock()
     clock.sleep = lambda _s: radar.close()
     radar, fake, _ = scripted([1, GONE], clock=clock)
     assert kinds(radar.items()) == ["frame", "lost"]
     assert fake.opened == ["open"]
-
-
-def test_with_quit_a_loss_is_raised_and_faults_of_the_program_always_are():
+    # With quit a loss is raised, and faults of the program always are.
     for loss, options in ((GONE, {"quit_on_loss": True}), (ZeroDivisionError(), {"wait": True})):
         radar, fake, _ = scripted([1, loss], **options)
         with pytest.raises(type(loss)):

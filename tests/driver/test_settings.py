@@ -12,21 +12,12 @@ from x2radar.device.assemble import FrameAssembler
 from x2radar.errors import SettingsError, X2RadarError
 from x2radar.modules.x2 import PRF_HZ, PULSE_GENERATORS, RadarSettings
 from x2radar.modules.x4 import X4Settings
+from x2radar.wire import messages as msg
 from x2radar.wire.codec import decode_response, encode
-from x2radar.wire.messages import (
-    BasebandIq,
-    Data,
-    SetMode,
-    SetOutput,
-    SetSysFloat,
-    SetSysInt,
-    X4Init,
-    X4Set,
-)
 from x2radar.wire.wire_ids import BasebandOutput, ContentId, Mode, OutputRef, SysCfg, X4Setting
 
 
-def test_defaults_are_the_radar_of_the_thesis():
+def test_defaults_are_the_radar_of_the_thesis_and_pulses_a_table():
     s = RadarSettings()
     assert (s.frame_rate_hz, s.axis.n_range, s.sample_rate_hz, s.sample_delay_s) == (
         60,
@@ -40,9 +31,6 @@ def test_defaults_are_the_radar_of_the_thesis():
     # Three offsets, two thousand thresholds, 256 pulses each at 100 MHz.
     assert s.n_steps == 2048
     assert s.sweep_s == pytest.approx(3 * 2048 * 256 / 100e6)
-
-
-def test_pulse_table():
     assert len(PULSE_GENERATORS) == 12
     assert RadarSettings(pulse_generator=0).axis.carrier_hz == pytest.approx(5.3e9)
     for lower, upper in pairwise(PULSE_GENERATORS):
@@ -187,7 +175,7 @@ def test_frames_of_an_x4_off_the_wire_with_a_gap():
     rng = np.random.default_rng(1)
     echoes = rng.standard_normal((3, 2, 91)).astype(np.float32)
     messages = [
-        decode_response(encode(Data(ContentId.RAW_FRAME, n, e.ravel())))
+        decode_response(encode(msg.Data(ContentId.RAW_FRAME, n, e.ravel())))
         for n, e in zip((5, 6, 9), echoes, strict=True)
     ]
     assembler = FrameAssembler(X4Settings())
@@ -204,7 +192,7 @@ def test_frames_of_an_x4_off_the_wire_with_a_gap():
     assert np.array_equal(frame.samples, echoes[0].ravel())
     assert frame.axis.kind == "rf"
     ones = np.ones(4, np.float32)
-    own = BasebandIq(1, 0.05144033, 2.916e9, 7.29e9, 0.334321, ones, ones)
+    own = msg.BasebandIq(1, 0.05144033, 2.916e9, 7.29e9, 0.334321, ones, ones)
     axis = rf.frame(own, 0.0).axis
     assert (axis.kind, axis.n_range, axis.range_offset_m) == ("baseband", 4, 0.334321)
 
@@ -220,12 +208,12 @@ def test_frames_of_an_x4_off_the_wire_with_a_gap():
 def test_commands_of_an_x2(output, value):
     s = RadarSettings(frame_rate_hz=20, pulse_generator=6, frame_stitch=2, output=output)
     first, *between, last = s.startup_commands()
-    assert (first, last) == (SetMode(Mode.IDLE), SetMode(Mode.MANUAL))
-    assert between[-1] == SetOutput(OutputRef.BASEBAND, value)
-    assert SetSysInt(SysCfg.FPS, 20) in between
-    assert SetSysFloat(SysCfg.SAMPLE_DELAY, s.sample_delay_s) in between
-    assert SetSysInt(SysCfg.PG_SELECT, 6) in between
-    assert SetSysInt(SysCfg.FRAME_STITCH, 2) in between
+    assert (first, last) == (msg.SetMode(Mode.IDLE), msg.SetMode(Mode.MANUAL))
+    assert between[-1] == msg.SetOutput(OutputRef.BASEBAND, value)
+    assert msg.SetSysInt(SysCfg.FPS, 20) in between
+    assert msg.SetSysFloat(SysCfg.SAMPLE_DELAY, s.sample_delay_s) in between
+    assert msg.SetSysInt(SysCfg.PG_SELECT, 6) in between
+    assert msg.SetSysInt(SysCfg.FRAME_STITCH, 2) in between
 
 
 def test_commands_of_an_x4():
@@ -245,8 +233,12 @@ def test_commands_of_an_x4():
     first, second, third, *between, last = X4Settings(
         frame_rate_hz=20, **fields
     ).startup_commands()
-    assert (first, second, third) == (SetMode(Mode.STOP), SetMode(Mode.MANUAL), X4Init())
-    assert last == X4Set(X4Setting.FPS, (20,))
-    assert set(between) == {X4Set(ref, tuple(some.values())) for ref, some in known.items()}
+    assert (first, second, third) == (
+        msg.SetMode(Mode.STOP),
+        msg.SetMode(Mode.MANUAL),
+        msg.X4Init(),
+    )
+    assert last == msg.X4Set(X4Setting.FPS, (20,))
+    assert set(between) == {msg.X4Set(ref, tuple(some.values())) for ref, some in known.items()}
     told = [command.setting for command in between]
     assert told.index(X4Setting.FRAME_AREA_OFFSET) < told.index(X4Setting.FRAME_AREA)

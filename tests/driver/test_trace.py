@@ -9,38 +9,17 @@ from hypothesis import strategies as st
 
 from x2radar.recording.trace import describe, read_trace
 from x2radar.wire import framing
+from x2radar.wire import messages as msg
 from x2radar.wire.codec import decode_any, decode_command, decode_response, encode
 from x2radar.wire.framing import Packet, PacketDecoder
-from x2radar.wire.messages import (
-    Ack,
-    Data,
-    ErrorReply,
-    GetSystemInfo,
-    LoadProfile,
-    Message,
-    Ping,
-    Pong,
-    Reply,
-    Reset,
-    SetDetectionZone,
-    SetLed,
-    SetMode,
-    SetOutput,
-    SetSensitivity,
-    SystemMessage,
-    Unknown,
-)
 from x2radar.wire.wire_ids import Mode, PongCode, Profile, SystemCode
 
-PING = framing.encode(encode(Ping()))
-PONG = framing.encode(encode(Pong(PongCode.READY)))
+PING = framing.encode(encode(msg.Ping()))
+PONG = framing.encode(encode(msg.Pong(PongCode.READY)))
 
 
 def spaced(data, form="{:02x}", between=" "):
     return between.join(form.format(b) for b in data)
-
-
-# ---------------------------------------------------------------- text
 
 
 @pytest.mark.parametrize("form", ["0x{:02x}", "0x{:02X}", "0X{:02x}", "{:02x}", "{:02X}"])
@@ -82,9 +61,6 @@ def test_a_long_line_is_read_in_time():
     assert read_trace(b":" * 20_000) == b":" * 20_000
 
 
-# ---------------------------------------------------------------- messages
-
-
 def described(*messages):
     items = list(describe(b"".join(framing.encode(encode(m)) for m in messages)))
     # What json would write is valid for everyone: no NaN, no Infinity.
@@ -93,21 +69,25 @@ def described(*messages):
 
 def test_both_directions_are_read():
     items = described(
-        Ping(), Pong(PongCode.READY), SetMode(Mode.MANUAL), Ack(), SystemMessage(SystemCode.READY)
+        msg.Ping(),
+        msg.Pong(PongCode.READY),
+        msg.SetMode(Mode.MANUAL),
+        msg.Ack(),
+        msg.SystemMessage(SystemCode.READY),
     )
     assert [i["message"] for i in items] == ["Ping", "Pong", "SetMode", "Ack", "SystemMessage"]
     assert items[2] == {"message": "SetMode", "mode": 0x12}
     assert items[4]["code"] == 0x11
 
 
-def test_arrays_texts_and_numbers():
+def test_arrays_texts_numbers_and_what_is_not_known():
     rf = np.array([1, np.nan, -np.inf, 0.5], np.float32)
     data, raw, reply, floats, zone = described(
-        Data(0, 7, rf),
-        Data(3, 8, np.array([1, 255], np.uint8)),
-        Reply(0x58, 1, "X2M200"),
-        Reply(0x11, 2, (1.5, float("nan"), float("inf"))),
-        SetDetectionZone(0.5, float("nan")),
+        msg.Data(0, 7, rf),
+        msg.Data(3, 8, np.array([1, 255], np.uint8)),
+        msg.Reply(0x58, 1, "X2M200"),
+        msg.Reply(0x11, 2, (1.5, float("nan"), float("inf"))),
+        msg.SetDetectionZone(0.5, float("nan")),
     )
     assert data == {
         "message": "Data",
@@ -119,16 +99,10 @@ def test_arrays_texts_and_numbers():
     assert reply["value"] == "X2M200"
     assert floats["value"] == [1.5, None, None]
     assert zone == {"message": "SetDetectionZone", "start_m": 0.5, "end_m": None}
-
-
-def test_unknown_packets_are_shown_as_hex():
     items = list(describe(framing.encode(b"\xee\x01\x02")))
     assert items == [{"message": "Unknown", "data": "ee 01 02"}]
     [status] = describe(framing.encode(bytes.fromhex("50 26 fe 75 23 01")))
     assert (status["name"], status["data"]) == ("RespirationStatus", "50 26 fe 75 23 01")
-
-
-# ---------------------------------------------------------------- damage
 
 
 def test_what_is_no_sound_packet_is_reported_in_place():
@@ -173,7 +147,7 @@ def reads_right(line: bytes) -> bool:
     return line[0] == 0x7D and line[-1] == 0x7E and crc == 0
 
 
-def messages_of(path: Path) -> list[Message]:
+def messages_of(path: Path) -> list[msg.Message]:
     """Decode a trace line by line and as one stream; both must agree and be faultless."""
     lines = lines_of(path)
     assert all(reads_right(line) for _, line in lines)
@@ -183,44 +157,35 @@ def messages_of(path: Path) -> list[Message]:
     for (direction, _), item in zip(lines, items, strict=True):
         assert isinstance(item, Packet)
         message = (decode_command if direction == "Write" else decode_response)(item.data)
-        assert not isinstance(message, Unknown) or message.name == "RespirationStatus"
+        assert not isinstance(message, msg.Unknown) or message.name == "RespirationStatus"
         assert type(decode_any(item.data)) is type(message)
         out.append(message)
     return out
 
 
-def counters_of(messages: list[Message]) -> list[int]:
+def counters_of(messages: list[msg.Message]) -> list[int]:
     """Return the counters of the respiration statuses, which are known by name alone."""
-    return [int.from_bytes(m.data[5:9], "little") for m in messages if isinstance(m, Unknown)]
+    return [int.from_bytes(m.data[5:9], "little") for m in messages if isinstance(m, msg.Unknown)]
 
 
 def test_own_trace() -> None:
     messages = messages_of(OWN)
     kinds = [type(m) for m in messages]
     assert len(messages) == 41
-    assert kinds[:6] == [Reset, Ack, SystemMessage, SystemMessage, Ping, Pong]
-    assert [k for k in kinds[6:18] if k is not Ack] == [
-        LoadProfile,
-        SetLed,
-        SetDetectionZone,
-        SetSensitivity,
-        SetOutput,
-        SetMode,
-    ]
+    begun = [msg.Reset, msg.Ack, msg.SystemMessage, msg.SystemMessage, msg.Ping, msg.Pong]
+    asked = [msg.LoadProfile, msg.SetLed, msg.SetDetectionZone, msg.SetSensitivity, msg.SetOutput]
+    assert kinds[:6] == begun
+    assert [k for k in kinds[6:18] if k is not msg.Ack] == [*asked, msg.SetMode]
     assert counters_of(messages) == [1, 2, 3, 4, 401, 402, 981, 982, 983, 984, 125, 126, 127]
-    assert messages[-4:] == [
-        LoadProfile(0x12345678),
-        ErrorReply(0x20),
-        GetSystemInfo(3),
-        Reply(0x58, 3, "2.4.1"),
-    ]
+    last = msg.GetSystemInfo(3), msg.Reply(0x58, 3, "2.4.1")
+    assert messages[-4:] == [msg.LoadProfile(0x12345678), msg.ErrorReply(0x20), *last]
 
 
 @pytest.mark.skipif(not REAL.exists(), reason="the real module's trace is not part of the project")
 def test_trace_of_a_real_module() -> None:
     messages = messages_of(REAL)
     assert len(messages) == 38
-    assert messages.count(LoadProfile(Profile.SLEEP)) == 2
-    assert messages.count(SetMode(Mode.RUN)) == 2
-    assert messages.count(Ack()) == 12
+    assert messages.count(msg.LoadProfile(Profile.SLEEP)) == 2
+    assert messages.count(msg.SetMode(Mode.RUN)) == 2
+    assert messages.count(msg.Ack()) == 12
     assert counters_of(messages) == [*range(1, 8), *range(1, 8)]

@@ -94,22 +94,17 @@ def write_until_closed(end: Transport) -> None:
         time.sleep(0.002)
 
 
-# ---------------------------------------------------------------- the contract
-
 ALL_BYTES = bytes(range(256))
 
 
-def test_data_both_ways(ends: Ends) -> None:
+def test_data_both_ways_or_nothing_in_time(ends: Ends) -> None:
     near, far = ends
     near.write(b"")
     near.write(ALL_BYTES)
     assert read_all(far, 256) == ALL_BYTES
     far.write(ALL_BYTES[::-1])
     assert read_all(near, 256) == ALL_BYTES[::-1]
-
-
-def test_timeout_gives_nothing(ends: Ends) -> None:
-    near, _ = ends
+    near, far = ends
     started_s = time.monotonic()
     assert near.read(0.05) == b""
     assert 0.04 < time.monotonic() - started_s < 2
@@ -158,9 +153,6 @@ def test_use_after_close(ends: Ends) -> None:
         near.write(b"x")
 
 
-# ---------------------------------------------------------------- what one of them does
-
-
 @pytest.mark.parametrize("make", [memory_ends, socket_ends], ids=["memory", "socket"])
 @pytest.mark.parametrize("last", [b"x", b"last words" * 100])
 def test_what_was_sent_before_the_end_is_read(make: Callable, last: bytes) -> None:
@@ -171,7 +163,7 @@ def test_what_was_sent_before_the_end_is_read(make: Callable, last: bytes) -> No
         near.close()
 
 
-def test_memory_pair_holds_a_fast_writer_back() -> None:
+def test_memory_pair_holds_a_fast_writer_back_until_it_closes() -> None:
     near, far = memory_pair(capacity=10)
     near.write(bytes(10))
     thread = in_thread(lambda: near.write(b"more"))
@@ -180,9 +172,6 @@ def test_memory_pair_holds_a_fast_writer_back() -> None:
     assert far.read(0) == bytes(10)
     assert read_all(far, 4) == b"more"
     thread.join(LONG_S)
-
-
-def test_memory_pair_lets_a_waiting_writer_go_when_it_closes() -> None:
     near, far = memory_pair(capacity=1)
     near.write(b"x")
     threading.Timer(0.05, far.close).start()
@@ -223,12 +212,21 @@ def test_only_a_port_on_usb_is_usb(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     far.close()
 
 
-# ---------------------------------------------------------------- ports that do not open
-
-
-def test_missing_port(tmp_path: Path) -> None:
+def test_ports_that_are_not_there_or_are_none(tmp_path: Path) -> None:
     with pytest.raises(PortNotFound, match="plugged in"):
         SerialTransport(str(tmp_path / "ttyNONE"))
+    file = tmp_path / "file"
+    file.write_text("")
+    for path in (file, tmp_path, "/dev/null"):
+        with pytest.raises(NoPort, match="is no serial port"):
+            SerialTransport(str(path))
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+    with pytest.raises(PortError, match="cannot be opened: Connection refused"):
+        SerialTransport(f"socket://127.0.0.1:{port}")
+    with pytest.raises(PortError, match="cannot be opened") as caught:
+        SerialTransport("hwgrep://(")
+    assert "\n" not in str(caught.value)
 
 
 def test_second_opening_of_a_port() -> None:
@@ -239,21 +237,6 @@ def test_second_opening_of_a_port() -> None:
     near.close()
     SerialTransport(far.path).close()
     far.close()
-
-
-def test_file_that_is_no_port(tmp_path: Path) -> None:
-    file = tmp_path / "file"
-    file.write_text("")
-    for path in (file, tmp_path, "/dev/null"):
-        with pytest.raises(NoPort, match="is no serial port"):
-            SerialTransport(str(path))
-
-
-def test_nobody_listens() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        port = server.getsockname()[1]
-    with pytest.raises(PortError, match="cannot be opened: Connection refused"):
-        SerialTransport(f"socket://127.0.0.1:{port}")
 
 
 @pytest.mark.parametrize(
@@ -278,9 +261,3 @@ def test_foreign_errors_get_their_class(monkeypatch, error, kind, exit_code) -> 
     with pytest.raises(PortError, match=r"^/dev/ttyACM0: ") as caught:
         SerialTransport("/dev/ttyACM0")
     assert (type(caught.value), caught.value.exit_code) == (kind, exit_code)
-
-
-def test_a_pattern_of_ports_that_is_none_is_one_line():
-    with pytest.raises(PortError, match="cannot be opened") as caught:
-        SerialTransport("hwgrep://(")
-    assert "\n" not in str(caught.value)

@@ -39,9 +39,6 @@ def run(capsys, *argv):
     return code, out, err
 
 
-# ---------------------------------------------------------------- what works
-
-
 def test_scenes_are_listed(capsys):
     code, out, err = run(capsys, "scenes")
     assert (code, err) == (0, "")
@@ -83,67 +80,19 @@ def test_record_round_trip(capsys, tmp_path, kind):
             assert np.array_equal(ours.samples, live.samples)
 
 
-# ---------------------------------------------------------------- what does not
-
-
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """A folder with files of all kinds, as the working directory."""
-    monkeypatch.chdir(tmp_path)
-    Path("there.h5").write_bytes(b"somebody's recording")
-    Path("bad.yaml").write_text("steps: [{body: horse, duration_s: 1}]\n")
-    Path("folder").mkdir()
-    return tmp_path
-
-
-WRONG = [
-    ([], 2, "x2radar: the following arguments are required: COMMAND"),
-    (["frobnicate"], 2, "x2radar: argument COMMAND: invalid choice: 'frobnicate'"),
-    (["scenes", "more"], 2, "x2radar scenes: unrecognized arguments: more"),
-    (["decode", "missing.txt"], 66, "x2radar: missing.txt: cannot be read: No such file"),
-    (["simulate"], 2, "x2radar simulate: one of the arguments --pty --cost is required"),
-    (["simulate", "--pty", "--scene", "nobody"], 66, "no scene 'nobody'; 'x2radar scenes'"),
-    (["simulate", "--pty", "--scene", "bad.yaml"], 66, "bad.yaml: steps[0].body: no body 'horse'"),
-    (["simulate", "--pty", "--seed", "-1"], 2, "x2radar: --seed -1: must be a whole number"),
-    (["simulate", "--pty", "--speed", "0"], 2, "x2radar: --speed '0': use realtime, max or"),
-    (["record", "new.h5"], 2, "x2radar record: the following arguments are required: --port"),
-    (["record", "--port", "sim:dog", "--duration", "0", "new.h5"], 2, "--duration 0: must be"),
-    (["record", "--port", "/dev/no-such-port", "new.h5"], 66, "/dev/no-such-port: no such port"),
-    (["record", "--port", "foo://bar", "new.h5"], 78, "x2radar: port 'foo://bar': no kind of URL"),
-    (["record", "--port", "sim:dog", "there.h5"], 66, "x2radar: there.h5: exists already"),
-    (["record", "--port", "sim:dog", "folder"], 66, "x2radar: folder: exists already"),
-    (["record", "--port", "sim:dog", "no/such/new.h5"], 66, "no/such/new.h5: cannot make"),
-]
-
-
-@pytest.mark.parametrize(("argv", "code", "wanted"), WRONG, ids=range(len(WRONG)))
-def test_wrong_input_is_one_line_and_its_exit_code(capsys, folder, argv, code, wanted):
-    ended, out, err = run(capsys, *argv)
-    assert (ended, out) == (code, "")
-    assert err.count("\n") == 1
-    assert err.endswith("\n")
-    assert err.startswith("x2radar")
-    assert wanted in err
-    assert not Path("new.h5").exists()
-    assert Path("there.h5").read_bytes() == b"somebody's recording"
-
-
 @pytest.mark.parametrize("argv", [["convert", "", "a.npz"], ["convert", "a.h5", ""]])
-def test_an_empty_name_is_no_folder(capsys, folder, argv):
+def test_an_empty_name_is_no_folder(capsys, argv):
     """As of a variable of the shell that is not set; before, it was the folder at hand."""
     with pytest.raises(SystemExit):
         main(argv)
     assert "no file is named" in capsys.readouterr().err
 
 
-def test_debug_adds_the_traceback(capsys, folder):
+def test_debug_adds_the_traceback(capsys):
     code, out, err = run(capsys, "--debug", "decode", "missing.txt")
     assert (code, out) == (66, "")
     assert err.startswith("Traceback")
     assert err.splitlines()[-1].startswith("x2radar: missing.txt: cannot be read")
-
-
-# ---------------------------------------------------------------- what all commands share
 
 
 @pytest.mark.parametrize(
@@ -186,9 +135,6 @@ def test_somebody_elses_sigterm_handler_is_left_alone():
         assert seen == [mine]
     finally:
         signal.signal(signal.SIGTERM, before)
-
-
-# ---------------------------------------------------------------- as a process
 
 
 integration = pytest.mark.integration

@@ -5,6 +5,7 @@ from itertools import islice
 import numpy as np
 import pytest
 
+from tests.device_helpers import OnUsb, wire
 from tests.recording_helpers import assert_same_frames, content, run
 from x2radar.device.device import X2Radar
 from x2radar.device.link import Deadlines
@@ -24,15 +25,9 @@ from x2radar.recording.registry import open_recording
 from x2radar.sim.module.host import connect
 from x2radar.sim.module.module import SimulatedModule
 from x2radar.sim.scene.scene import load_scene
-from x2radar.wire import framing
-from x2radar.wire.codec import encode
 from x2radar.wire.messages import Ack, Data, Ping, Reset
 
 N = 90
-
-
-def simulated(seed=1):
-    return lambda: connect(lambda: SimulatedModule(load_scene("dog"), seed), None)
 
 
 def captured(path, settings=None, *, is_usb=False, n=N):
@@ -40,13 +35,12 @@ def captured(path, settings=None, *, is_usb=False, n=N):
     settings = settings or RadarSettings()
     writer = CaptureWriter(path, {"settings": {"output": settings.output}, "port": "sim:dog"})
 
-    class Usb:
-        def __init__(self, inner):
-            self.read, self.write, self.close = inner.read, inner.write, inner.close
-            self.is_usb = is_usb
+    def module():
+        near = connect(lambda: SimulatedModule(load_scene("dog"), 1), None)
+        return OnUsb(near) if is_usb else near
 
     # The simulated module forgets its READY when the port is opened again: it is pinged.
-    way = capturing(lambda: Usb(simulated()()), writer)
+    way = capturing(module, writer)
     with X2Radar(way, settings, deadlines=Deadlines(usb_gone_s=0.05)) as radar:
         frames = list(islice(radar.frames(), n))
     writer.close()
@@ -60,9 +54,6 @@ def test_a_port_that_was_opened_twice(tmp_path):
     assert (kinds.count(OPENED), kinds.count(CLOSED)) == (2, 2)
     with open_recording(path) as reader:
         assert_same_frames(frames, islice(reader.frames(), N))
-
-
-# ---------------------------------------------------------------- the file
 
 
 def test_a_cut_or_damaged_capture_is_good_as_far_as_it_goes(tmp_path):
@@ -101,9 +92,6 @@ def test_writer_overwrites_nothing_and_leaves_nothing_empty(tmp_path):
     assert not (tmp_path / "y").exists()
 
 
-# ---------------------------------------------------------------- as a recording
-
-
 @pytest.mark.parametrize("output", ["rf", "iq", "ap"])
 def test_a_capture_is_a_recording_too(tmp_path, output):
     path = tmp_path / "w.x2cap"
@@ -124,24 +112,21 @@ def test_a_capture_is_a_recording_too(tmp_path, output):
 
 def test_a_capture_without_frames(tmp_path):
     writer = CaptureWriter(tmp_path / "w", {"settings": {"output": "?", "junk": 1}})
-    writer.add(FROM_MODULE, framing.encode(encode(Ack())))
+    writer.add(FROM_MODULE, wire(Ack()))
     writer.close()
     with pytest.raises(RecordingError, match="no frames"):
         open_recording(tmp_path / "w")
 
 
-# ---------------------------------------------------------------- decode
-
-
 def test_decode_of_a_capture(capsys, tmp_path):
     path = tmp_path / "w"
     writer = CaptureWriter(path, {})
-    ping = framing.encode(encode(Ping()))
+    ping = wire(Ping())
     writer.add(OPENED, b"\0")
     writer.add(TO_MODULE, ping[:3])
-    writer.add(FROM_MODULE, framing.encode(encode(Ack())) + b"\x01")
-    writer.add(TO_MODULE, ping[3:] + framing.encode(encode(Reset())))
-    writer.add(FROM_MODULE, framing.encode(encode(Ack()))[:-1])
+    writer.add(FROM_MODULE, wire(Ack()) + b"\x01")
+    writer.add(TO_MODULE, ping[3:] + wire(Reset()))
+    writer.add(FROM_MODULE, wire(Ack())[:-1])
     writer.add(CLOSED)
     writer.close()
     with path.open("ab") as file:
@@ -161,12 +146,8 @@ def test_decode_of_a_capture(capsys, tmp_path):
     code, out, err = run(capsys, "decode", path, "--summary")
     assert (code, err) == (0, "")
     lines = [" ".join(line.split()) for line in out.splitlines()]
-    assert lines[:4] == [
-        "packets 3",
-        "1 Ack, from module",
-        "1 Ping, to module",
-        "1 Reset, to module",
-    ]
+    told = ["packets 3", "1 Ack, from module", "1 Ping, to module", "1 Reset, to module"]
+    assert lines[:4] == told
     assert "faults 3" in lines
 
 
@@ -175,7 +156,7 @@ def test_a_summary_tells_rate_and_gaps(capsys, tmp_path):
     writer = CaptureWriter(path, {})
     for counter in (1, 2, 5, 6, 6):
         values = np.zeros(4, np.float32)
-        writer.add(FROM_MODULE, framing.encode(encode(Data(0, counter, values))))
+        writer.add(FROM_MODULE, wire(Data(0, counter, values)))
         time.sleep(0.02)
     writer.close()
     code, out, _ = run(capsys, "decode", path, "--summary")

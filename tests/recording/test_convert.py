@@ -1,6 +1,5 @@
 import json
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -158,9 +157,6 @@ def test_nothing_is_overwritten(tmp_path, form):
             convert(source, out)
 
 
-# ---------------------------------------------------------------- the command
-
-
 def test_command(capsys, tmp_path):
     source, _ = make(tmp_path / "in.h5")
     out = tmp_path / "out.npz"
@@ -170,49 +166,6 @@ def test_command(capsys, tmp_path):
     with open_recording(out) as reader:
         assert reader.stream.axis.carrier_hz == 7e9
         assert reader.stream.axis.bandwidth_hz == BASEBAND.bandwidth_hz
-
-
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    make(Path("in.h5"))
-    make(Path("rf.h5"), "rf")
-    Path("text.txt").write_text("hello")
-    for suffix in ("npz", "sigmf-meta", "parquet"):
-        Path(f"junk.{suffix}").write_bytes(b"hello")
-    return tmp_path
-
-
-WRONG = [
-    (["in.h5"], 2, "the following arguments are required: OUT"),
-    (["in.h5", "out.foo"], 2, "out.foo: its name names no format; use --to with one of hdf5,"),
-    (["in.h5", "out.x2cap"], 2, "out.x2cap: wire captures are only read"),
-    (["in.h5", "out.npz", "--from", "mcap"], 2, "argument --from: invalid choice: 'mcap'"),
-    (["junk.parquet", "out.npz"], 66, "junk.parquet: Parquet tables are only written"),
-    (["in.h5", "out.npz", "--carrier", "0"], 2, "--carrier 0: must be above 0"),
-    (["in.h5", "out.npz", "--range-offset", "nan"], 2, "--range-offset nan: must be a number"),
-    (["rf.h5", "out.npz", "--from", "npz"], 66, "rf.h5: not a NumPy archive"),
-    (["rf.h5", "out", "--to", "xethru"], 2, "out: XeThru recordings hold baseband"),
-    (["gone.h5", "out.npz"], 66, "gone.h5: no such recording"),
-    (["text.txt", "out.npz"], 66, "text.txt: no recording of a known format (HDF5"),
-    (["junk.npz", "out.h5"], 66, "junk.npz: not a NumPy archive"),
-    (["junk.sigmf-meta", "out.npz"], 66, "junk.sigmf-meta: not a SigMF meta file"),
-    (["in.h5", "rf.h5"], 66, "rf.h5: exists already"),
-    (["in.h5", "no/such/out.npz"], 66, "no/such/out.npz: cannot make it there"),
-]
-
-
-@pytest.mark.parametrize(("argv", "code", "wanted"), WRONG, ids=range(len(WRONG)))
-def test_wrong_input_is_one_line_and_its_exit_code(capsys, folder, argv, code, wanted):
-    before = names_in(folder)
-    ended, out, err = run(capsys, "convert", *argv)
-    assert (ended, out) == (code, "")
-    assert err.count("\n") == 1
-    assert wanted in err
-    assert names_in(folder) == before
-
-
-# ---------------------------------------------------------------- info
 
 
 @pytest.mark.parametrize(("form", "kind"), HOLDS)
@@ -250,19 +203,3 @@ def test_info_of_a_module(capsys, kind):
     assert facts["settings"]["frame_rate_hz"] == 60
     code, out, _ = run(capsys, "info", "sim:empty")
     assert "ready" in out
-
-
-@pytest.mark.parametrize(
-    ("what", "code", "wanted"),
-    [
-        ("gone.h5", 66, "gone.h5: no such recording"),
-        ("replay:gone.h5", 66, "gone.h5: no such recording"),
-        ("/dev/no-such-port", 66, "no such port"),
-        ("sim:cow", 66, "no scene 'cow'"),
-    ],
-)
-def test_info_of_nothing(capsys, what, code, wanted):
-    ended, out, err = run(capsys, "info", what)
-    assert (ended, out) == (code, "")
-    assert wanted in err
-    assert err.count("\n") == 1

@@ -1,8 +1,6 @@
-"""Readers of foreign files: made by hand here, and real ones where they are."""
+"""Readers of foreign files, made by hand here."""
 
-import json
 import struct
-from pathlib import Path
 
 import h5py
 import numpy as np
@@ -18,8 +16,6 @@ from x2radar.recording.formats.xethru import write as write_xethru
 from x2radar.recording.registry import open_recording
 from x2radar.recording.stamps import count_by_stamps
 
-DATA = Path(__file__).parents[3] / "shared" / "data"
-P4XX = DATA / "p410_walk_101.mat"
 PERIOD_S = 0.0327996
 
 
@@ -47,9 +43,6 @@ def test_stamps_without_use(stamps):
     counter, period_s = count_by_stamps(np.array(stamps, float))
     assert counter.tolist() == [1, 2, 3]
     assert np.isnan(period_s)
-
-
-# ---------------------------------------------------------------- P4xx
 
 
 def mat(path, n=40, lost=(), **fields):
@@ -86,9 +79,7 @@ def test_p4xx(tmp_path):
     assert axis.bandwidth_hz == pytest.approx(1.7e9)
     assert axis.bin_length_m == pytest.approx(9.149e-3, abs=1e-6)
     assert axis.range_offset_m == pytest.approx(299_792_458 * 17.499e-9 / 2)
-
-
-def test_p4xx_of_one_scan_needs_a_rate(tmp_path):
+    # One scan needs a rate.
     path, _, _ = mat(tmp_path / "w.mat", n=1)
     with pytest.raises(RecordingError, match="--frame-rate"):
         open_recording(path)
@@ -113,19 +104,6 @@ def test_no_p4xx(tmp_path):
     (tmp_path / "e.mat").write_bytes(data)
     with pytest.raises(RecordingError, match=r"7\.3 files are not read"):
         open_recording(tmp_path / "e.mat")
-
-
-@pytest.mark.skipif(not P4XX.is_file(), reason="the real P4xx recordings are not here")
-def test_real_p4xx():
-    with open_recording(P4XX) as reader:
-        assert (reader.n_frames, reader.stream.axis.n_range) == (1024, 480)
-        assert reader.stream.frame_rate_hz == pytest.approx(1 / 0.0328, rel=1e-4)
-        frames = list(reader.frames())
-    assert sum(f.lost for f in frames) == 0
-    assert frames[-1].index == 1023
-
-
-# ---------------------------------------------------------------- FrameLogger
 
 
 def logger(path, *, n=20, rate=1.08e-19, fps=200, times=None, radar=2, pg=5, n_range=256):
@@ -174,42 +152,6 @@ def test_no_framelogger(tmp_path):
             open_recording(tmp_path / "c", kind="framelogger")
 
 
-# ---------------------------------------------------------------- SigMF and NumPy of others
-
-
-def sigmf(path, n=10, **changes):
-    samples = noise(n, 8)
-    head = {"core:datatype": "cf32_le", "core:version": "1.0.0", "core:num_channels": 8}
-    head |= {"core:sample_rate": 50.0, "x2radar:bin_length_m": 0.03} | changes
-    captures = [{"core:sample_start": 0, "core:frequency": 7e9}]
-    path.with_suffix(".sigmf-data").write_bytes(samples.tobytes())
-    root = {"global": {k: v for k, v in head.items() if v is not None}, "captures": captures}
-    path.write_text(json.dumps(root))
-    return samples
-
-
-def test_sigmf_by_hand(tmp_path):
-    meta = tmp_path / "a.sigmf-meta"
-    samples = sigmf(meta)
-    for name in ("a.sigmf-meta", "a.sigmf-data", "a"):
-        with open_recording(tmp_path / name) as reader:
-            assert np.array_equal(content(reader)[0], samples)
-            assert [f.counter for f in reader.frames()] == list(range(1, 11))
-            assert reader.stream.axis.carrier_hz == 7e9
-    sigmf(meta, **{"x2radar:bin_length_m": None})
-    with pytest.raises(RecordingError, match="--bin-length"):
-        open_recording(meta)
-    with open_recording(meta, overrides=Overrides(bin_length_m=0.05)) as reader:
-        assert reader.stream.axis.bin_length_m == 0.05
-    sigmf(meta, **{"x2radar:phase_sign": 1})
-    with open_recording(meta) as reader:
-        assert np.array_equal(content(reader)[0], samples.conj())
-    with meta.with_suffix(".sigmf-data").open("ab") as file:
-        file.write(b"123")
-    with open_recording(meta) as reader:
-        assert (reader.n_frames, "cut off" in reader.warning) == (10, True)
-
-
 def test_numpy_by_hand(tmp_path):
     samples = noise(10, 8).astype(np.complex128)
     path = tmp_path / "a.npz"
@@ -230,9 +172,6 @@ def test_numpy_by_hand(tmp_path):
             open_recording(path)
 
 
-# ---------------------------------------------------------------- XeThru, written
-
-
 def test_a_written_xethru_recording_without_our_header(tmp_path):
     source, samples = make(tmp_path / "in.h5")
     with open_recording(source) as reader:
@@ -250,7 +189,6 @@ def test_a_written_xethru_recording_without_our_header(tmp_path):
 
 
 BITS = {"datafloat": 0x400, "baseband_iq": 0x2, "baseband_ap": 0x1}
-REAL = Path(__file__).parents[3] / "shared" / "data" / "x4m03_recording"
 
 
 def record(kind, counter, z):
@@ -362,13 +300,3 @@ def test_empty_folder_foreign_file_and_nothing(tmp_path):
     (tmp_path / "x.dat").write_bytes(b"1")
     with pytest.raises(RecordingError, match="not one of"):
         open_recording(tmp_path / "x.dat")
-
-
-@pytest.mark.skipif(not REAL.is_dir(), reason="the real X4M03 recording is not on this machine")
-def test_a_real_recording():
-    reader = open_recording(REAL)
-    frames = list(reader.frames())
-    assert len(frames) == 1518
-    assert frames[0].samples.shape == (91,)
-    assert reader.stream.frame_rate_hz == pytest.approx(17.06, abs=0.02)
-    assert sum(f.lost for f in frames) == 0

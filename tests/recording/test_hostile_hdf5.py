@@ -1,6 +1,5 @@
 """Damaged and hostile HDF5 files: refused in one line, in bounded time and memory."""
 
-import json
 import pickle
 import re
 import struct
@@ -61,11 +60,7 @@ def test_a_killed_recording_is_read_whole_with_a_warning(tmp_path):
         assert "is being written, or was cut off; 180 whole frames are read" in reader.warning
         got = np.array([frame.samples for frame in reader.frames()])
     assert np.array_equal(got, noise(200)[:180])
-
-
-def test_a_killed_recording_that_nobody_closes_does_not_crash_at_the_end(tmp_path):
-    path = tmp_path / "k.h5"
-    killed(path)
+    # Nor does a reader that nobody closes crash at the end.
     code = (
         "import sys; from x2radar.recording.registry import open_recording\n"
         "reader = open_recording(sys.argv[1]); print(next(reader.frames()).counter)"
@@ -296,28 +291,3 @@ def test_nothing_is_ever_unpickled():
     sources = [p for folder in ("x2radar", "daemon") for p in (ROOT / folder).rglob("*.py")]
     assert len(sources) > 100
     assert [str(path) for path in sources if wanted.search(path.read_text("utf-8"))] == []
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"core:num_channels": 1 << 40},
-        {"core:num_channels": True},
-        {"core:num_channels": 1e9},
-        {"core:datatype": ["cf32_le"] * 5000},
-        {"core:sample_rate": "x" * 100_000},
-        {"core:sample_rate": [1]},
-        {"core:sample_rate": 10**400},
-        {"x2radar:bin_length_m": {"a": 1}},
-    ],
-)
-def test_sigmf_that_makes_no_sense(tmp_path, change):
-    root = {
-        "global": {"core:datatype": "cf32_le", "core:num_channels": 8, "core:sample_rate": 60}
-        | {"x2radar:bin_length_m": 0.03}
-        | change,
-        "captures": [{"core:sample_start": 0, "core:frequency": 6.8e9}],
-    }
-    (tmp_path / "a.sigmf-data").write_bytes(bytes(640))
-    (tmp_path / "a.sigmf-meta").write_text(json.dumps(root))
-    assert len(refused(tmp_path / "a.sigmf-meta")) <= 2000

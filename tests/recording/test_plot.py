@@ -57,15 +57,13 @@ def test_the_range_of_a_point(axis):
     assert np.abs(found - (3.4 - 0.8 * t_s)).max() < 0.12
 
 
-def test_nothing_and_too_little():
+def test_nothing_too_little_and_missing_frames():
     still = np.zeros((60, 80), np.complex64)
     for make_map in (maps.range_time, maps.velocity_time):
         assert not make_map(still, AXIS, 60.0)[0].any()
         with pytest.raises(SettingsError, match="20 frames: at least 28 are needed"):
             make_map(still[:20], AXIS, 60.0)
-
-
-def test_a_missing_frame_repeats_the_one_before():
+    # A missing frame repeats the one before.
     rows = np.array([[1], [2], [np.nan], [np.nan], [3]], np.float32)
     samples, n_lost = filled(rows)
     assert samples[:, 0].tolist() == [1, 2, 2, 2, 3]
@@ -90,26 +88,3 @@ def test_a_port_is_drawn(tmp_path):
     argv = ["plot", "sim:dog?seed=1&kind=baseband", "--duration", "1", "--out", str(out)]
     assert main(argv) == 0
     assert out.stat().st_size > 10_000
-
-
-@pytest.mark.parametrize(
-    "case",
-    [
-        (["in.h5"], 2, "no window can be opened here; give --out FILE.png"),
-        (["in.h5", "--out", "a.bmp"], 2, "--out a.bmp: must end in .png, .pdf, .svg"),
-        (["in.h5", "--out", "gone/a.png"], 1, "gone/a.png: cannot write"),
-        (["in.h5", "--duration", "0.1", "--out", "a.png"], 2, "6 frames: at least 28"),
-        (["in.h5", "--start", "99", "--out", "a.png"], 66, "no frame at or behind 99 s"),
-        (["gone.h5", "--out", "a.png"], 66, "gone.h5: no such recording"),
-        (["sim:nobody", "--out", "a.png"], 66, "nobody"),
-    ],
-)
-def test_what_cannot_be_drawn_is_one_line(tmp_path, monkeypatch, capsys, case):
-    argv, code, said = case
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("MPLBACKEND", "agg")
-    make(tmp_path / "in.h5")
-    assert main(["plot", *argv]) == code
-    err = capsys.readouterr().err
-    assert said in err
-    assert err.count("\n") == 1

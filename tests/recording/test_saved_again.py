@@ -19,6 +19,7 @@ from x2radar.commands.info import describe_recording
 from x2radar.errors import RecordingError, SettingsError
 from x2radar.extras import EXTRAS
 from x2radar.ports import parse_port
+from x2radar.recording.about import Overrides
 from x2radar.recording.convert import convert
 from x2radar.recording.registry import open_recording
 
@@ -124,9 +125,6 @@ def test_a_replay_takes_a_file_for_what_its_user_says(tmp_path, form):
             ReplaySource(parse_port(f"replay:{odd}?from={wrong}"), None)
 
 
-# ---------------------------------------------------------------- SigMF
-
-
 def sigmf(path, change=None, before=b"", behind=b"", **about):
     """A pair of ours, changed as other programs write such; returns the recording it is of."""
     source, _ = make(path / "in.h5", counters=COUNTERS)
@@ -164,7 +162,45 @@ def put(place, name, value):
     return change
 
 
+def test_a_pair_of_another_program(tmp_path):
+    """Any of its names opens it; what it does not say is asked for, or is the usual."""
+    sigmf(tmp_path)
+    meta = tmp_path / "out.sigmf-meta"
+    root = json.loads(meta.read_text())
+    ours = [name for name in root["global"] if name.startswith("x2radar:")]
+    extension = {"name": "antenna", "version": "1.0.0", "optional": True}
+    usual = {"core:offset": 0, "core:dataset": "out.sigmf-data", "core:extensions": [extension]}
+    named = {"x2radar:bin_length_m": 0.03, "x2radar:phase_sign": 1}
+    plain = {k: v for k, v in root["global"].items() if k not in {*ours, "core:sha512"}}
+    captures = [{"core:sample_start": 0, "core:frequency": 7e9}]
+    data = tmp_path / "out.sigmf-data"
+    samples = np.frombuffer(data.read_bytes(), "<c8").reshape(len(COUNTERS), -1)
+    data.write_bytes(data.read_bytes() + b"123")
+    meta.write_text(json.dumps({"global": plain | usual | named, "captures": captures}))
+    for name in ("out.sigmf-meta", "out.sigmf-data", "out"):
+        with open_recording(tmp_path / name) as reader:
+            assert np.array_equal(content(reader)[0], samples.conj())
+            assert [f.counter for f in reader.frames()] == list(range(1, len(COUNTERS) + 1))
+            assert reader.stream.axis.carrier_hz == 7e9
+            assert "cut off" in reader.warning
+    meta.write_text(json.dumps({"global": plain, "captures": captures}))
+    with pytest.raises(RecordingError, match="--bin-length"):
+        open_recording(meta)
+    known = Overrides(bin_length_m=0.05)
+    assert open_recording(meta, overrides=known).stream.axis.bin_length_m == 0.05
+
+
 NOT_WHOLE = ["a", 1.5, -1, None, True, [1], 10**40]
+
+
+ELSEWHERE = [
+    *(("core:metadata_only", True), ("core:offset", 100), ("core:dataset", "elsewhere.bin")),
+    ("core:extensions", [{"name": "antenna", "version": "1.0.0", "optional": False}]),
+    *(("core:extensions", 7), ("x2radar:bin_length_m", {"a": 1})),
+    *(("core:num_channels", n) for n in (1 << 40, True, 1e9)),
+    ("core:datatype", ["cf32_le"] * 5000),
+    *(("core:sample_rate", rate) for rate in ("x" * 100_000, [1], 10**400)),
+]
 
 
 @pytest.mark.parametrize("value", NOT_WHOLE)
@@ -198,12 +234,16 @@ def test_what_is_no_whole_number_is_refused_in_words(tmp_path, place, name, valu
             (put("annotation", "x2radar:t_s", t_s), "not two times")
             for t_s in ("ab", [1], ["a", "b"])
         ),
+        # Of other samples than those beside it, or of none that anybody has.
+        *((put("global", name, value), ".") for name, value in ELSEWHERE),
     ],
 )
 def test_a_pair_that_does_not_add_up_is_refused(tmp_path, change, words):
     sigmf(tmp_path, change)
-    with pytest.raises(RecordingError, match=words):
+    with pytest.raises(RecordingError, match=words) as caught:
         _ = open_recording(tmp_path / "out.sigmf-meta").labels
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) <= 2000
 
 
 KINDS = ("rf", "baseband")

@@ -23,9 +23,6 @@ def points(*position_m, rcs_m2=1.0):
     return Points(position_m, np.full(position_m.shape[:2], rcs_m2))
 
 
-# ---------------------------------------------------------------- pattern
-
-
 @pytest.mark.parametrize(("azimuth", "elevation"), [(65, 65), (30, 120), (170, 10)])
 def test_half_power_lies_at_half_the_width(azimuth, elevation):
     a = Antenna(azimuth_width_deg=azimuth, elevation_width_deg=elevation, floor_db=-60)
@@ -61,19 +58,13 @@ def test_pan_and_tilt_turn_the_pattern(pan, tilt):
         assert a.gain(towards(pan + 32.5, 0)) == pytest.approx(0.5)
 
 
-# ---------------------------------------------------------------- direct echoes
-
-
-def test_direct_echo_of_a_point_on_the_axis_is_the_radar_equations():
+def test_direct_echoes_are_the_radar_equations_and_the_pattern_counts_out_and_back():
     a = Antenna(height_m=1.2)
     rows = a.direct(points((0, 2, 1.2), rcs_m2=0.7))
     assert rows.range_m[0, 0] == pytest.approx(2)
     ours = rows.amplitude(LinkBudget(), BASEBAND)
     wanted = LinkBudget().amplitude(np.array([2.0]), np.array([0.7]), BASEBAND)
     assert ours[0] == pytest.approx(wanted)
-
-
-def test_the_pattern_counts_out_and_back():
     a = Antenna(height_m=0.5)
     side = towards(32.5, 0) * 2 + [0, 0, 0.5]
     axis, off = a.direct(points((0, 2, 0.5))), a.direct(points(side))

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -33,12 +32,9 @@ AXES = {
     "p4xx": P4XX,
     "p4xx rf": replace(P4XX, kind="rf"),
 }
-ERRORS_DB = {
-    "dense": (-120.0,),
-    "local": (-40.0, -60.0, -80.0, -100.0),
-    "gridded": (-40.0, -60.0, -80.0, -100.0),
-}
-FAST = ("dense", "local", "gridded")
+COARSE = (-40.0, -60.0, -80.0, -100.0)
+ERRORS_DB = {"dense": (-120.0,), "local": COARSE, "gridded": COARSE}
+FAST = tuple(ERRORS_DB)
 
 
 def made_by(tier, range_m, amplitude, axis, **how):
@@ -55,14 +51,10 @@ def pairs(tiers, names):
 CASES = [(*pair, error_db) for pair in pairs(FAST, AXES) for error_db in ERRORS_DB[pair[0]]]
 
 
-def swath(axis):
-    return axis.range_m[0], axis.range_m[-1]
-
-
 def scene(axis, n_slow=30, n_points=6, seed=0, beyond=0.2):
     """Echoes in the swath and a little outside, amplitudes over 60 dB."""
     rng = np.random.default_rng(seed)
-    low, high = swath(axis)
+    low, high = axis.range_m[[0, -1]]
     span = high - low
     range_m = rng.uniform(low - beyond * span, high + beyond * span, (n_slow, n_points))
     return range_m, 10 ** rng.uniform(-3, 0, range_m.shape)
@@ -77,14 +69,7 @@ def worst_db(ours, wanted, amplitude):
 
 @pytest.fixture(scope="module")
 def references():
-    out = {}
-    for name, axis in AXES.items():
-        range_m, amplitude = scene(axis)
-        out[name] = passband(range_m, amplitude, axis)
-    return out
-
-
-# ---------------------------------------------------------------- the stated error
+    return {name: passband(*scene(axis), axis) for name, axis in AXES.items()}
 
 
 @pytest.mark.parametrize(("tier", "name", "error_db"), CASES)
@@ -102,12 +87,10 @@ def test_error_against_the_reference(tier, name, error_db, references):
 @pytest.mark.parametrize("tier", FAST)
 def test_worst_position_of_an_echo(tier):
     """A thousand positions across a grid spacing: no corner is worse than stated."""
-    axis = X2
-    at = axis.range_m[300] + np.linspace(0, 60, 1000) * axis.bin_length_m
-    range_m = at[:, None]
-    amplitude = np.ones_like(range_m)
-    wanted = made_by("dense", range_m, amplitude, axis, error_db=-120)
-    ours = made_by(tier, range_m, amplitude, axis, error_db=-60)
+    at = X2.range_m[300] + np.linspace(0, 60, 1000) * X2.bin_length_m
+    range_m, amplitude = at[:, None], np.ones((1000, 1))
+    wanted = made_by("dense", range_m, amplitude, X2, error_db=-120)
+    ours = made_by(tier, range_m, amplitude, X2, error_db=-60)
     assert worst_db(ours, wanted, amplitude) <= -60.0
 
 
@@ -120,22 +103,12 @@ def test_a_design_states_what_it_reaches(name, error_db):
     assert design.n_blocks * design.n_block >= AXES[name].n_range
 
 
-def test_long_bins_have_no_coarser_grid():
-    with pytest.raises(SceneError, match="no coarse grid"):
-        made_by("gridded", *scene(X4), X4, error_db=-60)
-    with pytest.raises(SceneError, match="-105 dB"):
-        made_by("gridded", *scene(X2), X2, error_db=-105)
-
-
-# ---------------------------------------------------------------- the live path
-
-
 @pytest.mark.parametrize(("tier", "step"), [*((t, 1) for t in FAST), ("dense", 8), ("local", 8)])
 def test_equals_the_daemons_down_conversion(tier, step):
     """RF frames, mixed, filtered and decimated by the daemon, against baseband frames."""
     converter = DownConverter(X2_RF, step)
     axis = converter.axis
-    low, high = swath(X2_RF)
+    low, high = X2_RF.range_m[[0, -1]]
     guard = 8 * echo_sigma_m(axis, "rf")
     rng = np.random.default_rng(1)
     range_m = rng.uniform(low + guard, high - guard, (40, 5))
@@ -148,19 +121,15 @@ def test_equals_the_daemons_down_conversion(tier, step):
     assert worst_db(ours, converter.convert(rf), amplitude) < max(finest, -100) + 3
 
 
-# ---------------------------------------------------------------- extremes
-
-
 @pytest.mark.parametrize(("tier", "name"), pairs(FAST, ["x2", "x2 rf", "x4"]))
-@pytest.mark.parametrize("shape", [(0, 3), (4, 0), (0, 0), (1, 1), (1, 20)])
-def test_few_or_no_echoes(tier, name, shape):
+def test_few_or_no_echoes(tier, name):
     axis = AXES[name]
-    range_m, amplitude = scene(axis, *shape)
-    ours = made_by(tier, range_m, amplitude, axis, error_db=-60)
-    assert ours.shape == (shape[0], axis.n_range)
-    wanted = made_by("dense", range_m, amplitude, axis, error_db=-120)
-    if ours.size:
-        assert worst_db(ours, wanted, amplitude) <= -60
+    for shape in ((0, 3), (4, 0), (0, 0), (1, 1), (1, 20)):
+        range_m, amplitude = scene(axis, *shape)
+        ours = made_by(tier, range_m, amplitude, axis, error_db=-60)
+        assert ours.shape == (shape[0], axis.n_range)
+        wanted = made_by("dense", range_m, amplitude, axis, error_db=-120)
+        assert not ours.size or worst_db(ours, wanted, amplitude) <= -60
 
 
 @pytest.mark.parametrize("tier", FAST)
@@ -168,7 +137,7 @@ def test_few_or_no_echoes(tier, name, shape):
 def test_nothing_from_outside_wraps_in(tier, name):
     """Echoes one reach beyond either end, and much further, leave every bin at zero."""
     axis = AXES[name]
-    low, high = swath(axis)
+    low, high = axis.range_m[[0, -1]]
     reach = 12 * echo_sigma_m(axis)
     away = [low - reach, high + reach, 0.0, -1e-300, -3.0, 1e3, 1e6, 1e300, np.inf, -np.inf]
     range_m = np.array(away)[:, None]
@@ -237,17 +206,19 @@ def test_complex_amplitudes(tier, name):
 
 
 @pytest.mark.parametrize("tier", FAST)
-def test_shapes_must_agree(tier):
+def test_what_cannot_be_made_is_named(tier):
     for shapes in (((3, 2), (3, 1)), ((3,), (3,)), ((2, 3, 1), (2, 3, 1))):
         with pytest.raises(SceneError, match=r"\(n_slow, n_points\)"):
             made_by(tier, np.ones(shapes[0]), np.ones(shapes[1]), X2, error_db=-60)
     with pytest.raises(SceneError, match="bandwidth_hz"):
-        made_by(
-            tier, np.ones((1, 1)), np.ones((1, 1)), replace(X2, bandwidth_hz=0.0), error_db=-60
-        )
-
-
-# ---------------------------------------------------------------- properties
+        made_by(tier, *np.ones((2, 1, 1)), replace(X2, bandwidth_hz=0.0), error_db=-60)
+    # Long bins have no coarser grid, and a grid is no finer than it can be.
+    for axis, error_db, words in ((X4, -60, "no coarse grid"), (X2, -105, "-105 dB")):
+        with pytest.raises(SceneError, match=words):
+            made_by("gridded", *scene(axis), axis, error_db=error_db)
+    for error_db in (-131.0, 0.0, math.nan, -math.inf):
+        with pytest.raises(SceneError, match="not within -130 to -20"):
+            frames(*scene(X2, 2, 2), X2, error_db=error_db)
 
 
 @pytest.mark.parametrize("tier", FAST)
@@ -263,43 +234,29 @@ def test_frames_do_not_depend_on_their_neighbours(tier):
         assert np.abs(alone - together[part]).max() <= 2e-6 * amplitude[part].sum()
 
 
+POINTS = st.tuples(st.floats(-1e7, 1e7) | st.floats(0.3, 3.8), st.floats(0, 1e6))
+
+
 @settings(max_examples=40, deadline=None)
-@given(
-    st.sampled_from(["local", "gridded"]),
-    st.lists(
-        st.tuples(st.floats(-1e7, 1e7) | st.floats(0.3, 3.8), st.floats(0, 1e6)),
-        min_size=1,
-        max_size=8,
-    ),
-)
+@given(st.sampled_from(["local", "gridded"]), st.lists(POINTS, min_size=1, max_size=8))
 def test_any_echoes_are_a_sum(tier, points):
     """Additive over scatterers, finite, bounded by the sum of the amplitudes."""
     range_m, amplitude = np.array(points).T[:, None, :]
-    make = partial(made_by, tier)
-    whole = make(range_m, amplitude, X2, error_db=-60)
+    whole = made_by(tier, range_m, amplitude, X2, error_db=-60)
     total = amplitude.sum()
     assert np.isfinite(whole).all()
     assert np.abs(whole).max() <= 1.002 * total
-    parts = sum(
-        make(range_m[:, k : k + 1], amplitude[:, k : k + 1], X2, error_db=-60).astype(complex)
+    parts = [
+        made_by(tier, range_m[:, k, None], amplitude[:, k, None], X2, error_db=-60).astype(complex)
         for k in range(len(points))
-    )
-    assert np.abs(whole - parts).max() <= 3e-6 * total
-
-
-# ---------------------------------------------------------------- which tier is taken
+    ]
+    assert np.abs(whole - sum(parts)).max() <= 3e-6 * total
 
 
 @pytest.mark.parametrize("name", AXES)
 @pytest.mark.parametrize("error_db", [-20.0, -60.0, -80.0, -100.0, -110.0, -130.0])
-def test_auto_keeps_the_error(name, error_db, references):
+def test_the_tier_that_is_taken_keeps_the_error(name, error_db, references):
     range_m, amplitude = scene(AXES[name])
     ours = frames(range_m, amplitude, AXES[name], error_db=error_db)
     allowed = 10 ** (error_db / 20) + 3e-7
     assert worst_db(ours, references[name], amplitude) <= 20 * math.log10(allowed)
-
-
-def test_an_error_that_no_tier_keeps_is_named():
-    for error_db in (-131.0, 0.0, math.nan, -math.inf):
-        with pytest.raises(SceneError, match="not within -130 to -20"):
-            frames(*scene(X2, 2, 2), X2, error_db=error_db)

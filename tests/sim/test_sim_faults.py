@@ -6,36 +6,20 @@ import functools
 import numpy as np
 import pytest
 
+from tests.module_helpers import EMPTY, HUMAN, MANUAL
 from x2radar.errors import MessageError, SettingsError
 from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.module.faults import KINDS, parse_faults
 from x2radar.sim.module.module import SimulatedModule
 from x2radar.sim.module.stream import EchoStream
-from x2radar.sim.scene.scene import load_scene
 from x2radar.wire import framing
+from x2radar.wire import messages as msg
 from x2radar.wire.codec import decode_response, encode
 from x2radar.wire.framing import Packet, PacketDecoder
-from x2radar.wire.messages import (
-    Ack,
-    BasebandIq,
-    Data,
-    ErrorReply,
-    Ping,
-    Pong,
-    Reset,
-    SetMode,
-    SetOutput,
-    SetSysInt,
-    SystemMessage,
-)
-from x2radar.wire.wire_ids import BasebandOutput, ErrorCode, Mode, OutputRef, PongCode, SysCfg
-
-SCENE, EMPTY = load_scene("human"), load_scene("empty")
-MANUAL = SetMode(Mode.MANUAL)
-REFUSED = ErrorReply(ErrorCode.COMMAND_FAILED)
+from x2radar.wire.wire_ids import SysCfg
 
 
-def made(faults, seed=0, scene=SCENE):
+def made(faults, seed=0, scene=HUMAN):
     return SimulatedModule(scene, seed, parse_faults(faults) if faults else None)
 
 
@@ -60,7 +44,7 @@ def run(module, until_s, step_s=None):
 
 
 @functools.cache
-def stream(faults, seconds=10.005, seed=0, step_s=None, scene=SCENE):
+def stream(faults, seconds=10.005, seed=0, step_s=None, scene=HUMAN):
     """Everything a module sends that streams from the start, and when."""
     module = made(faults, seed, scene)
     say(module, MANUAL)
@@ -78,7 +62,7 @@ def decoded(parts):
             yield t_s, item
 
 
-def messages(parts, kind=Data):
+def messages(parts, kind=msg.Data):
     out = []
     for t_s, item in decoded(parts):
         if isinstance(item, Packet):
@@ -96,11 +80,8 @@ def counters(parts):
 @pytest.fixture(scope="module")
 def truth():
     """What the scene's frames are, by counter from 1."""
-    echo = EchoStream(SCENE, 0, RadarSettings())
+    echo = EchoStream(HUMAN, 0, RadarSettings())
     return [echo.next() for _ in range(610)]
-
-
-# ---------------------------------------------------------------- what holds for all
 
 
 def test_without_faults_nothing_is_wrong(truth):
@@ -139,9 +120,6 @@ def test_one_fault_does_not_touch_anothers_draws():
     assert {k for k in both if both.count(k) == 2} == doubled & alone
 
 
-# ---------------------------------------------------------------- the line
-
-
 def test_split_merge_stall_and_bursts_change_only_when():
     clean = joined(stream("", 14.0, scene=EMPTY))
     split = stream("split:700", 14.0, scene=EMPTY)
@@ -161,7 +139,7 @@ def test_split_merge_stall_and_bursts_change_only_when():
 @pytest.mark.parametrize("rate_hz", [20, 60])
 def test_bursts_are_those_of_the_real_module(rate_hz):
     module = made("bursts:1")
-    say(module, SetSysInt(SysCfg.FPS, rate_hz), MANUAL)
+    say(module, msg.SetSysInt(SysCfg.FPS, rate_hz), MANUAL)
     burst = messages(run(module, 6.0))
     assert [m.info for _, m in burst] == list(range(1, len(burst) + 1))
     late_ms = {}
@@ -173,43 +151,7 @@ def test_bursts_are_those_of_the_real_module(rate_hz):
     assert max(late_ms[15]) == pytest.approx(0, abs=1e-3)
 
 
-# ---------------------------------------------------------------- frames
-
-
-def test_counter_restart_changes_the_number_only(truth):
-    got = messages(stream("counter_restart:0.02"))
-    assert len(got) == 601
-    for (_, m), frame in zip(got, truth, strict=False):
-        assert np.array_equal(m.values, frame)
-    steps = np.diff([m.info for _, m in got])
-    assert (steps != 1).sum() == pytest.approx(12, abs=10)
-    assert all(m.info == 1 for (_, m), step in zip(got[1:], steps, strict=True) if step != 1)
-
-
-def test_reboot_resumes_what_ran():
-    module = made("reboot:0.02")
-    # Not the defaults, to see that they come back.
-    say(module, SetSysInt(SysCfg.FPS, 30), SetSysInt(SysCfg.FRAME_STITCH, 1))
-    say(module, SetOutput(OutputRef.BASEBAND, BasebandOutput.IQ), MANUAL)
-    got = messages(run(module, 12.0), (BasebandIq, SystemMessage))[1:]
-    runs = [[]]
-    for t_s, m in got:
-        runs.append([]) if isinstance(m, SystemMessage) else runs[-1].append((t_s, m))
-    streams = [r for r in runs if r]
-    assert len(streams) == pytest.approx(7, abs=5)
-    first = {}
-    for part in streams:
-        assert [m.counter for _, m in part] == list(range(part[0][1].counter, len(part) + 2))[
-            : len(part)
-        ]
-        assert np.diff([t for t, _ in part]) == pytest.approx(1 / 30)
-        for _, m in part:
-            assert m.i.size == streams[0][0][1].i.size
-            assert np.array_equal(first.setdefault(m.counter, m.i), m.i)
-    assert all(part[0][1].counter == 1 for part in streams[1:])
-
-
-def test_spike_and_clip(truth):
+def test_spike_clip_and_counter_restart(truth):
     frames = [m.values for _, m in messages(stream("spike:0.1"))]
     hit = [(f, t) for f, t in zip(frames, truth, strict=False) if f.max() > 500]
     assert len(hit) == pytest.approx(60, abs=25)
@@ -217,28 +159,14 @@ def test_spike_and_clip(truth):
     flat = [m.values for _, m in messages(stream("clip:0.02"))]
     for f, t in zip(flat, truth, strict=False):
         assert np.allclose(f, np.clip(t, 49, 51), atol=1e-4)
-
-
-# ---------------------------------------------------------------- answers
-
-
-def test_not_ready():
-    module = made("not_ready:2")
-    said = []
-    for _ in range(2):
-        start_s = module._now_s
-        for after_s in (0.2, 1.9, 2.2):
-            run(module, start_s + after_s)
-            say(module, Ping())
-            said += [m.code for _, m in messages(run(module, module._now_s), Pong)]
-        say(module, Reset())
-        assert messages(run(module, module._now_s), Ack)
-        # From BOOTING on, which is an answer's delay after the reset.
-        assert len(messages(run(module, module.next_due_s), SystemMessage)) == 1
-    assert said == [PongCode.NOT_READY, PongCode.NOT_READY, PongCode.READY] * 2
-
-
-# ---------------------------------------------------------------- text
+    # A restart changes the number only.
+    got = messages(stream("counter_restart:0.02"))
+    assert len(got) == 601
+    for (_, m), frame in zip(got, truth, strict=False):
+        assert np.array_equal(m.values, frame)
+    steps = np.diff([m.info for _, m in got])
+    assert (steps != 1).sum() == pytest.approx(12, abs=10)
+    assert all(m.info == 1 for (_, m), step in zip(got[1:], steps, strict=True) if step != 1)
 
 
 @pytest.mark.parametrize(

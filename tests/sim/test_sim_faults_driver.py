@@ -60,11 +60,7 @@ def assert_counted(got):
 @pytest.mark.parametrize(
     "faults",
     [
-        "drop_bytes:1e-4",
-        "junk:0.1",
-        "split:7",
-        "merge:0.2",
-        "slow_ack:0.1",
+        *("drop_bytes:1e-4", "junk:0.1", "split:7", "merge:0.2", "slow_ack:0.1"),
         "drop_bytes:1e-5,junk:0.05,drop_frames:0.1,duplicate:0.1,split:900,bursts:1",
     ],
 )
@@ -87,9 +83,7 @@ def test_flipped_bits_pass_only_where_the_checksum_is_blind(told):
     assert len(wrong) <= 0.012 * len(got)
     for frame in wrong:
         assert (frame.samples != told[frame.counter - 1]).sum() <= 2
-
-
-def test_a_module_that_reboots_is_heard_again(told):
+    # A module that reboots is heard again.
     got = frames("reboot:0.01", 400)
     assert_counted(got)
     assert 1 <= sum(frame.restarted for frame in got) <= 12
@@ -103,15 +97,10 @@ def opened(faults, speed=None, deadlines=QUICK):
     )
 
 
-@pytest.mark.parametrize(
-    ("faults", "speed"),
-    [
-        ("slow_ack:0.1", None),
-        ("slow_ack:0.03", 1.0),
-        ("not_ready:0.3", 1.0),
-        ("not_ready:100", None),
-    ],
-)
+SLOW = [("slow_ack:0.1", None), ("slow_ack:0.03", 1.0), ("not_ready:0.3", 1.0)]
+
+
+@pytest.mark.parametrize(("faults", "speed"), [*SLOW, ("not_ready:100", None)])
 def test_it_opens_all_the_same(faults, speed):
     with opened(faults, speed) as radar:
         assert next(radar.frames()).index == 0
@@ -136,9 +125,6 @@ def test_what_ends(faults, error):
     # Time of the start-up counts too.
     assert [frame.index for frame in got] == list(range(len(got)))
     assert 100 < len(got) < 120
-
-
-# ---------------------------------------------------------------- ports
 
 
 def test_reads_are_the_pieces_that_the_line_makes():

@@ -10,11 +10,8 @@ from x2radar.sim.things import THINGS
 STEP = "steps: [{body: thesis_cat, duration_s: 5}]\n"
 
 
-# ---------------------------------------------------------------- files
-
-
-def test_builtin_scenes():
-    scenes = builtin_scenes()
+def test_builtin_scenes_play_every_body_and_thing():
+    scenes, named = builtin_scenes(), set()
     assert tuple(scene.name for scene in scenes) == scene_names()
     assert {"cat", "demo", "dog", "empty", "human", "thesis_human"} <= set(scene_names())
     for scene in scenes:
@@ -22,11 +19,7 @@ def test_builtin_scenes():
         assert scene.description
         assert scene.description == " ".join(scene.description.split())
         assert scene.steps
-
-
-def test_every_body_and_thing_is_in_some_builtin_scene():
-    named = {actor.kind for scene in builtin_scenes() for actor in scene.background}
-    for scene in builtin_scenes():
+        named |= {actor.kind for actor in scene.background}
         for step in scene.steps:
             for one in step:
                 named |= {actor.kind for actor in one.actors}
@@ -84,7 +77,6 @@ def test_everything_that_a_scene_may_name(tmp_path):
 
 FAULTS = [
     ("", "must be a mapping with the keys description, like, steps, background"),
-    ("- 1\n- 2\n", "must be a mapping"),
     ("steps: []\n", "steps: must be a list with at least one step"),
     (
         STEP + "colour: red\n",
@@ -92,14 +84,9 @@ FAULTS = [
     ),
     (STEP + "description: [a, b]\n", "description: must be text"),
     (STEP + "clutter: wall\n", "clutter: must be a list"),
-    (STEP + "clutter: [3]\n", "clutter[0]: must be a mapping with the keys range_m, rcs_m2"),
-    (STEP + "clutter: [{range_m: 1}]\n", "clutter[0].rcs_m2: must be a number"),
     (STEP + "clutter: [{range_m: 0, rcs_m2: 1}]\n", "clutter[0].range_m: 0 is not in 0.1 to 1000"),
-    (STEP + "clutter: [{range_m: 1, rcs_m2: -1}]\n", "clutter[0].rcs_m2: -1 is not in 0 to 1e+09"),
     ("steps: [walk]\n", "steps[0]: must be a mapping with the keys duration_s, actors"),
     ("steps: [{body: thesis_cat}]\n", "steps[0].duration_s: must be a number"),
-    ("steps: [{duration_s: '5'}]\n", "steps[0].duration_s: must be a number"),
-    ("steps: [{duration_s: -5}]\n", "steps[0].duration_s: -5 is not in 0.1 to 86400"),
     ("steps: [{duration_s: 1e3}]\n", "steps[0].duration_s: must be a number, not '1e3'"),
     ("steps: [{duration_s: .nan}]\n", "steps[0].duration_s: nan is not in"),
     ("steps: [{duration_s: 1" + "0" * 400 + "}]\n", "steps[0].duration_s: 1000"),
@@ -118,13 +105,10 @@ FAULTS = [
     ("steps: [{one_of: [{duration_s: 1, weight: -1}]}]\n", "steps[0].one_of[0].weight: -1"),
     ("steps: [{duration_s: 1, actors: [{}]}]\n", "steps[0].actors[0]: must name one body"),
     ("steps: [{duration_s: 1, actors: [{body: thesis_cat, probability: 2}]}]\n", "probability: 2"),
-    (STEP + "receiver: {jitter: 1}\n", "receiver.jitter: unknown key; did you mean jitter_s"),
     (STEP + "antenna: {height_m: -1}\n", "antenna.height_m: -1 is not in"),
     (STEP + "surfaces: [{axis: w}]\n", "surfaces[0].axis: must be one of x, y, z"),
     (STEP + "background: [{thing: ghost}]\n", "background[0].thing: no thing 'ghost'"),
     (STEP + "error_db: -30\n", "error_db: -30 is not in -100 to -40"),
-    (STEP + "mount: {hum_hz: 0}\n", "mount.hum_hz: 0 is not in"),
-    ("steps: [\n", "not YAML"),
     ("steps: []\nsteps: []\n", "the key 'steps' stands twice, in lines 1 and 2"),
     ("steps: !!python/object/apply:os.getcwd []\n", "not YAML"),
 ]

@@ -3,22 +3,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.sim_helpers import axis_of
 from x2radar.sim.place.antenna import Antenna
 from x2radar.sim.things import THINGS, draw_mount, draw_thing
 from x2radar.sim.things.draws import DRAWS as MOUNT_DRAWS
 
 HERE = np.array([0.0, 0.0, 1.5])
 PLACE = (0.3, 2.0)
-BASEBAND = axis_of("baseband")
 KINDS = sorted(THINGS)
 
 
 def thing(kind, seed=0, **said):
     return draw_thing(np.random.default_rng(seed), kind, PLACE, said, kind)
-
-
-# ---------------------------------------------------------------- what holds for all
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -77,9 +72,6 @@ def test_nothing_jumps(kind, seed, begin_s):
     assert step_m.max(initial=0.0) < fastest_mps * 5e-4 * 1.05
 
 
-# ---------------------------------------------------------------- each by its physics
-
-
 def test_fan_blades_turn_on_circles_and_make_a_comb():
     t_s = np.arange(0, 4, 1 / 400)
     said = {"rotation_hz": 5.0, "n_blades": 3, "radius_m": 0.2, "swing_deg": 0}
@@ -94,9 +86,6 @@ def test_fan_blades_turn_on_circles_and_make_a_comb():
     on_comb = np.abs((np.abs(hz) + 2.5) % 5 - 2.5) < 0.6
     assert power[on_comb].sum() > 0.95 * power.sum()
     assert np.count_nonzero(power[on_comb] > power.max() / 100) > 10
-
-
-# ---------------------------------------------------------------- the mount
 
 
 def mount(seed=0, **said):

@@ -14,11 +14,9 @@ from radard.cli import main
 from radard.commands.explain import explained
 from radard.config.config import load_config
 from radard.config.sections import AlarmSection, ZonesSection
-from radard.detect.gate import GateReading
 from radard.judge.bundle import load_bundle
 from radard.judge.card import read_card
-from radard.judge.classifier import Probabilities
-from radard.judge.decision import Decision
+from tests.alarm_helpers import decision
 from tests.report_helpers import drawn, drawn_passages, passage, table_of
 from x2train.bundle.writing import evaluation_of, write_card
 from x2train.judge.levels import levels, rules
@@ -92,34 +90,11 @@ def test_alarms_are_those_of_the_daemon_on_the_same_decisions(decides, name):
     for k in range(len(table)):
         panel = AlarmPanel(policy)
         for row in np.flatnonzero(table.passage == k):
-            sight = sight_of(decision(table, row), policy, ZonesSection(), 0.8)
+            sight = sight_of(decision_of(table, row), policy, ZonesSection(), 0.8)
             steps = panel.on_sight(float(table.t_s[row]), sight)
             begun += sum(s.kind == "new" for s in steps) * int(table.label[k] == "pet")
     level, _ = of(table, decides)[name]
     assert level.n_false_alarms == begun
-
-
-def decision(table, row):
-    quiet = table.fused_quiet[row]
-    fused = None if np.isnan(quiet) else Probabilities(1 - quiet, quiet, 0.0)
-    return Decision(
-        seq=1,
-        t_s=float(table.t_s[row]),
-        gate="open" if table.is_open[row] else "closed",
-        reading=GateReading(
-            is_open=bool(table.is_open[row]),
-            power_db=0.0,
-            noise_floor_db=-10.0,
-            threshold_db=-5.0,
-            range_m=1.0,
-        ),
-        window=fused,
-        fused=fused,
-        label="pending" if table.is_pending[row] else "human",
-        alarm=bool(table.is_alarm[row]),
-        frames=1,
-        dropped=0,
-    )
 
 
 def test_the_card_is_written_twice_and_read(own, table):
@@ -174,3 +149,11 @@ def test_a_garbled_evaluation_is_told(own, capsys):
         sidecar.write_text(json.dumps(raw | {"evaluation": wrong}))
         assert main(["explain", "--model", str(own)]) != 0
         assert ": evaluation" in capsys.readouterr().err
+
+
+def decision_of(table, row):
+    quiet = table.fused_quiet[row]
+    human = None if np.isnan(quiet) else 1 - quiet
+    label = "pending" if table.is_pending[row] else "human"
+    alarm = bool(table.is_alarm[row])
+    return decision(float(table.t_s[row]), human, alarm=alarm, range_m=1.0, label=label)

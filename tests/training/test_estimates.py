@@ -10,14 +10,10 @@ from x2train.judge.estimates import Ranking, per_hour, reliability, resampled, s
 
 
 @pytest.mark.parametrize(("count", "total"), [(1, 10), (5, 10), (3, 1000), (999, 1000)])
-def test_ends_of_a_share_are_just_not_rejected(count, total):
+def test_ends_of_a_share_and_of_a_rate_are_just_not_rejected(count, total):
     found = share(count, total)
     assert stats.binom.sf(count - 1, total, found.low) == pytest.approx(0.025)
     assert stats.binom.cdf(count, total, found.high) == pytest.approx(0.025)
-
-
-@pytest.mark.parametrize("count", [1, 5, 100])
-def test_ends_of_a_rate_are_just_not_rejected(count):
     found = per_hour(count, 2.0)
     assert found.value == count / 2
     assert stats.poisson.sf(count - 1, 2 * found.low) == pytest.approx(0.025)
@@ -93,7 +89,7 @@ def reliability_of(p, is_human):
     return reliability(p, is_human, passage_of, np.random.default_rng(0))
 
 
-def test_calibrated_probabilities_have_no_error():
+def test_calibrated_probabilities_have_no_error_and_others_their_distance():
     rng = np.random.default_rng(0)
     p = rng.random(20_000)
     found = reliability_of(p, rng.random(20_000) < p)
@@ -101,9 +97,6 @@ def test_calibrated_probabilities_have_no_error():
     assert sum(b.n for b in found.bins) == 20_000
     assert all(abs(b.share.value - b.mean_p) < 0.05 for b in found.bins)
     assert sum(b.share.low <= b.mean_p <= b.share.high for b in found.bins) >= 8
-
-
-def test_error_is_the_distance_from_the_diagonal():
     found = reliability_of(np.full(100, 0.95), np.arange(100) % 4 > 0)
     assert found.error.value == pytest.approx(0.2)
     assert (found.bins[9].n, found.bins[9].share.value) == (100, 0.75)

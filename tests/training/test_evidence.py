@@ -136,6 +136,9 @@ def test_the_bounds_of_settings_are_within_them(key, low, high):
 def test_settings_are_read_from_a_sidecar():
     assert EvidenceSettings.from_mapping({}) == EvidenceSettings()
     assert EvidenceSettings.from_mapping({"most": 8, "discount": 1}).most == 8
+    # Models are in use whose sidecars say nothing of it: these numbers are theirs.
+    s = EvidenceSettings()
+    assert (s.discount, s.most, s.prior_human, s.human_limit) == (0.6, 5.0, 0.0, 0.8)
 
 
 @pytest.mark.parametrize(
@@ -257,12 +260,6 @@ def test_size_counts_by_the_strongest_echo_of_a_visit():
     assert [gain(each) for each in strengths] == pytest.approx(expected)
     evidence.reset()
     assert gain(None) == pytest.approx(0.0)
-
-
-def test_what_a_sidecar_without_evidence_stands_for():
-    # Models are in use whose sidecars say nothing of it: these numbers are theirs.
-    s = EvidenceSettings()
-    assert (s.discount, s.most, s.prior_human, s.human_limit) == (0.6, 5.0, 0.0, 0.8)
 
 
 @pytest.mark.parametrize(("hop_s", "apart"), [(0.25, 4), (0.3, 3), (0.5, 2), (1.0, 1), (2.0, 1)])

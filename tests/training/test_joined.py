@@ -9,23 +9,11 @@ import pytest
 from radard.errors import UsageError
 from radard.judge.bundle import load_bundle
 from radard.judge.classifier import Classifier
-from tests.training_helpers import (
-    NAMES,
-    TINY,
-    as_float,
-    give_head,
-    given,
-    settings,
-    tiny,
-    toy,
-    trained,
-    write_tiny,
-)
+from tests import training_helpers as small
 from x2train.bundle.joined import joined
 from x2train.bundle.temporal_graph import n_parameters
 from x2train.cli import main
 from x2train.nets.bundle_answers import outputs_of
-from x2train.sets.shards import ShardSet
 
 pytestmark = pytest.mark.integration
 
@@ -34,13 +22,12 @@ pytestmark = pytest.mark.integration
 def folder(tmp_path_factory):
     """Return a folder with two bundles, one of them with a head as well, and a set."""
     folder = tmp_path_factory.mktemp("joined")
-    write_tiny(folder, tiny()[0], name="one")
-    write_tiny(folder, tiny()[0], name="headed")
-    give_head(folder / "headed.onnx")
-    other = trained(replace(TINY, epochs=2, seed=1, hidden=10))[0]
-    write_tiny(folder, replace(other, temperature=1.7), name="two")
-    about = {"kind": "windows", "use": "all", "settings": settings()}
-    ShardSet(folder / "check", about).write("shard-00000", toy(48, seed=1))
+    small.write_tiny(folder, small.tiny()[0], name="one")
+    small.write_tiny(folder, small.tiny()[0], name="headed")
+    small.give_head(folder / "headed.onnx")
+    other = small.trained(replace(small.TINY, epochs=2, seed=1, hidden=10))[0]
+    small.write_tiny(folder, replace(other, temperature=1.7), name="two")
+    small.write_set(folder / "check", small.toy(48, seed=1))
     return folder
 
 
@@ -51,7 +38,7 @@ def bundles(folder):
 
 def test_it_says_the_mean_of_what_each_says(bundles):
     both = joined(bundles)
-    maps = {name: toy(48, seed=4)[name] for name in NAMES}
+    maps = {name: small.toy(48, seed=4)[name] for name in small.NAMES}
     each = [outputs_of(b.onnx, maps).logits / b.temperature for b in bundles]
     np.testing.assert_allclose(
         outputs_of(both.onnx, maps).logits, np.mean(each, axis=0), atol=1e-5
@@ -62,7 +49,7 @@ def test_it_says_the_mean_of_what_each_says(bundles):
     assert joined(bundles).onnx == both.onnx
     assert joined(bundles[:1]) is bundles[0]
     # Its last layer is given what both were given.
-    widths = [given(b, toy(8)).values.shape[1] for b in (*bundles, both)]
+    widths = [small.given(b, small.toy(8)).values.shape[1] for b in (*bundles, both)]
     assert widths[2] == widths[0] + widths[1]
 
 
@@ -88,8 +75,10 @@ def test_a_head_goes_on_the_mean_and_the_card_says_of_which(folder, capsys):
     assert [each["name"] for each in training["joined"]] == ["one", "two"]
     # Both were made by one command here.
     assert training["command"].startswith("train-export fit && train-export temporal --model ")
-    windows = toy(48, seed=2)
-    window = Classifier(bundle).classify({name: as_float(windows[name][:1])[0] for name in NAMES})
+    windows = small.toy(48, seed=2)
+    window = Classifier(bundle).classify(
+        {name: small.as_float(windows[name][:1])[0] for name in small.NAMES}
+    )
     assert np.argmax([window.human, window.pet, window.other]) == windows["label"][0]
     assert main([*argv, str(folder / "none.onnx")]) == 66
-    assert capsys.readouterr().err.count("\n") == 1
+    assert small.one_line(capsys)

@@ -13,7 +13,7 @@ from radard.judge.classifier import Answer, Classifier, Probabilities
 from radard.pipeline import Pipeline
 from radard.stream.ring import Dwell
 from tests.radar_helpers import BASEBAND, dwell_of, frames_of, noise, walker
-from tests.training_helpers import FEATURES
+from tests.training_helpers import FEATURES, one_line
 from x2radar.frame import StreamInfo
 from x2train.cli import main
 from x2train.judge.judging import JudgeSpec, decisions, judged
@@ -100,7 +100,7 @@ class Says(Classifier):
         return self.rows.pop(0)
 
 
-UNSURE, PET, PERSON = (0.45, 0.54, 0.01), (0.02, 0.97, 0.01), (0.97, 0.02, 0.01)
+UNSURE, PET = (0.45, 0.54, 0.01), (0.02, 0.97, 0.01)
 RATE_HZ, LENGTH = 60.0, 147
 
 
@@ -122,14 +122,11 @@ def run(network, pattern, policy, **more):
     return [pipeline.decide(dwell) for dwell in stream_of(pattern)][4:]
 
 
-def test_who_leaves_undecided_alarms_once(model):
+def test_who_leaves_undecided_alarms_once_and_a_closed_gate_ends_what_was_known(model):
     made = run(Says(model, UNSURE, PET), "o..", "fused")
     told = [(d.gate, d.label, d.alarm) for d in made]
     assert told[:2] == [("open", "pending", False), ("closed", "none", True)]
     assert told[2:] == [("closed", "none", False)]
-
-
-def test_a_closed_gate_ends_what_was_known(model):
     made = run(Says(model, PET, PET, UNSURE), "oo.o", "fused")
     assert [d.gate for d in made] == ["open", "open", "closed", "open"]
     assert made[3].label == "pending"
@@ -161,13 +158,6 @@ def test_a_bundle_of_maps_gets_them_decimated_as_the_daemon_would(model):
 
 def evaluate(*argv):
     return main(["evaluate", "--passages", "6", "--seed", "4", "--workers", "1", *argv])
-
-
-def one_line(capsys):
-    err = capsys.readouterr().err.splitlines()
-    lines = [line for line in err if not line.startswith("passages:")]
-    assert len(lines) == 1
-    return lines[0]
 
 
 def test_evaluate_compares_them(model, tmp_path, capsys, monkeypatch):

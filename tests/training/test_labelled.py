@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from tests.training_helpers import one_line
 from x2radar.cli import main as x2radar_main
 from x2train.cli import main
 from x2train.judge.labelled import judge_labelled, read_list
@@ -69,8 +70,6 @@ def test_yaml_is_the_same_as_csv(folder):
         ("file,label\nx.h5,cow\n", "row 1.label: input should be 'human'", 2),
         ("file,start,end,label\nx.h5,9,3,pet\n", "row 1: end 3: must be after start 9", 2),
         ("file,start,end,label\nx.h5,nan,3,pet\n", "row 1.start", 2),
-        ("file,start,end,label\nx.h5,soon,3,pet\n", "row 1.start", 2),
-        ("label\npet\n", "row 1.file: field required", 2),
         ("file,label,who\nx.h5,pet,me\n", "row 1.who: unknown key", 2),
         ("file,label\ngone.h5,pet\n", "gone.h5", 66),
         ("file,start,end,label\nempty.h5,0,1,pet\n", "empty.h5", 2),
@@ -83,6 +82,4 @@ def test_a_list_that_makes_no_sense_is_told_in_one_line(
     path.write_text(text)
     argv = ["evaluate", "--model", "fast", "--recordings", str(path), "--out", str(tmp_path / "r")]
     assert main(argv) == code
-    err = capsys.readouterr().err
-    assert words in err
-    assert err.count("\n") == 1
+    assert words in one_line(capsys)

@@ -53,12 +53,18 @@ def feet_speed(joint_m, clip, rate_hz):
     return np.linalg.norm(np.diff(joint_m[:, at, :2], axis=0), axis=-1) * rate_hz
 
 
-def test_feet_stand_still_as_long_as_in_the_clip(folder):
+def test_feet_stand_still_as_long_as_in_the_clip_and_a_mirror_swaps_the_sides(folder):
     clips = [read_clip(folder / name) for name in ("walk.npz", "fast.npz")]
     played = perform(np.random.default_rng(3), clips, duration_s=20.0)
     speed = feet_speed(played.along(STRAIGHT, 0.5), clips[0], played.frame_rate_hz)
     # Half of the time but for fades.
     assert (speed < 0.1).mean() > 0.4
+    clip = read_clip(folder / "walk.npz")
+    seen = clip.mirrored()
+    left, right = (clip.joints.index(f"{s}_knee") for s in "lr")
+    np.testing.assert_array_equal(seen.joint_m[:, left, 0], clip.joint_m[:, right, 0])
+    np.testing.assert_array_equal(seen.joint_m[:, left, 1], -clip.joint_m[:, right, 1])
+    np.testing.assert_array_equal(seen.mirrored().joint_m, clip.joint_m)
 
 
 @given(
@@ -78,15 +84,6 @@ def test_nothing_jumps_whatever_is_drawn(folder, seed, scale, tempo, radius_m):
     speed = np.linalg.norm(np.diff(joint_m, axis=0), axis=-1) * played.frame_rate_hz
     # A swinging foot goes at four times the walker's speed; corners and fades add to it.
     assert speed.max() < 14.0 * scale * tempo
-
-
-def test_a_mirror_swaps_the_sides_and_twice_is_once(folder):
-    clip = read_clip(folder / "walk.npz")
-    seen = clip.mirrored()
-    left, right = (clip.joints.index(f"{s}_knee") for s in "lr")
-    np.testing.assert_array_equal(seen.joint_m[:, left, 0], clip.joint_m[:, right, 0])
-    np.testing.assert_array_equal(seen.joint_m[:, left, 1], -clip.joint_m[:, right, 1])
-    np.testing.assert_array_equal(seen.mirrored().joint_m, clip.joint_m)
 
 
 @pytest.mark.parametrize("text", [b"", b"PK\3\4 cut", b"\x93NUMPY"])

@@ -14,7 +14,8 @@ from x2train.motion.clips import read_clip
 from x2train.motion.formats import read_motions
 from x2train.motion.importing import KINDS, JointMap, read_map, standard_clip
 
-ASF = """\
+ASF = (
+    """\
 # a root with one bone that points up and another that goes on from it
 :version 1.10
 :name probe
@@ -28,46 +29,21 @@ ASF = """\
   position 0 0 0
   orientation 0 0 0
 :bonedata
-  begin
-    id 1
-    name lower
-    direction 0 1 0
-    length 2
-    axis 0 0 0 XYZ
-    dof rz
-    limits (-180 180)
-  end
-  begin
-    id 2
-    name upper
-    direction 0 1 0
-    length 3
-    axis 0 0 90 XYZ
-    dof rx
-  end
-:hierarchy
-  begin
-    root lower
-    lower upper
-  end
 """
-AMC = """\
-#!OML:ASF probe.asf
-:FULLY-SPECIFIED
-:DEGREES
-1
-root 1 0 0 0 0 0
-lower 0
-upper 0
-2
-root 1 0 0 0 0 0
-lower 90
-upper 0
-3
-root 1 0 0 0 0 90
-lower 0
-upper 90
-"""
+    + "".join(
+        f"  begin\n    id {k}\n    name {name}\n    direction 0 1 0\n    length {length}\n"
+        f"    axis 0 0 {turn} XYZ\n    dof {dof}\n{limits}  end\n"
+        for k, name, length, turn, dof, limits in (
+            (1, "lower", 2, 0, "rz", "    limits (-180 180)\n"),
+            (2, "upper", 3, 90, "rx", ""),
+        )
+    )
+    + ":hierarchy\n  begin\n    root lower\n    lower upper\n  end\n"
+)
+AMC = "#!OML:ASF probe.asf\n:FULLY-SPECIFIED\n:DEGREES\n" + "".join(
+    f"{k}\nroot 1 0 0 0 0 {root}\nlower {lower}\nupper {upper}\n"
+    for k, root, lower, upper in ((1, 0, 0, 0), (2, 0, 90, 0), (3, 90, 0, 90))
+)
 
 
 def gltf(times, turns):
@@ -143,9 +119,6 @@ def test_what_cannot_be_read_is_one_line(tmp_path, name, text):
         read_motions(tmp_path / name)
     assert name in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-# ---------------------------------------------------------------- maps and clips
 
 
 def write_map(path, **changed):

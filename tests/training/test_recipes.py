@@ -33,22 +33,17 @@ def test_a_shipped_bundle_is_what_its_recipe_makes(name):
 @pytest.mark.parametrize("name", [n for n in RECIPES if n != "thesis"])
 def test_sets_are_those_of_the_sidecar(name):
     abouts = json.loads(sidecar_path(name).read_text())["training"]["sets"]
-    steps = [step for step in arguments(name) if step[0] == "dataset"]
     wanted = {
         (a["elements"], a["seed"], a["use"], a["radar"], a.get("longest_s", 6.0)) for a in abouts
     }
     made = set()
-    for step in steps:
-        options = dict(itertools.pairwise(step))
-        made.add(
-            (
-                int(options["--passages"]),
-                int(options["--seed"]),
-                "clips" if "--clips" in options else options.get("--families", "train"),
-                options.get("--radar", "any"),
-                float(options.get("--longest", 6)),
-            )
-        )
+    for step in arguments(name):
+        if step[0] == "dataset":
+            options = dict(itertools.pairwise(step))
+            use = "clips" if "--clips" in options else options.get("--families", "train")
+            numbers = int(options["--passages"]), int(options["--seed"])
+            others = options.get("--radar", "any"), float(options.get("--longest", 6))
+            made.add((*numbers, use, *others))
     assert wanted <= made
 
 

@@ -121,14 +121,11 @@ def windows_of(table):
     return Windows.of(table, is_judged(table) & is_in_view(table))
 
 
-def test_balanced_accuracy_is_the_mean_of_both_classes():
+def test_balanced_accuracy_is_the_mean_of_both_classes_and_confusion_counts_the_likeliest():
     table = table_of(passage([0.1] * 30 + [0.9] * 10), passage([0.9] * 2, "pet"))
     assert balanced_accuracy(table, windows_of(table), np.random.default_rng(0)).value == (
         pytest.approx((29 / 39 + 1) / 2)  # the first window's middle is before it enters
     )
-
-
-def test_confusion_counts_the_likeliest_class():
     other = passage([0.9, 0.9], "other", p_pet=np.zeros(2), p_other=np.full(2, 0.9))
     found = confusion(table_of(passage([0.1, 0.9]), passage([0.9], "pet"), other))
     assert found["human"] == {"human": 1, "pet": 1, "other": 0}

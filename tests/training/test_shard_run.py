@@ -73,11 +73,6 @@ def test_failed_element_is_named_and_the_run_goes_on_later(tmp_path, alone, work
     assert checksums(tmp_path) == alone
 
 
-def test_dead_worker_is_told(tmp_path):
-    with pytest.raises(GenerateError, match="run again to go on"):
-        make(tmp_path, Draws(dies_at=30), workers=2)
-
-
 def test_progress_counts_to_the_end_and_on_from_earlier(tmp_path):
     told = []
     make(tmp_path, Draws(), report=lambda *now: told.append(now))
@@ -86,6 +81,9 @@ def test_progress_counts_to_the_end_and_on_from_earlier(tmp_path):
     told.clear()
     make(tmp_path, Draws(), report=lambda *now: told.append(now))
     assert told == [(done, N) for done in (33, 41, 49, 53)]
+    # A dead worker is told.
+    with pytest.raises(GenerateError, match="run again to go on"):
+        make(tmp_path / "dead", Draws(dies_at=30), workers=2)
 
 
 def test_ctrl_c_ends_cleanly_and_the_run_goes_on(tmp_path, alone):

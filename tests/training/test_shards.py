@@ -31,9 +31,7 @@ def test_what_is_written_is_read_by_a_later_run(made):
         assert value.dtype == ARRAYS[key].dtype
         np.testing.assert_array_equal(value, ARRAYS[key])
     assert not hidden(made.folder)
-
-
-def test_a_set_that_was_made_otherwise_is_refused(made):
+    # A set that was made otherwise is refused.
     with pytest.raises(UsageError, match="made otherwise \\(rate: 60, not 200\\)"):
         ShardSet(made.folder, ABOUT | {"rate": 200})
 
@@ -47,14 +45,6 @@ def test_a_wrong_checksum_is_one_line(made, byte):
     with pytest.raises(RecordingError, match=r"a\.npz: its checksum is not that of") as caught:
         made.read("a")
     assert "\n" not in str(caught.value)
-
-
-def test_a_shard_that_is_gone_is_due_again(made):
-    (made.folder / "a.npz").unlink()
-    assert "a" not in made
-    assert list(made.names()) == []
-    with pytest.raises(RecordingError, match=r"a\.npz: cannot read"):
-        made.read("a")
 
 
 @pytest.mark.parametrize(
@@ -82,9 +72,14 @@ def test_a_full_disk_leaves_the_set_as_it_was(made, monkeypatch):
     assert list(ShardSet(made.folder, ABOUT).names()) == ["a", "b"]
 
 
-def test_an_interrupted_write_is_not_trusted(made):
+def test_a_shard_that_is_gone_is_due_again_and_a_half_one_not_trusted(made):
     (made.folder / ".b.npz.123.new").write_bytes(b"half")
     (made.folder / "c.npz").write_bytes(b"never entered")
     later = ShardSet(made.folder, ABOUT)
     assert list(later.names()) == ["a"]
     assert "c" not in later
+    (made.folder / "a.npz").unlink()
+    assert "a" not in made
+    assert list(made.names()) == []
+    with pytest.raises(RecordingError, match=r"a\.npz: cannot read"):
+        made.read("a")

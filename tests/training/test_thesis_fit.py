@@ -10,18 +10,9 @@ from x2train.thesis.mlp import RepeatedMlp, affine, output_error
 from x2train.thesis.sets import CellData
 
 pytestmark = [pytest.mark.integration, pytest.mark.usefixtures("one_thread")]
-QUICK = FitSettings(
-    layers=(8, 4),
-    pretrain_epochs=(2, 2),
-    output_epochs=2,
-    epochs=12,
-    look_every=4,
-    repeats=3,
-    batch=20,
-    decay=0.01,
-    averaging=0.9,
-    learning_rate=0.01,
-)
+SHORT = {"layers": (8, 4), "pretrain_epochs": (2, 2), "output_epochs": 2, "epochs": 12}
+FEW = {"look_every": 4, "repeats": 3, "batch": 20}
+QUICK = FitSettings(**SHORT, **FEW, decay=0.01, averaging=0.9, learning_rate=0.01)
 
 
 def data(n, seed=0, n_in=12):
@@ -72,16 +63,12 @@ def test_errors_against_their_formulas():
     y = torch.tensor([0, 1, 1, 0, 1, 0])
     p = torch.softmax(logits, -1)
     truth = torch.stack([p[k, range(6), y] for k in range(2)])
-    assert output_error(logits, y, "cross-entropy") == pytest.approx(
-        -truth.log().mean(dim=1).sum().item()
-    )
-    assert output_error(logits, y, "mse") == pytest.approx(
-        (1 - truth).square().mean(1).sum().item()
-    )
+    entropy = -truth.log().mean(dim=1).sum().item()
+    square = (1 - truth).square().mean(1).sum().item()
+    assert output_error(logits, y, "cross-entropy") == pytest.approx(entropy)
+    assert output_error(logits, y, "mse") == pytest.approx(square)
     one = logits[..., 1:] - logits[..., :1]
-    assert output_error(one, y, "cross-entropy") == pytest.approx(
-        output_error(logits, y, "cross-entropy").item()
-    )
+    assert output_error(one, y, "cross-entropy") == pytest.approx(entropy)
 
 
 def test_scalings():
@@ -105,20 +92,13 @@ def test_scalings():
 @pytest.mark.parametrize(
     "changes",
     [
-        {},
-        {"activation": "sigmoid", "learning_rate": 0.05},
-        {"activation": "tanh"},
-        {"n_outputs": 1},
-        {"error": "mse"},
-        {"n_outputs": 1, "error": "mse"},
-        {"optimiser": "momentum", "decay": 0.0},
-        {"optimiser": "lbfgs", "decay": 1e-3},
+        *({}, {"activation": "sigmoid", "learning_rate": 0.05}, {"activation": "tanh"}),
+        *({"n_outputs": 1}, {"error": "mse"}, {"n_outputs": 1, "error": "mse"}),
+        *({"optimiser": "momentum", "decay": 0.0}, {"optimiser": "lbfgs", "decay": 1e-3}),
         {"sparsity": 0.1},
         {"sparsity": 0.1, "activation": "sigmoid", "learning_rate": 0.05},
         {"layers": (6,), "pretrain_epochs": (2,)},
-        {"pretrain_epochs": (), "output_epochs": 0},
-        {"scaling": "each"},
-        {"averaging": 0.0},
+        *({"pretrain_epochs": (), "output_epochs": 0}, {"scaling": "each"}, {"averaging": 0.0}),
     ],
 )
 def test_every_switch_learns(changes):
@@ -129,12 +109,9 @@ def test_every_switch_learns(changes):
     assert ((p.argmax(axis=2) == data(200).y).mean(axis=1) > 0.9).all()
 
 
-def test_same_seed_same_result_and_another_one_another():
+def test_same_seed_same_result_and_the_best_look_is_kept():
     same(result(QUICK), result(QUICK))
     assert not np.array_equal(result(QUICK).scores, result(replace(QUICK, seed=1)).scores)
-
-
-def test_the_best_look_is_kept_and_the_first_cannot_be():
     fitted = result(replace(QUICK, pretrain_epochs=(), output_epochs=0))
     p = fitted.predict(STOP.x)
     score = -np.log(np.take_along_axis(p, STOP.y[None, :, None], 2)[..., 0]).mean(axis=1)
@@ -163,9 +140,6 @@ def test_retraining_goes_on_from_what_was_learnt():
     score = -np.log(np.take_along_axis(p, STOP.y[None, :, None], 2)[..., 0]).mean(axis=1)
     np.testing.assert_allclose(again.scores[0], score, rtol=1e-5)
     assert np.abs(again.scores[1] - again.scores[0]).max() < 0.05
-
-
-# ---------------------------------------------------------------- settings
 
 
 @pytest.mark.parametrize(
