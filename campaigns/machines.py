@@ -17,7 +17,8 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from campaigns.processes import ROOT, end_with, parser_of
+from campaigns.processes import end_with, parser_of
+from tests.processes import ROOT
 
 MACHINES = {
     "log": "outputs/test_log_model.py",

@@ -28,6 +28,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from multiprocessing import get_context
 from pathlib import Path
 from types import FrameType, ModuleType
 from typing import Any
@@ -226,8 +227,8 @@ class Tracer:
 
 def in_fork(work: Callable[[], int], limit_s: float) -> int:
     """Run in a fork, in silence; return its exit code, -9 where it takes too long."""
-    pid = os.fork()
-    if pid == 0:
+
+    def run() -> None:
         os.setpgid(0, 0)
         quiet = os.open(os.devnull, os.O_RDWR)
         for fd in (0, 1, 2):
@@ -238,15 +239,14 @@ def in_fork(work: Callable[[], int], limit_s: float) -> int:
             code = int(work())
         finally:
             os._exit(code)
-    end_s = time.monotonic() + limit_s
-    while time.monotonic() < end_s:
-        done, status = os.waitpid(pid, os.WNOHANG)
-        if done:
-            return os.waitstatus_to_exitcode(status)
-        time.sleep(0.01)
-    os.killpg(pid, signal.SIGKILL)
-    os.waitpid(pid, 0)
-    return -signal.SIGKILL
+
+    process = get_context("fork").Process(target=run)
+    process.start()
+    process.join(limit_s)
+    if process.is_alive():
+        os.killpg(process.pid, signal.SIGKILL)
+        process.join()
+    return process.exitcode
 
 
 def run_tests(names: Sequence[str], plugins: Sequence[object] = ()) -> int:

@@ -3,48 +3,24 @@
 import contextlib
 import json
 import sqlite3
-import subprocess
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from campaigns.processes import ROOT, wait_for
-from tests.waiting import free_port
+from campaigns.processes import wait_for
+from tests.sink_helpers import MqttBroker
 
 
-class Broker:
-    """An MQTT broker on one port: it can be ended, held and started again."""
+class Broker(MqttBroker):
+    """An MQTT broker that notes the events that it takes."""
 
     def __init__(self, folder: Path) -> None:
-        self.port = free_port()
+        self._events = folder / "broker.events"
+        noted = {"campaigns.broker.EventLog": {"path": str(self._events)}}
+        super().__init__(folder, plugins=noted)
         self.url = f"mqtt://127.0.0.1:{self.port}/radard"
-        self._events = folder / f"events{self.port}"
-        self.start()
-
-    def start(self) -> None:
-        """Start it, and wait until it takes connections."""
-        plugins = {
-            "amqtt.plugins.authentication.AnonymousAuthPlugin": {"allow_anonymous": True},
-            "campaigns.broker.EventLog": {"path": str(self._events)},
-        }
-        listener = {"type": "tcp", "bind": f"127.0.0.1:{self.port}"}
-        config = {"listeners": {"default": listener}, "plugins": plugins}
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "tests.mqtt_broker", json.dumps(config)],
-            cwd=ROOT,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-        )
-        assert self.process.stdout is not None
-        self.process.stdout.readline()
-
-    def stop(self) -> None:
-        """End it at once, as a power cut would."""
-        with self.process:
-            self.process.kill()
 
     def events(self) -> list[dict[str, Any]]:
         """Return the events that it took, in order."""

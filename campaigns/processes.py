@@ -3,7 +3,6 @@
 import argparse
 import contextlib
 import json
-import os
 import subprocess
 import sys
 import time
@@ -13,7 +12,8 @@ from typing import Any
 
 import yaml
 
-ROOT = Path(__file__).parents[1]
+from tests.processes import environ
+
 PATIENCE_S = 120.0
 """For anything that a busy machine delays."""
 HARM = (
@@ -84,10 +84,8 @@ def is_mounted(folder: Path, size: str, stack: contextlib.ExitStack) -> bool:
 
 def environment(folder: Path) -> dict[str, str]:
     """Return an environment with this source tree and folders of its own."""
-    paths = (ROOT, ROOT / "daemon", ROOT / "training")
-    kept = {k: v for k, v in os.environ.items() if not k.startswith(("RADARD_", "NOTIFY_"))}
-    own = {"PYTHONPATH": os.pathsep.join(map(str, paths))}
-    own |= dict.fromkeys(("XDG_STATE_HOME", "XDG_RUNTIME_DIR"), str(folder))
+    kept = {k: v for k, v in environ().items() if not k.startswith(("RADARD_", "NOTIFY_"))}
+    own = dict.fromkeys(("XDG_STATE_HOME", "XDG_RUNTIME_DIR"), str(folder))
     return kept | own | dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 
 

@@ -20,11 +20,10 @@ import tempfile
 import threading
 import time
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
-from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 import numpy as np
@@ -43,23 +42,15 @@ _WALL = {"time", "latency_ms", "simulated", "replayed"}
 """What tells of the clock on the wall, or that it is a replay."""
 
 
-@dataclass(frozen=True, slots=True)
-class Sample:
-    """The kernel's counts of a process."""
+def sample(pid: int) -> tuple[float, ...]:
+    """Return the time, and the kernel's counts of a process: memory in KiB, files, threads.
 
-    time_s: float
-    rss_kib: int
-    n_fds: int
-    n_threads: int
-
-
-def sample(pid: int) -> Sample:
-    """Return the counts of a process; raises OSError when it has ended."""
+    Raises OSError when it has ended.
+    """
     proc = Path(f"/proc/{pid}")
     rows = dict(line.split(":", 1) for line in (proc / "status").read_text().splitlines())
     n_fds = sum(1 for _ in (proc / "fd").iterdir())
-    rss_kib = int(rows["VmRSS"].split()[0])
-    return Sample(time.monotonic(), rss_kib, n_fds, int(rows["Threads"]))
+    return time.monotonic(), int(rows["VmRSS"].split()[0]), n_fds, int(rows["Threads"])
 
 
 class Page(threading.Thread):
@@ -79,86 +70,71 @@ class Page(threading.Thread):
 
     def run(self) -> None:
         """Listen."""
+        refused = (OSError, WebSocketException, EOFError)
         while not self._halt.wait(0.5):
-            with contextlib.suppress(OSError, WebSocketException, EOFError):
-                self._listen()
-
-    def _listen(self) -> None:
-        with connect(f"ws://127.0.0.1:{self._port}/ws") as line:
-            while not self._halt.is_set():
-                with contextlib.suppress(TimeoutError):
-                    line.recv(timeout=1.0)
-                    self.n_messages += 1
-
-
-class Soaked:
-    """One daemon, and what was counted of it."""
-
-    def __init__(self, name: str, folder: Path, broker: Broker, port: str, *options: str) -> None:
-        self.name = name
-        self.folder = folder / name
-        self.outputs = Outputs(self.folder, broker)
-        self._web = free_port()
-        url = f"http://127.0.0.1:{self._web}"
-        arguments = ("--port", port, *options, *self.outputs.arguments, "-o", url)
-        config = {"sensor": {"name": name}}
-        self._daemon = Daemon(self.folder, *arguments, config=config)
-        self.found: dict[str, Any] = {}
-
-    def soak(self, seconds: float) -> None:
-        """Count until it ends, or until it has run for so long."""
-        daemon, page, samples = self._daemon, Page(self._web), []
-        wait_for(lambda: daemon.status(self.name).get("seq") or not daemon.is_alive, "a decision")
-        end_s = time.monotonic() + seconds
-        while time.monotonic() < end_s and daemon.is_alive:
-            try:
-                samples.append(sample(daemon.process.pid))
-            except (OSError, KeyError):
-                break
-            time.sleep(_EVERY_S)
-        page.close()
-        code = daemon.stop()
-        rows = self.decisions()
-        self.found = {"messages_to_page": page.n_messages, "exit_code": code}
-        self.found |= {"crashes": int(code != 0), "decisions": len(rows)}
-        is_live = "--speed" not in daemon.arguments
-        self.found |= grown(samples, None if is_live else rows[-1]["t_s"] / 3600)
-        if is_live:
-            self.found["clock_drift_ppm"] = drift_ppm(rows)
-
-    def decisions(self) -> list[dict[str, Any]]:
-        """Return what it decided."""
-        return list(self.outputs.records("decision"))
-
-    def replay(self) -> None:
-        """Replay its recording, and count what comes out otherwise."""
-        out = self.folder / "replay.jsonl"
-        arguments = ["--port", f"replay:{self.folder / 'rec.h5'}", "--speed", "max"]
-        daemon = Daemon(self.folder / "replay", *arguments, "-o", f"json:{out}")
-        daemon.process.wait(_LAST_ENDS_S)
-        replayed = list(records(out, "decision"))
-        self.found["decisions_differ"] = differing(self.decisions(), replayed)
+            with (
+                contextlib.suppress(*refused),
+                connect(f"ws://127.0.0.1:{self._port}/ws") as line,
+            ):
+                while not self._halt.is_set():
+                    with contextlib.suppress(TimeoutError):
+                        line.recv(timeout=1.0)
+                        self.n_messages += 1
 
 
-def grown(rows: Sequence[Sample], stream_h: float | None) -> dict[str, Any]:
+def soaked(folder: Path, broker: Broker, seconds: float, *arguments: str) -> dict[str, Any]:
+    """Run a daemon of the folder's name until it ends, or for so long; return its counts."""
+    outputs, web, samples = Outputs(folder, broker), free_port(), []
+    arguments = (*arguments, *outputs.arguments, "-o", f"http://127.0.0.1:{web}")
+    daemon = Daemon(folder, *arguments, config={"sensor": {"name": folder.name}})
+    page = Page(web)
+    wait_for(lambda: daemon.status(folder.name).get("seq") or not daemon.is_alive, "a decision")
+    end_s = time.monotonic() + seconds
+    while time.monotonic() < end_s and daemon.is_alive:
+        try:
+            samples.append(sample(daemon.process.pid))
+        except (OSError, KeyError):
+            break
+        time.sleep(_EVERY_S)
+    page.close()
+    code = daemon.stop()
+    rows = list(outputs.records("decision"))
+    found = {"messages_to_page": page.n_messages, "exit_code": code}
+    found |= {"crashes": int(code != 0), "decisions": len(rows)}
+    if "--speed" in arguments:
+        return found | grown(samples, rows[-1]["t_s"] / 3600)
+    return found | grown(samples, None) | {"clock_drift_ppm": drift_ppm(rows)}
+
+
+def differs(folder: Path) -> int:
+    """Replay a daemon's recording; return how many decisions come out otherwise."""
+    out = folder / "replay.jsonl"
+    arguments = ["--port", f"replay:{folder / 'rec.h5'}", "--speed", "max"]
+    daemon = Daemon(folder / "replay", *arguments, "-o", f"json:{out}")
+    daemon.process.wait(_LAST_ENDS_S)
+    live, replayed = (list(records(path, "decision")) for path in (folder / "out.jsonl", out))
+    return differing(live, replayed)
+
+
+def grown(samples: Sequence[tuple[float, ...]], stream_h: float | None) -> dict[str, Any]:
     """Return what grew; by hours of stream if there are so many, else by those of the clock."""
-    hours = np.array([(row.time_s - rows[0].time_s) / 3600 for row in rows])
+    rows = np.array(samples)
+    hours = (rows[:, 0] - rows[0, 0]) / 3600
     lasted_h = float(hours[-1])
     if stream_h is not None:
         hours *= stream_h / max(1e-9, lasted_h)
-    rss = np.array([row.rss_kib for row in rows], float)
+    rss = rows[:, 1]
     settled = slice(len(rows) // 3, None)
     slope = float(np.polyfit(hours[settled], rss[settled], 1)[0]) if len(rows) > 5 else 0.0
     quarter = max(1, len(rows) // 4)
-    early, late = rows[quarter : 2 * quarter] or rows, rows[-quarter:]
-    fds = [median(row.n_fds for row in part) for part in (early, late)]
-    threads = [median(row.n_threads for row in part) for part in (early, late)]
+    early = rows[quarter : 2 * quarter] if len(rows) > quarter else rows
+    fds, threads = (np.median(rows[-quarter:], axis=0) - np.median(early, axis=0))[2:].tolist()
     return {
         "hours": round(lasted_h, 3),
         "rss_mib_first_last": [round(rss[k] / 1024, 1) for k in (settled.start, -1)],
         "rss_growth_kib_per_h": round(slope, 1),
-        "fd_growth": fds[1] - fds[0],
-        "thread_growth": threads[1] - threads[0],
+        "fd_growth": fds,
+        "thread_growth": threads,
     }
 
 
@@ -211,22 +187,16 @@ def soak(
     folder: Path, broker: Broker, seconds: float, stream_h: float, most_s: float
 ) -> dict[str, Any]:
     """Run the three daemons and return what the last line says."""
-    timed = []
-    for rate_hz, share in ((60, 1.0), (200, 0.5)):
-        name = f"hz{rate_hz}"
-        port, record = f"sim:demo?rate={rate_hz}&run=soak", str(folder / name / "rec.h5")
-        timed.append((Soaked(name, folder, broker, port, "--record", record), seconds * share))
-    live = [each for each, _ in timed]
     fast = ("--speed", "max", "--duration", str(round(stream_h * 3600)))
-    timed.append((Soaked("fast", folder, broker, "sim:demo?run=soak", *fast), most_s))
-    threads = [threading.Thread(target=each.soak, args=(for_s,)) for each, for_s in timed]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    for each in live:
-        each.replay()
-    runs = {each.name: each.found for each, _ in timed}
+    timed = [(folder / "fast", most_s, "--port", "sim:demo?run=soak", *fast)]
+    for rate_hz, share in ((200, 0.5), (60, 1.0)):
+        own, port = folder / f"hz{rate_hz}", f"sim:demo?rate={rate_hz}&run=soak"
+        timed.insert(0, (own, seconds * share, "--port", port, "--record", str(own / "rec.h5")))
+    with ThreadPoolExecutor(len(timed)) as pool:
+        ended = pool.map(lambda own: soaked(own[0], broker, *own[1:]), timed)
+        runs = {own[0].name: found for own, found in zip(timed, ended, strict=True)}
+    for own in timed[:2]:
+        runs[own[0].name]["decisions_differ"] = differs(own[0])
     worst = {
         key: max((row[key] for row in runs.values() if key in row), key=abs)
         for key in ("rss_growth_kib_per_h", "fd_growth", "thread_growth", "clock_drift_ppm")

@@ -21,7 +21,8 @@ from pathlib import Path
 from typing import Any
 
 from campaigns.kept import House
-from campaigns.processes import CONFIG, ROOT, STEPPED, Daemon, is_mounted, wait_for
+from campaigns.processes import CONFIG, STEPPED, Daemon, is_mounted, wait_for
+from tests.processes import ROOT
 
 _SETTLE_S = 120.0
 """For a daemon to end, on a busy machine."""

@@ -9,7 +9,7 @@ from pathlib import Path
 import benchmark_alarms as alarms
 from benchmark_tasks import FULL, SEED, Kept, Score, entrant_named, score, shipped, tasks_named
 from study import RESULTS, check_within, publish, run_script, say, script_parser
-from x2train.commands import counted, progress
+from x2train.commands import counted, progress, stages
 from x2train.judge.acceptance import VERSION as ACCEPT
 from x2train.thesis.recipe import StudyRecipe
 
@@ -75,11 +75,7 @@ def _element_lines(args: argparse.Namespace) -> list[str]:
     tasks = tasks_named(args.tasks, args.elements, args.fresh)
     entrants = [entrant_named(text) for text in args.entry or shipped()]
     with progress() as bar:
-        row = bar.add_task("", total=1)
-
-        def tell(what: str, done: int, total: int) -> None:
-            bar.update(row, description=what, completed=done, total=max(total, 1))
-
+        tell = stages(bar)
         for task in tasks:
             sizes = {"n_elements": args.elements, "n_fresh": args.fresh, "workers": args.workers}
             StudyRecipe(folder=args.folder, seed=SEED, **sizes).make(task.spec, task.cell, tell)

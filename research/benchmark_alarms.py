@@ -27,7 +27,7 @@ from x2train.judge.acceptance import SETTINGS, VERSION, AcceptSpec, Setting, acc
 from x2train.judge.acceptance_report import write_acceptance
 from x2train.judge.estimates import per_hour, share
 from x2train.sets.sites import Radar
-from x2train.sets.workers import Tell
+from x2train.sets.workers import Crew, Tell
 
 MARKS: Marks = (f"<!-- {VERSION} -->", f"<!-- end of {VERSION} -->")
 Alarms = Callable[[Iterator[Dwell]], Iterator[bool]]
@@ -148,7 +148,7 @@ def play(
     told = json.dumps([sorted(spec.files.values()), of_it])
     digest = hashlib.sha256(told.encode()).hexdigest()[:12]
     out = folder / f"{VERSION}-{Path(entrant.model.partition(':')[0]).stem}-{digest}"
-    table = accept(spec, out / "passages", workers=workers, report=tell)
+    table = accept(spec, out / "passages", Crew(workers, report=tell))
     about = {
         "version": spec.version,
         "bundle": entrant.title,

@@ -139,20 +139,17 @@ def open_sink(url, options=None, *, state_dir=None, **context):
 
 
 class MqttBroker:
-    """amqtt in a process; on one port, with stops."""
+    """amqtt in a process; on one port, with stops; `plugins` are more of its plug-ins."""
 
-    def __init__(self, folder: Path, *, cert: tuple[Path, Path] | None = None, auth=False):
+    def __init__(self, folder: Path, *, cert=None, auth=False, plugins=()):
         self.port = free_port()
-        self._folder, self._cert, self._auth = folder, cert, auth
-        self._process = None
+        self._folder, self._cert, self._auth, self._plugins = folder, cert, auth, dict(plugins)
         self.start()
 
     def stop(self):
         """Kill it: a signal that comes before the broker's loop has begun is forgotten by it."""
-        if self._process is not None:
-            with self._process:
-                self._process.kill()
-            self._process = None
+        with self.process:
+            self.process.kill()
 
     def start(self):
         listener = {"type": "tcp", "bind": f"127.0.0.1:{self.port}"}
@@ -171,15 +168,16 @@ class MqttBroker:
             plugins = {
                 "amqtt.plugins.authentication.FileAuthPlugin": {"password_file": str(words)}
             }
+        plugins |= self._plugins
         config = {"listeners": {"default": listener}, "plugins": plugins}
-        self._process = subprocess.Popen(
+        self.process = subprocess.Popen(
             [sys.executable, "-m", "tests.mqtt_broker", json.dumps(config)],
             cwd=Path(__file__).parents[1],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
         )
-        assert self._process.stdout.readline() == b"serves\n"
+        assert self.process.stdout.readline() == b"serves\n"
 
 
 class Listener:

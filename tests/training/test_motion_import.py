@@ -135,11 +135,11 @@ def write_map(path, **changed):
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        ({"kind": "bird"}, "kind: must be one of"),
+        ({"kind": "bird"}, "kind: input should be 'person' or 'quadruped'"),
         ({"joints": {"pelvis": "hips"}}, "not given: chest"),
         ({"joints": {"wing": "x", **{n: n for n in KINDS["person"]}}}, "no standard joint: wing"),
-        ({"scale": 0}, "scale must be"),
-        ({"colour": "red"}, "unknown key colour"),
+        ({"scale": 0}, "scale: input should be greater than 0"),
+        ({"colour": "red"}, "colour: unknown key"),
     ],
 )
 def test_maps_are_whole(tmp_path, changed, words):

@@ -11,7 +11,7 @@ from tests.processes import started
 from tests.shard_helpers import Draws
 from tests.waiting import wait_for
 from x2train.sets.shard_run import make_shards
-from x2train.sets.workers import ElementError, GenerateError
+from x2train.sets.workers import Crew, ElementError, GenerateError
 
 pytestmark = pytest.mark.integration
 
@@ -24,7 +24,8 @@ def checksums(folder):
 
 
 def make(folder, draws, n=N, **more):
-    return make_shards(folder, {"seed": draws.seed}, n, draws, per_shard=PER_SHARD, **more)
+    crew = Crew(**more)
+    return make_shards(folder, {"seed": draws.seed}, n, draws, crew, per_shard=PER_SHARD)
 
 
 @pytest.fixture(autouse=True)
@@ -90,11 +91,12 @@ def test_ctrl_c_ends_cleanly_and_the_run_goes_on(tmp_path, alone):
     code = (
         "import sys; from pathlib import Path; from tests.shard_helpers import Draws\n"
         "from x2train.sets.shard_run import make_shards\n"
+        "from x2train.sets.workers import Crew\n"
         "if __name__ == '__main__':\n"
         "    folder = Path(sys.argv[1])\n"
         "    try:\n"
         "        draws = Draws(1, waits_at=30, log=folder / 'log')\n"
-        "        make_shards(folder / 'set', {'seed': 1}, 53, draws, per_shard=20, workers=2)\n"
+        "        make_shards(folder / 'set', {'seed': 1}, 53, draws, Crew(2), per_shard=20)\n"
         "    except KeyboardInterrupt:\n"
         "        print('ended')\n"
     )

@@ -11,6 +11,7 @@ from radard.errors import UsageError
 from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.bodies.thesis_bodies import Scatterer
 from x2radar.sim.signal.pulse import BOLTZMANN, LinkBudget, baseband_noise_power
+from x2train.sets.workers import Crew
 from x2train.thesis import elements, sets
 from x2train.thesis.cells import Cell
 from x2train.thesis.elements import PROFILE, ElementSpec, dwell, element
@@ -34,7 +35,7 @@ def make(folder, spec=SPEC, first=0, n=5, workers=1):
         def tell(*now, told=told):
             told.append(now)
 
-        make_bodies(folder, spec, body, first, n, workers=workers, tell=tell)
+        make_bodies(folder, spec, body, first, n, crew=Crew(workers, report=tell))
         assert told[-1] == (n, n)
 
 

@@ -1,9 +1,10 @@
 """Subcommands of `train-export`: each file registers one. Here is what several of them need."""
 
 import argparse
+import os
 import shlex
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
@@ -13,7 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from radard.errors import UsageError
 from x2train.nets.epoch import Epoch
-from x2train.sets.workers import Tell
+from x2train.sets.workers import Crew, Tell
 
 Commands: TypeAlias = "argparse._SubParsersAction[Any]"
 _T = TypeVar("_T")
@@ -66,6 +67,16 @@ def progress() -> Progress:
     )
 
 
+def stages(bar: Progress) -> Callable[[str, int, int], None]:
+    """Return what tells of one thing after another: what is done, how far, of how much."""
+    task = bar.add_task("", total=1)
+
+    def tell(what: str, done: int, total: int) -> None:
+        bar.update(task, description=what, completed=done, total=max(total, 1))
+
+    return tell
+
+
 @contextmanager
 def counted(text: str) -> Iterator[Tell]:
     """Yield what shows progress: a bar, or a line now and then where stderr is a log."""
@@ -81,6 +92,20 @@ def counted(text: str) -> Iterator[Tell]:
                 bar.console.print(f"{text}: {done:,} of {total:,}")
 
         yield tell
+
+
+def add_crew(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say who makes a set."""
+    add = parser.add_argument
+    add("--workers", type=int, default=os.cpu_count() or 1, help="processes (all cores)")
+    add("--cluster", metavar="ADDRESS", help="a Dask scheduler, instead of processes")
+
+
+@contextmanager
+def crew_of(args: argparse.Namespace) -> Iterator[Crew]:
+    """Yield who makes passages, with what shows how far they are."""
+    with counted("passages") as tell:
+        yield Crew(args.workers, args.cluster, tell)
 
 
 def followed(steps: Iterator[Epoch | _T], epochs: int) -> _T:

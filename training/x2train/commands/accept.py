@@ -1,14 +1,13 @@
 """`train-export accept`: the acceptance test of a product, entry by entry."""
 
 import argparse
-import os
 from pathlib import Path
 from typing import Any
 
 from radard.config.sections import AUTO_MODEL
 from radard.errors import UsageError
 from x2radar.commands import add_command
-from x2train.commands import Commands, check_least, counted, result_console
+from x2train.commands import Commands, add_crew, check_least, crew_of, result_console
 
 
 def register(commands: Commands) -> None:
@@ -41,8 +40,7 @@ def register(commands: Commands) -> None:
     add("--out", type=Path, required=True, help="folder: passages, acceptance.json and .html")
     add("--share", type=float, default=1.0, metavar="F", help="of every entry's passages (1)")
     add("--seed", type=int, default=90, help="same seed, same passages (90)")
-    add("--workers", type=int, default=os.cpu_count() or 1, help="processes (all cores)")
-    add("--cluster", metavar="ADDRESS", help="a Dask scheduler, instead of processes")
+    add_crew(parser)
     parser.set_defaults(run=_run)
 
 
@@ -57,10 +55,8 @@ def _run(args: argparse.Namespace) -> int:
 
     knows: Knows = "mount and level" if args.level else "nothing"
     spec = AcceptSpec(model=args.model, seed=args.seed, share=args.share, knows=knows)
-    with counted("passages") as tell:
-        table = accept(
-            spec, args.out / "passages", workers=args.workers, cluster=args.cluster, report=tell
-        )
+    with crew_of(args) as crew:
+        table = accept(spec, args.out / "passages", crew)
     about: dict[str, Any] = {
         "version": spec.version,
         "bundle": " and ".join(spec.files),

@@ -1,7 +1,6 @@
 """`train-export dataset`: windows of random passages, as shards."""
 
 import argparse
-import os
 from dataclasses import asdict
 from pathlib import Path
 
@@ -12,7 +11,7 @@ from radard.judge.installation import INSTALLATION
 from x2radar.commands import add_command
 from x2radar.sim.bodies.motion import MOTIONS
 from x2radar.sim.bodies.skins.draw import SKINS
-from x2train.commands import Commands, check_least, counted, result_console
+from x2train.commands import Commands, add_crew, check_least, crew_of, result_console
 
 FEATURES = FeatureSettings(
     clutter="removed",
@@ -81,8 +80,7 @@ def register(commands: Commands) -> None:
         add(f"--{name}", metavar="SHARE", type=float, default=0.0, help=text)
     add("--like", metavar="MODEL", help="maps as this bundle takes them, for finetune --guard")
     add("--seed", type=int, default=1, help="same seed, same set (1)")
-    add("--workers", type=int, default=os.cpu_count() or 1, help="processes (all cores)")
-    add("--cluster", metavar="ADDRESS", help="a Dask scheduler, instead of processes")
+    add_crew(parser)
     parser.set_defaults(run=_run)
 
 
@@ -120,16 +118,9 @@ def _run(args: argparse.Namespace) -> int:
         clear_share=args.clear,
         settings=_features_of(args.like) if args.like else FEATURES,
     )
-    with counted("passages") as tell:
-        shards = make_shards(
-            args.out,
-            {"kind": "windows", **asdict(spec), **learned_from, "gate": GATE.model_dump()},
-            args.passages,
-            spec,
-            workers=args.workers,
-            cluster=args.cluster,
-            report=tell,
-        )
+    about = {"kind": "windows", **asdict(spec), **learned_from, "gate": GATE.model_dump()}
+    with crew_of(args) as crew:
+        shards = make_shards(args.out, about, args.passages, spec, crew)
     n = sum(len(shards.read(name).get("label", ())) for name in shards.names())
     result_console().print(f"{args.out}: {n} windows of {args.passages} passages")
     return 0

@@ -1,7 +1,6 @@
 """`train-export evaluate`: a bundle on passages it has never seen, reported like an alarm."""
 
 import argparse
-import os
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from radard.config.sections import DEFAULT_MODEL
 from radard.errors import UsageError
 from radard.judge.bundle import Bundle, load_bundle
 from x2radar.commands import add_command
-from x2train.commands import Commands, check_least, counted, result_console, told
+from x2train.commands import Commands, add_crew, check_least, crew_of, result_console, told
 from x2train.judge.table import PassageTable
 from x2train.sets.shards import about_of
 
@@ -54,8 +53,7 @@ def register(commands: Commands) -> None:
     )
     add("--against", type=Path, metavar="DIR", help="another bundle's folder, compared")
     add("--card", action="store_true", help="enter the rates into the bundle's card")
-    add("--workers", type=int, default=os.cpu_count() or 1, help="processes (all cores)")
-    add("--cluster", metavar="ADDRESS", help="a Dask scheduler, instead of processes")
+    add_crew(parser)
     parser.set_defaults(run=_run)
 
 
@@ -114,17 +112,9 @@ def _run(args: argparse.Namespace) -> int:
     )
     spec.check(bundle)
     n_all = args.passages + n_more_pets(args.pet_hours, args.passages, args.only)
-    with counted("passages") as tell:
-        make_shards(
-            args.out / "passages",
-            {"kind": "passages", **asdict(spec), **_told_by(bundle), "gate": GATE.model_dump()},
-            n_all,
-            spec,
-            per_shard=200,
-            workers=args.workers,
-            cluster=args.cluster,
-            report=tell,
-        )
+    about = {"kind": "passages", **asdict(spec), **_told_by(bundle), "gate": GATE.model_dump()}
+    with crew_of(args) as crew:
+        make_shards(args.out / "passages", about, n_all, spec, crew, per_shard=200)
     table = PassageTable.load(args.out / "passages")
     title = f"Bundle {bundle.name}, policy {args.policy or bundle.policy}"
     if args.radar != OWN_RADARS:

@@ -119,8 +119,8 @@ def _run(args: argparse.Namespace) -> int:
     )
     from x2train.bundle.writing import write_bundle  # noqa: PLC0415
     from x2train.judge.verdicts import PET_LIMIT  # noqa: PLC0415
+    from x2train.nets.bundle_answers import taught_by  # noqa: PLC0415
     from x2train.nets.map_fit import INPUTS, MapFitSettings, device_of, fit_maps  # noqa: PLC0415
-    from x2train.nets.teacher import taught_by  # noqa: PLC0415
     from x2train.sets.window_set import load_windows, worth_learning  # noqa: PLC0415
 
     args.device = device_of(args.device)

@@ -34,7 +34,7 @@ from x2train.sets.passages import BodyModel, Player, actor, play
 from x2train.sets.shard_run import make_shards
 from x2train.sets.sites import X2, X4M03, Radar, Site, draw_site
 from x2train.sets.windows import GATE
-from x2train.sets.workers import Tell
+from x2train.sets.workers import Crew
 
 VERSION = "accept-3"  # of entries, settings, seed (test_accept.py) and bodies
 SEED = 90  # passages of the version are drawn from it; of no other suite
@@ -260,14 +260,7 @@ class AcceptSpec:
         return pipeline, pipeline.decide
 
 
-def accept(
-    spec: AcceptSpec,
-    folder: Path,
-    *,
-    workers: int = 1,
-    cluster: str | None = None,
-    report: Tell | None = None,
-) -> PassageTable:
+def accept(spec: AcceptSpec, folder: Path, crew: Crew) -> PassageTable:
     """Play a test's passages, or what is missing of them in a folder, and return them judged."""
     about = {
         "kind": "acceptance",
@@ -277,16 +270,7 @@ def accept(
         "files": list(spec.files.values()),
         "gate": GATE.model_dump(),
     }
-    make_shards(
-        folder,
-        about,
-        spec.n_passages,
-        spec,
-        per_shard=_PER_SHARD,
-        workers=workers,
-        cluster=cluster,
-        report=report,
-    )
+    make_shards(folder, about, spec.n_passages, spec, crew, per_shard=_PER_SHARD)
     return PassageTable.load(folder)
 
 

@@ -8,17 +8,20 @@ A map is a YAML file that says which joint of a file is which of the standard on
     joints: {pelvis: Hips, spine: Spine1, withers: Spine3, ...}
 """
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ConfigDict, Field
 from scipy.interpolate import CubicSpline
 
-from x2radar.bounded_yaml import YamlError, load_yaml
+from radard.config.json_file import parse_json
+from x2radar.bounded_yaml import load_yaml
 from x2radar.errors import SceneError
 from x2train.motion.formats import RawMotion
 
@@ -55,36 +58,30 @@ KINDS: Mapping[str, Mapping[str, str]] = {"person": _PERSON, "quadruped": _QUADR
 class JointMap:
     """Which joint of a file is which of the standard ones."""
 
-    kind: str
-    joints: Mapping[str, str]
-    scale: float = 1.0
-    up: str = "y"
+    __pydantic_config__ = ConfigDict(extra="forbid", coerce_numbers_to_str=True)
+
+    kind: Literal["person", "quadruped"]
+    joints: dict[str, str]
+    scale: Annotated[float, Field(gt=0)] = 1.0
+    up: Literal["y", "z"] = "y"
 
 
 def read_map(path: Path) -> JointMap:
     """Read a map; SceneError if it cannot be read, or its joints are not all there are."""
     try:
-        raw: Any = load_yaml(path.read_text("utf-8-sig"))
-    except (OSError, UnicodeDecodeError, YamlError) as err:
+        raw = load_yaml(path.read_text("utf-8-sig"))
+        made = parse_json(JointMap, json.dumps(raw, default=str))
+    except (OSError, ValueError) as err:
         why = err.strerror if isinstance(err, OSError) else err
         raise SceneError(f"{path}: no map that can be read: {why}") from err
-    if not isinstance(raw, dict) or raw.get("kind") not in KINDS:
-        raise SceneError(f"{path}: kind: must be one of {', '.join(KINDS)}")
-    unknown = set(raw) - {"kind", "joints", "scale", "up"}
-    standard, given = KINDS[raw["kind"]], raw.get("joints")
-    if not isinstance(given, dict) or unknown:
-        msg = f"{path}: {'unknown key ' + min(unknown) if unknown else 'joints: is missing'}"
-        raise SceneError(msg)
+    standard = KINDS[made.kind]
     for word, names in (
-        ("no standard joint", set(given) - set(standard)),
-        ("not given", set(standard) - set(given)),
+        ("no standard joint", set(made.joints) - set(standard)),
+        ("not given", set(standard) - set(made.joints)),
     ):
         if names:
-            raise SceneError(f"{path}: joints: {word}: {', '.join(sorted(map(str, names)))}")
-    scale, up = raw.get("scale", 1.0), raw.get("up", "y")
-    if not isinstance(scale, int | float) or not scale > 0 or up not in {"y", "z"}:
-        raise SceneError(f"{path}: scale must be a number over 0, up y or z")
-    return JointMap(raw["kind"], {k: str(v) for k, v in given.items()}, float(scale), up)
+            raise SceneError(f"{path}: joints: {word}: {', '.join(sorted(names))}")
+    return made
 
 
 def standard_clip(motion: RawMotion, joint_map: JointMap, where: str) -> dict[str, Any]:

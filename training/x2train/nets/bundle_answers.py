@@ -10,8 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_softmax
 
+from radard.errors import UsageError
+from radard.judge.bundle import CLASSES, Bundle
 from radard.judge.classifier import FUSED_LOGITS, HIDDEN, NEXT_HIDDEN, Hidden, softmax
 from radard.judge.onnx_runtime import ort
+from x2train.sets.window_set import inputs_of
 
 Array = NDArray[np.float64]
 Feed = Mapping[str, NDArray[np.float32]]
@@ -86,6 +89,24 @@ def outputs_of(
     if is_first is None or not n_hidden:
         return Answers(logits, tapped=made.get(tap))
     return Answers(logits, made[FUSED_LOGITS].astype(np.float64), before, made.get(tap))
+
+
+def taught_by(bundle: Bundle, windows: Mapping[str, NDArray[Any]]) -> NDArray[np.float32]:
+    """Return a teacher's calibrated probabilities of windows by feature, shape (n, 3).
+
+    A smaller network learns from them beside the labels, which do not say how much could be seen
+    (Hinton, Vinyals and Dean, "Distilling the knowledge in a neural network", 2015, recalled).
+    """
+    if bundle.classes != CLASSES:
+        raise UsageError(f"teacher '{bundle.name}': tells {', '.join(bundle.classes)} apart")
+    for each in bundle.inputs:
+        found = windows[each.feature].shape[1:] if each.feature in windows else None
+        if found != each.shape:
+            raise UsageError(
+                f"teacher '{bundle.name}': takes {each.feature} of shape {each.shape}, not {found}"
+            )
+    answers = outputs_of(bundle.onnx, inputs_of(bundle, windows))
+    return answers.p(bundle.temperature).astype(np.float32)
 
 
 def window_ms(nets: Mapping[_Key, tuple[bytes, Feed]], calls: int) -> dict[_Key, float]:

@@ -123,11 +123,6 @@ def _gru(given: list[Any], _options: Mapping[str, Any]) -> Tensor:
     return made[None]
 
 
-def _squeeze(given: list[Any], _options: Mapping[str, Any]) -> Tensor:
-    made: Tensor = given[0].squeeze(tuple(int(n) for n in given[1]))
-    return made
-
-
 def _reshape(given: list[Any], _options: Mapping[str, Any]) -> Tensor:
     x, shape = given[0], [int(n) for n in given[1]]
     made: Tensor = x.reshape([x.shape[k] if n == 0 else n for k, n in enumerate(shape)])
@@ -163,7 +158,7 @@ _OPERATORS: Mapping[str, _Operator] = {
     "ReduceMean": _reduced(torch.mean),
     "Relu": lambda given, _: torch.relu(given[0]),
     "Reshape": _reshape,
-    "Squeeze": _squeeze,
+    "Squeeze": lambda given, _: given[0].squeeze(tuple(given[1].tolist())),
     "Sigmoid": lambda given, _: torch.sigmoid(given[0]),
     "Tanh": lambda given, _: torch.tanh(given[0]),
     "Unsqueeze": _unsqueeze,

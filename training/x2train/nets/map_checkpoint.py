@@ -6,7 +6,6 @@ A training that goes on from one takes the same steps as one that was never inte
 import hashlib
 import io
 import json
-import pickle
 import time
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -22,16 +21,6 @@ from x2radar.atomic import write_whole
 from x2train.nets.optimizer import MuonAdamW
 
 _EVERY_S = 300.0  # of wall clock: what an interruption costs at most
-_DAMAGED = (
-    OSError,
-    RuntimeError,
-    EOFError,
-    TypeError,
-    ValueError,
-    LookupError,
-    pickle.UnpicklingError,
-)
-"""What torch raises on files that are no checkpoints, or not whole."""
 _KEYS = {"print", "epoch", "step", "total", "net", "optimizer", "order", "now", "layers"}
 """Fingerprint of the run; epoch, from 1, steps done in it and their loss; states of network and
 optimisers; of generators: at the epoch's beginning, which orders it, now, and of layers, now."""
@@ -126,6 +115,6 @@ class Checkpoints:
             # Nothing in a file runs code.
             point: dict[str, Any] = torch.load(self._path, weights_only=True, map_location="cpu")
             is_own = point.keys() == _KEYS and point["print"] == self._run
-        except (*_DAMAGED, AttributeError):
+        except Exception:  # noqa: BLE001 - whatever torch raises on a file that is none, or cut
             return {}
         return point if is_own else {}

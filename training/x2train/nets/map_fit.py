@@ -9,16 +9,15 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import nn
+from torch.nn import functional
 
 from radard.errors import UsageError
 from radard.judge.bundle import Bundle
 from radard.judge.installation import INSTALLATION, N_INSTALLATION
 from x2train.nets.epoch import Epoch, cross_entropy, temperature_of
 from x2train.nets.map_checkpoint import Checkpoints, fingerprint
-from x2train.nets.nets import MapNet, Widths
+from x2train.nets.nets import MapNet, Widths, start_from
 from x2train.nets.optimizer import MuonAdamW
-from x2train.nets.start import start_from
-from x2train.nets.teacher import taught_error
 from x2train.sets.augment import augmented
 from x2train.sets.known import hidden_more
 
@@ -86,7 +85,9 @@ def fit_maps(
     known = torch.from_numpy(train[INSTALLATION]).to(device)
     labels = torch.from_numpy(np.asarray(train["label"], np.int64)).to(device)
     net, optimizer = _beginning(maps, known, settings, start)
-    error = _Error(labels, settings)
+    # Every class weighs the same.
+    counts = torch.bincount(labels.cpu(), minlength=3).float().to(labels.device)
+    weight = counts.sum() / (3 * counts.clamp(min=1))
     shown = None if taught is None else torch.from_numpy(taught).to(device)
     # The last batch of an epoch is smaller: once more compiled, not made to fit any size.
     answer = torch.compile(net, dynamic=False) if settings.is_compiled else net
@@ -107,7 +108,8 @@ def fit_maps(
             batch = (*shown_maps, hidden_more(known[part], rng))
             with torch.autocast(device, torch.bfloat16, enabled=settings.is_half):
                 answers = answer(*batch)
-            loss = error(answers.float(), labels[part], None if shown is None else shown[part])
+            said = None if shown is None else shown[part]
+            loss = _error(answers.float(), labels[part], said, weight, settings)
             optimizer.step(loss)
             # Summed where it is: to fetch each would let a GPU wait.
             total = total + loss.detach().double() * len(part)
@@ -123,23 +125,22 @@ def fit_maps(
     yield MapTrained(net, temperature_of(logits, np.asarray(validation["label"])))
 
 
-class _Error:
-    """What a batch has wrong, every class weighing the same."""
-
-    def __init__(self, labels: torch.Tensor, settings: MapFitSettings) -> None:
-        counts = torch.bincount(labels.cpu(), minlength=3).float().to(labels.device)
-        self._weight = counts.sum() / (3 * counts.clamp(min=1))
-        self._alone = nn.CrossEntropyLoss(self._weight, label_smoothing=settings.smoothing)
-        self._share = settings.teacher_share
-
-    def __call__(
-        self, answers: torch.Tensor, labels: torch.Tensor, taught: torch.Tensor | None
-    ) -> torch.Tensor:
-        """Return the loss of logits, shape (n, 3); `taught` are a teacher's probabilities."""
-        if taught is None:
-            alone: torch.Tensor = self._alone(answers, labels)
-            return alone
-        return taught_error(answers, labels, taught, share=self._share, weight=self._weight)
+def _error(
+    answers: torch.Tensor,
+    labels: torch.Tensor,
+    taught: torch.Tensor | None,
+    weight: torch.Tensor,
+    settings: MapFitSettings,
+) -> torch.Tensor:
+    """Return the cross-entropy of logits, (n, 3), with labels and, by its share, a teacher."""
+    if taught is None:
+        return functional.cross_entropy(
+            answers, labels, weight, label_smoothing=settings.smoothing
+        )
+    wanted = settings.teacher_share * taught
+    wanted[torch.arange(len(labels)), labels] += 1 - settings.teacher_share
+    each = -(wanted * answers.log_softmax(1)).sum(1)
+    return (each * weight[labels]).sum() / weight[labels].sum()
 
 
 def device_of(wanted: str) -> str:

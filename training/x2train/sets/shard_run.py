@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from x2train.sets.shards import ShardSet
-from x2train.sets.workers import CHUNK, Make, Rows, Tell, workers_for
+from x2train.sets.workers import ALONE, CHUNK, Crew, Make, Rows, workers_for
 
 
 def make_shards(
@@ -20,11 +20,9 @@ def make_shards(
     about: Mapping[str, Any],
     n_elements: int,
     make: Make,
+    crew: Crew = ALONE,
     *,
     per_shard: int = 1000,
-    workers: int = 1,
-    cluster: str | None = None,
-    report: Tell | None = None,
 ) -> ShardSet:
     """Make a set of shards, or what is missing of it, of elements 0 to n_elements - 1.
 
@@ -35,12 +33,8 @@ def make_shards(
     make : callable
         Element number to its arrays, of any lengths, with the same names and dtypes for every
         element; None leaves it out. It must be importable by name in a new process.
-    per_shard, workers : int
-        Elements per shard; local processes.
-    cluster : str, optional
-        Address of a Dask scheduler, whose workers, with this package, are used instead.
-    report : callable, optional
-        Told how many are done, of how many, after every chunk.
+    crew, per_shard : Crew and int
+        Who makes them; elements per shard.
 
     Raises
     ------
@@ -53,25 +47,16 @@ def make_shards(
         f"shard-{k:05d}": (first, min(first + per_shard, n_elements))
         for k, first in enumerate(range(0, n_elements, per_shard))
     }
-    fill(shards, bounds, make, workers=workers, cluster=cluster, report=report)
+    fill(shards, bounds, make, crew)
     return shards
 
 
-def fill(
-    shards: ShardSet,
-    bounds: Mapping[str, tuple[int, int]],
-    make: Make,
-    *,
-    workers: int = 1,
-    cluster: str | None = None,
-    report: Tell | None = None,
-) -> None:
+def fill(shards: ShardSet, bounds: Mapping[str, tuple[int, int]], make: Make, crew: Crew) -> None:
     """Make the missing shards of a set; `bounds` are first element and end, by name."""
     missing = {name: ends for name, ends in bounds.items() if name not in shards}
     total = sum(last - first for first, last in bounds.values())
     done = total - sum(last - first for first, last in missing.values())
-    if report is not None:
-        report(done, total)
+    crew.report(done, total)
     chunks = [
         range(k, min(k + CHUNK, last))
         for first, last in missing.values()
@@ -79,7 +64,7 @@ def fill(
     ]
     if not chunks:
         return
-    with workers_for(min(workers, len(chunks)), cluster) as run:
+    with workers_for(crew, len(chunks)) as run:
         made = zip(chunks, run(make, chunks), strict=True)
         for name, (first, last) in missing.items():
             rows: list[Rows] = []
@@ -87,7 +72,6 @@ def fill(
                 chunk, part = next(made)
                 rows += part
                 done += len(chunk)
-                if report is not None:
-                    report(done, total)
+                crew.report(done, total)
             names = list(rows[0]) if rows else []
             shards.write(name, {key: np.concatenate([row[key] for row in rows]) for key in names})

@@ -11,7 +11,8 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 from multiprocessing.synchronize import Event
@@ -31,6 +32,18 @@ CHUNK = 8  # elements handed out at a time
 _AHEAD = 4  # chunks per worker that are under way or wait for their turn to be written
 _CONNECT_S = 30  # for a scheduler to answer, and for its first worker to start, in seconds
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+@dataclass(frozen=True, slots=True)
+class Crew:
+    """Who makes a set, and who is told of it."""
+
+    workers: int = 1  # local processes
+    cluster: str | None = None  # address of a Dask scheduler, whose workers are taken instead
+    report: Tell = lambda _done, _total: None  # told after every chunk
+
+
+ALONE = Crew()
 
 
 class GenerateError(RadardError):
@@ -56,18 +69,15 @@ def _make_chunk(make: Make, chunk: range) -> list[Rows]:
     return rows
 
 
-def workers_for(workers: int, cluster: str | None = None) -> AbstractContextManager[Run]:
+def workers_for(crew: Crew, n_chunks: int) -> AbstractContextManager[Run]:
     """Return a pool: of so many processes, of this one if that rounds alike, or of a cluster."""
-    if cluster is not None:
-        return _on_cluster(cluster)
+    if crew.cluster is not None:
+        return _on_cluster(crew.cluster)
+    workers = min(crew.workers, n_chunks)
     is_pinned = any(os.environ.get(name) == "1" for name in _THREADS[:2])
-    return _in_process() if workers == 1 and is_pinned else pool(workers)
-
-
-@contextmanager
-def _in_process() -> Iterator[Run]:
-    """Yield a pool that is this process."""
-    yield lambda make, chunks: map(partial(_make_chunk, make), chunks)
+    if workers == 1 and is_pinned:
+        return nullcontext(lambda make, chunks: map(partial(_make_chunk, make), chunks))
+    return pool(workers)
 
 
 @contextmanager

@@ -3,16 +3,14 @@
 import argparse
 import os
 import shlex
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.progress import Progress, TaskID
-
 from radard.errors import UsageError
 from x2radar.commands import add_command
-from x2train.commands import Commands, progress, result_console, tell_bundle, told
+from x2train.commands import Commands, progress, result_console, stages, tell_bundle, told
 
 if TYPE_CHECKING:
     from x2train.thesis.recipe import KeptJob, StudyRecipe, Variant
@@ -133,7 +131,7 @@ def _run(args: argparse.Namespace) -> int:
     results: list[CellResult] = []
     with progress() as bar:
         overall = bar.add_task("trainings", total=len(jobs))
-        tell = _teller(bar)
+        tell = stages(bar)
         for job in jobs:
             result = job.kept() if args.kept else job.run(tell)
             if result is not None:
@@ -191,7 +189,7 @@ def _bundle(args: argparse.Namespace, recipe: "StudyRecipe", command: str) -> in
     variant = _variant(args, args.activation or "relu")
     with progress() as bar:
         metrics = write_thesis_bundle(
-            args.bundle, recipe, cell, variant, _teller(bar), command=command
+            args.bundle, recipe, cell, variant, stages(bar), command=command
         )
     tell_bundle(args.bundle, metrics)
     return 0
@@ -286,15 +284,6 @@ def _whole_numbers(option: str, text: str) -> tuple[int, ...]:
         return tuple(int(part) for part in text.split(",") if part.strip())
     except ValueError as err:
         raise UsageError(f"{option} '{text}': must be whole numbers with commas between") from err
-
-
-def _teller(bar: Progress) -> Callable[[str, int, int], None]:
-    task: TaskID = bar.add_task("", total=1)
-
-    def tell(what: str, done: int, total: int) -> None:
-        bar.update(task, description=what, completed=done, total=max(total, 1))
-
-    return tell
 
 
 def _command(args: argparse.Namespace, *more: str) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from x2train.thesis.cells import PRINTED, Activation
+from x2train.thesis.cells import PRINTED
 from x2train.thesis.fit import FitSettings
 from x2train.thesis.own import LABEL as OWN
 from x2train.thesis.raw import LABEL as RAW
@@ -19,7 +19,7 @@ _CHOSEN = (
     "fresh elements below. Nothing was tried on the sets at 200 Hz."
 )
 _STUCK = 52.0  # per cent: two and a half standard deviations of 5000 elements are left
-MAIN: tuple[Activation, ...] = ("relu", "sigmoid")
+MAIN = ("relu", "sigmoid")
 
 
 def page(
@@ -142,7 +142,8 @@ def _evaluated(main: Sequence[CellResult]) -> list[str]:
     ]
     for r in main:
         e, k = r.evaluation, r.best
-        accuracy, nats = _printed(r)
+        known = PRINTED.get((r.name, r.label))
+        accuracy, nats = ("", "") if known is None else (f"{known[0]:.1f}", f"{known[1]:.3f}")
         out.append(
             f"| {r.name} | {r.label} | {accuracy} | {e.total[k]:.1f} | {e.class1[k]:.1f} | "
             f"{e.class2[k]:.1f} | {e.median:.1f} | {nats} | {e.cross_entropy[k]:.3f} | "
@@ -163,7 +164,7 @@ def _fresh(main: Sequence[CellResult]) -> list[str]:
     ]
     for r in main:
         t = r.fresh.total
-        known = PRINTED.get((r.name, _activation(r)))
+        known = PRINTED.get((r.name, r.label))
         gain = "" if known is None else _signed(r.fresh.median - known[0])
         out.append(
             f"| {r.name} | {r.label} | {r.fresh.median:.1f} "
@@ -259,12 +260,3 @@ def _switches(rest: Sequence[CellResult], main: Sequence[CellResult]) -> list[st
     for by, label in stopped.items():
         out += ["", f"{label}: scored on {by}."]
     return [*out, ""]
-
-
-def _activation(r: CellResult) -> Activation:
-    return "relu" if r.label == "relu" else "sigmoid"
-
-
-def _printed(r: CellResult) -> tuple[str, str]:
-    known = PRINTED.get((r.name, _activation(r)))
-    return ("", "") if known is None else (f"{known[0]:.1f}", f"{known[1]:.3f}")

@@ -10,10 +10,18 @@ from typing import Any
 import numpy as np
 
 from radard.errors import UsageError
+from x2train.sets.workers import Crew
 from x2train.thesis.cells import CELLS, Cell
 from x2train.thesis.elements import ElementSpec
 from x2train.thesis.fit import FitSettings, Fitted, Look, fit
-from x2train.thesis.results import CellResult, ResultFile, judged, seen
+from x2train.thesis.results import (
+    CellResult,
+    judged,
+    load_result,
+    result_path,
+    save_result,
+    seen,
+)
 from x2train.thesis.sets import CellData, load_cell, make_bodies
 
 _FRESH = 5000
@@ -106,11 +114,6 @@ class StudyRecipe:
             raise UsageError(f"elements {self.n_elements}: must be at most {2 * FRESH_FROM}")
 
     @property
-    def results(self) -> ResultFile:
-        """What was reached so far."""
-        return ResultFile(self.folder / "results")
-
-    @property
     def data(self) -> Path:
         """Folder of the shards of elements."""
         return self.folder / "data"
@@ -137,9 +140,8 @@ class StudyRecipe:
         for body in (*cell.bodies, "human"):
             for first, n in ((0, self.n_elements // 2), (FRESH_FROM, self.n_fresh // 2)):
                 text = f"simulate {body} at {spec.frame_rate_hz} Hz"
-                make_bodies(
-                    self.data, spec, body, first, n, workers=self.workers, tell=partial(tell, text)
-                )
+                crew = Crew(self.workers, report=partial(tell, text))
+                make_bodies(self.data, spec, body, first, n, crew=crew)
 
     def load(self, cell: Cell, variant: Variant) -> tuple[CellData, CellData, CellData]:
         """Return what trains, what evaluates, and the fresh elements."""
@@ -217,16 +219,21 @@ class KeptJob:
     def _train(self, tell: Tell) -> CellResult:
         raise NotImplementedError
 
+    @property
+    def _path(self) -> Path:
+        name, label, _ = self._key
+        return result_path(self.recipe.folder / "results", name, label)
+
     def kept(self) -> CellResult | None:
         """Return the result of an earlier run of the same settings."""
-        return self.recipe.results.load(*self._key)
+        return load_result(self._path, self._key[-1])
 
     def run(self, tell: Tell) -> CellResult:
         """Train, or return what was kept."""
         result = self.kept()
         if result is None:
             result = self._train(tell)
-            self.recipe.results.save(result)
+            save_result(self._path, result)
         return result
 
     def _reached(

@@ -96,29 +96,23 @@ def seen(data: CellData, p: NDArray[np.float64]) -> SetResult:
 _RESULT = TypeAdapter(CellResult)
 
 
-class ResultFile:
-    """Results on disk, one JSON file each; a file that is cut short is not trusted."""
+def result_path(folder: Path, name: str, label: str) -> Path:
+    """Return where a result lies: one JSON file each."""
+    return folder / f"{name}-{label.replace(' ', '-').lower()}.json"
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        folder.mkdir(parents=True, exist_ok=True)
 
-    def path(self, name: str, label: str) -> Path:
-        """Return where a result lies."""
-        return self._folder / f"{name}-{label.replace(' ', '-').lower()}.json"
+def load_result(path: Path, settings: Mapping[str, Any]) -> CellResult | None:
+    """Return the result of the same settings, or None; UsageError if it is cut short."""
+    if not path.exists():
+        return None
+    try:
+        known = _RESULT.validate_json(path.read_bytes())
+    except ValueError as err:
+        raise UsageError(f"{path}: no result ({err}); remove it to make it again") from err
+    return known if known.settings == json.loads(json.dumps(settings)) else None
 
-    def load(self, name: str, label: str, settings: Mapping[str, Any]) -> CellResult | None:
-        """Return the result of the same settings, or None."""
-        path = self.path(name, label)
-        if not path.exists():
-            return None
-        try:
-            known = _RESULT.validate_json(path.read_bytes())
-        except ValueError as err:
-            raise UsageError(f"{path}: no result ({err}); remove it to make it again") from err
-        return known if known.settings == json.loads(json.dumps(settings)) else None
 
-    def save(self, result: CellResult) -> None:
-        """Write one result, whole or not at all."""
-        path = self.path(result.name, result.label)
-        write_whole(path, json.dumps(asdict(result)).encode())
+def save_result(path: Path, result: CellResult) -> None:
+    """Write one result, whole or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(path, json.dumps(asdict(result)).encode())

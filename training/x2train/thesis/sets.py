@@ -20,7 +20,7 @@ from x2radar.recording.blocks import Label
 from x2radar.recording.registry import open_recording
 from x2train.sets.shard_run import fill
 from x2train.sets.shards import ShardSet
-from x2train.sets.workers import Rows, Tell
+from x2train.sets.workers import Crew, Rows
 from x2train.thesis.cells import Cell
 from x2train.thesis.elements import PROFILE, ElementSpec, element
 
@@ -48,13 +48,12 @@ def make_bodies(
     first: int,
     n: int,
     *,
-    workers: int = 1,
-    tell: Tell | None = None,
+    crew: Crew,
 ) -> None:
-    """Make the shards of one body's elements `first` to before `first + n`, by workers."""
+    """Make the shards of one body's elements `first` to before `first + n`."""
     bounds = {_name(*ends): ends for ends in _bounds(first, n)}
     shards = _shards(folder, spec, body)
-    fill(shards, bounds, partial(_row, spec, body), workers=workers, report=tell)
+    fill(shards, bounds, partial(_row, spec, body), crew)
 
 
 def load_cell(
