@@ -304,7 +304,6 @@ FAULTS = {
     "nothing": Fault.INCOMPLETE_PACKET,
     "too long": Fault.OUT_OF_BUFFER,
 }
-PACKINGS = {"": Packing.ESCAPED, "F": Packing.FAST, "L": Packing.LENGTH}
 ACK = "7d 10 6d 7e"
 
 
@@ -317,8 +316,7 @@ def item_of(text: str) -> Packet | LineFault:
     if text == "ok":
         return SOUND
     if text.endswith(">"):
-        packing, _, data = text[:-1].partition("<")
-        return Packet(bytes.fromhex(data), PACKINGS[packing])
+        return Packet(bytes.fromhex(text[:-1].partition("<")[2]))
     kind, _, n_bytes = text.rpartition(" ")
     return LineFault(FAULTS[kind], int(n_bytes))
 
