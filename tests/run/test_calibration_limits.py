@@ -121,7 +121,7 @@ def test_half_a_minute_may_wait_and_no_more(room):
     assert room.survey.hears.wait(60)
     hear(calibration, 30, first=2)
     assert calibration.progress.phase == "listen"
-    hear(calibration, 10, first=32)
+    hear(calibration, 1, first=32)
     assert calibration.progress.phase == "failed"
     assert calibration.progress.text == "the machine is too slow for it"
     room.survey.may.set()
