@@ -220,12 +220,21 @@ def choose(made: Sequence[Profile]) -> tuple[Profile, ...]:
         if name == _BANDS[-1][0]:
             within = [made[-1]]
         if within:
-            found = min(within, key=lambda p: (_MISS * p.missed[0] + p.pets[0], p.cpu_open))
+            found = min(within, key=lambda p: (_price(p), p.cpu_open))
             best.append((found, name))
     named = tuple(replace(p, name=name) for p, name in best)
     left_out = set(dominated(named))
     names = {id(p): name for p, name in best if name not in left_out}
     return tuple(replace(p, name=names.get(id(p), "")) for p in made)
+
+
+def _price(p: Profile) -> float:
+    """Return what errors cost, of simulated and of recorded passages alike."""
+    price = _MISS * p.missed[0] + p.pets[0]
+    if p.recorded:
+        n_alarmed, n_people, n_pets_alarmed, n_pets = p.recorded
+        price += _MISS * (1 - n_alarmed / max(n_people, 1)) + n_pets_alarmed / max(n_pets, 1)
+    return price
 
 
 def dominated(profiles: tuple[Profile, ...]) -> Iterator[str]:

@@ -65,7 +65,6 @@ BEST = Candidate(AUTO_MODEL, bodies="apart")
 def candidates() -> tuple[Candidate, ...]:
     """Return all that is measured, what is usual last."""
     cheap: tuple[tuple[float, Bodies], ...] = (
-        (15.0, "unfollowed"),
         (20.0, "unfollowed"),
         (30.0, "unfollowed"),
         (30.0, "together"),
