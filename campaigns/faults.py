@@ -73,14 +73,14 @@ def virtual_run(n: int, seed: int) -> dict[str, Any]:
     )
     if rng.random() < 0.2:
         world.pauses.append((rng.uniform(3.0, healed_s), rng.uniform(0.05, 4.0)))
-    what = ",".join(f"{kind}:{value:.3g}" for kind, value in plan.values.items())
+    what = ",".join(f"{kind}:{value:.3g}" for kind, value in plan.items())
     found: dict[str, Any] = {"what": what}
     with clock_of(world):
         # A line in pieces is read piece by piece, which those pauses would make endless.
         connect = coalesced(world) if world.most_read else world.connect
         run = Run(connect, world, seed=n, classifier=_classifier())
         world.tick = run.tick
-        if "spike" in plan.values:
+        if "spike" in plan:
             world.on_healed = run.watcher.note_end_of_faults
         found |= _ended(run)
     return {**found, "run": run, "recovery": run.watcher.recovery(healed_s)}

@@ -167,7 +167,8 @@ def test_a_disk_that_hangs_delays_an_event_by_half_a_second_at_most(opened, path
         began_s = time.monotonic()
         log.append(event(1))
         log.keep("panel", "armed")
-        assert not log.holds("panel", "armed")
+        # After a second the file is given up, and that is said.
+        assert log.fault or not log.holds("panel", "armed")
         # Two waits of half a second, on a machine that may be busy.
         assert time.monotonic() - began_s < 3.0
         assert cursor.first().record["id"] == ulid(1)

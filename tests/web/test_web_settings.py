@@ -65,7 +65,7 @@ def test_changes_from_two_threads_at_once_are_all_kept(tmp_path):
         ({"alarm": {"entry_delay_s": 1e9}}, "less than or equal to 600"),
         ({"alarm": {"quiet": ["00:00-24:00"]}}, "unknown key 'alarm.quiet'; known: sensitivity"),
         ({"output": {"x": 1}}, "unknown key 'output'"),
-        ({"alarm": []}, "alarm: input should be"),
+        ({"alarm": []}, "alarm: must be a section"),
         ({"include": []}, "zones.exclude: field required"),
         ({"include": [[2, 1]], "exclude": []}, "from below to"),
         ({"include": [[1, 1.001]], "exclude": []}, "at least 0.01 m"),
