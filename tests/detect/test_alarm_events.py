@@ -177,7 +177,7 @@ def test_what_is_kept_comes_back():
     ended = [e for t_s in range(1, 30) for e in again.on_decision(decision(t_s), DWELL)]
     assert [(e.phase, e.id) for e in ended] == [("end", new.id)]
     assert EventTracker().resume(KeptState(is_armed=False, alarm_id=new.id)) == []
-    # An alarm that goes on begins anew in stream time.
+    # An alarm that goes on begins again in stream time.
     kept = KeptState(is_armed=True, alarm_id="A", alarm_reason="human", alarm_peak=0.7)
     (event,) = EventTracker().resume(kept)
     assert (event.id, event.phase, event.t_s, event.start_t_s) == ("A", "update", 0.0, 0.0)

@@ -265,7 +265,7 @@ class DirectSink(ThreadSink):
             self._deliver(record)
         except DeliveryError as err:
             if self.waits:
-                # Whoever waits is told, and nobody twice.
+                # All who wait are told, and nobody twice.
                 self._fail_for_good(OutputError(f"--output {self.name}: {err}"))
             else:
                 self._keeper.failed(str(err))
