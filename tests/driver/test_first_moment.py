@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import textwrap
 import time
 from pathlib import Path
 
@@ -44,7 +45,37 @@ def test_signals_are_obeyed_from_the_first_moment_on(prog, number, tmp_path):
             err = process.communicate(timeout=60)[1]
         finally:
             process.kill()
+            process.communicate()
         assert (pause_s, process.returncode, err) == (pause_s, 0, b"")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_where_python_drops_what_is_raised_is_not_lost(number):
+    """A signal during an import once met the callback of its lock, and the daemon ran on."""
+    code = f"""
+        import signal, time, weakref
+        from x2radar.interrupts import Interrupted, interrupts
+
+        class Dies:
+            def __del__(self):
+                signal.raise_signal({number:d})
+
+        with interrupts():
+            try:
+                Dies()
+                time.sleep(60)
+            except Interrupted:
+                pass
+            try:
+                kept = set()
+                kept_by = weakref.ref(kept, lambda _gone: signal.raise_signal({number:d}))
+                del kept
+                time.sleep(60)
+            except Interrupted:
+                print("heard twice")
+    """
+    done = ran("-c", textwrap.dedent(code), timeout=60)
+    assert (done.stdout, done.stderr) == ("heard twice\n", "")
 
 
 @pytest.mark.parametrize("package", ["x2radar", "radard", "x2train"])
