@@ -186,7 +186,7 @@ def entrant_named(text: str) -> Entrant:
         name = Path(file.partition(":")[0]).stem
         return Entrant(name, title_of(file), run, kept_as=name if file != text else "")
     bundle = load_bundle(text)
-    key = f"{bundle.name}-{bundle.sha256[:12]}"
+    key = f"{bundle.name}-{bundle.judges_as[:12]}"
     return Entrant(bundle.name, f"bundle {bundle.name}, as it is", _judged_by(text), kept_as=key)
 
 

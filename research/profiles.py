@@ -172,7 +172,7 @@ def _command(args: argparse.Namespace) -> str:
 
 
 def _bundles(tried: Sequence[Candidate]) -> dict[str, str]:
-    return {each.case.model: load_bundle(each.case.model).sha256 for each in tried}
+    return {each.case.model: load_bundle(each.case.model).judges_as for each in tried}
 
 
 def _candidate(p: Profile) -> Candidate:

@@ -60,7 +60,7 @@ def profile_lines(config: Config, bundle: Bundle) -> Iterator[str]:
     yield f"  pets' visits with an alarm {percent(profile.pets)},"
     yield f"  alarm after {profile.half_s:.1f} s (half), {profile.slow_s:.1f} s (90 %)"
     yield f"  of {basis(profile.passages)}"
-    if front().bundles.get(bundle.name, bundle.sha256) != bundle.sha256:
+    if front().bundles.get(bundle.name, bundle.judges_as) != bundle.judges_as:
         yield f"  (measured with an earlier '{bundle.name}')"
 
 

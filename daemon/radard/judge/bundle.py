@@ -8,7 +8,7 @@ import functools
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -86,6 +86,13 @@ class Bundle:
     def sha256(self) -> str:
         """Hash of the weights, as the sidecar has it."""
         return hashlib.sha256(self.onnx).hexdigest()
+
+    @property
+    def judges_as(self) -> str:
+        """Hash of all that decisions follow from: weights, and what the sidecar says of them."""
+        told = (self.temperature, self.pet_limit, self.policy, dict(self.evidence))
+        text = json.dumps([self.sha256, asdict(self.features), *told], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
 
     def takes(self, axis: FastTimeAxis, frame_rate_hz: float) -> bool:
         """Whether it was made for such a stream."""

@@ -3,11 +3,10 @@
 import argparse
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from radard.config.sections import DEFAULT_MODEL
 from radard.errors import UsageError
-from radard.judge.bundle import Bundle, load_bundle
+from radard.judge.bundle import load_bundle
 from x2radar.commands import add_command
 from x2train.commands import Commands, add_crew, check_least, crew_of, result_console, told
 from x2train.judge.table import PassageTable
@@ -57,18 +56,6 @@ def register(commands: Commands) -> None:
     parser.set_defaults(run=_run)
 
 
-def _told_by(bundle: Bundle) -> dict[str, Any]:
-    """Return what of a bundle, beside its name, the decisions depend on."""
-    return {
-        "onnx_sha256": bundle.sha256,
-        "features": asdict(bundle.features),
-        "temperature": bundle.temperature,
-        "pet_limit": bundle.pet_limit,
-        "bundle_policy": bundle.policy,
-        "evidence": dict(bundle.evidence),
-    }
-
-
 def _check_against(folder: Path, radar: str) -> None:
     """Refuse a folder whose passages are before other radars."""
     other = about_of(folder)["radar"]
@@ -112,7 +99,8 @@ def _run(args: argparse.Namespace) -> int:
     )
     spec.check(bundle)
     n_all = args.passages + n_more_pets(args.pet_hours, args.passages, args.only)
-    about = {"kind": "passages", **asdict(spec), **_told_by(bundle), "gate": GATE.model_dump()}
+    about = {"kind": "passages", **asdict(spec)}
+    about |= {"judges_as": bundle.judges_as, "gate": GATE.model_dump()}
     with crew_of(args) as crew:
         make_shards(args.out / "passages", about, n_all, spec, crew, per_shard=200)
     table = PassageTable.load(args.out / "passages")

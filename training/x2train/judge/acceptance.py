@@ -179,9 +179,9 @@ class AcceptSpec:
 
     @property
     def files(self) -> dict[str, str]:
-        """Who judges: the bundles' networks, with their hashes."""
+        """Who judges: the bundles, with what each one's decisions follow from as a hash."""
         names = sorted({model_for(self.model, stream_of(s.radar)) for s in self.settings})
-        return {name: load_bundle(name).sha256 for name in names}
+        return {name: load_bundle(name).judges_as for name in names}
 
     @property
     def kept_as(self) -> str:
