@@ -121,9 +121,14 @@ def test_softmax_at_its_extremes_against_extended_precision(logits):
 
 @pytest.mark.parametrize(
     "changed",
-    [{"temperature": 9.0}, {"pet_limit": 0.9}, {"policy": "window"}, {"onnx": b""}]
-    + [{"evidence": {**load_bundle("fast").evidence, "prior_human": 9.0}}]
-    + [{"features": replace(load_bundle("fast").features, cell_s=0.1)}],
+    [
+        {"temperature": 9.0},
+        {"pet_limit": 0.9},
+        {"policy": "window"},
+        {"onnx": b""},
+        {"evidence": {**load_bundle("fast").evidence, "prior_human": 9.0}},
+        {"features": replace(load_bundle("fast").features, cell_s=0.1)},
+    ],
 )
 def test_whatever_decides_makes_another_judge(changed):
     """Tests and figures once went on with what another prior had judged."""
