@@ -8,7 +8,7 @@ from x2radar.sim.bodies.flyer import BIRD_MASS_KG, BIRD_STYLES, draw_bird, draw_
 from x2radar.sim.bodies.motion.people.gait import STYLES
 from x2radar.sim.bodies.path.path import Agility, Path
 from x2radar.sim.bodies.person import draw_person
-from x2radar.sim.bodies.pet import PET_STYLES, draw_pet
+from x2radar.sim.bodies.pet import draw_pet
 from x2radar.sim.bodies.skeleton.species import SPECIES
 
 ANTENNA_M = np.array([0.0, 0.0, 1.2])
@@ -17,8 +17,6 @@ PETS = [(name, style) for name, species in SPECIES.items() for style in species.
 BIRDS = [(name, style) for name in BIRD_MASS_KG for style in BIRD_STYLES]
 WAYS = [*PEOPLE, *PETS, *BIRDS, ("moth", "")]
 """Every kind of body with everything that it does."""
-GOING = [way for way in PETS if PET_STYLES[way[1]].froude]
-"""Pets that go along a path."""
 _BRISK = Agility(acceleration_mps2=20.0)
 
 
@@ -42,12 +40,6 @@ drawn = cache(draw)
 def past(speed_mps):
     """A straight path on which a pet is up to speed from 1 to 6 s."""
     return Path.through(((0.0, 3.0), (7 * speed_mps, 3.0)), speed_mps, agility=_BRISK)
-
-
-def places(body, t_s):
-    """Return where the points are, by name."""
-    position_m = body.at(t_s, ANTENNA_M).position_m
-    return {name: position_m[:, k] for k, name in enumerate(body.names)}
 
 
 def parts(body, t_s):
