@@ -6,9 +6,9 @@ from radard.config.config import Config
 from radard.detect.clutter_map import ClutterRemover
 from radard.dsp.downconvert import DownConverter
 from radard.pipeline import Pipeline
-from radard.stream.ring import Dwell, FrameRing
+from radard.stream.ring import FrameRing
 from tests.echo_references import baseband_echo
-from tests.radar_helpers import noise
+from tests.radar_helpers import dwells_in, noise
 from tests.sim_helpers import axis_with
 from x2radar.recording.registry import open_recording
 
@@ -65,7 +65,4 @@ def dwells_of_recording(path, step):
     converter = DownConverter(reader.stream.axis, step)
     shape = Pipeline(reader.stream, Config()).shape
     ring, remover = FrameRing(converter.axis, converter.convert, shape), ClutterRemover()
-    for frame in reader.frames(0.0):
-        for item in ring.items(frame):
-            if isinstance(item, Dwell):
-                yield remover.remove(item)
+    return map(remover.remove, dwells_in(ring, reader.frames(0.0)))

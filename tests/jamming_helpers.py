@@ -17,8 +17,8 @@ from radard.judge.bundle import load_bundle
 from radard.judge.classifier import Classifier
 from radard.judge.features import FeatureSettings
 from radard.pipeline import Pipeline
-from radard.stream.ring import Dwell
 from radard.stream.source import open_source
+from tests.radar_helpers import dwell_of
 
 RATE_HZ = 60
 ON_S = 30.0
@@ -162,25 +162,20 @@ class Jammer:
         return np.roll(self.second_radar(0.0) - self.rows, 30, axis=1) + self.rows
 
 
-def judged(rows, stream, axis, *, model="accurate", watch=None):
-    """The events of frames, and at which times the gate was open."""
+def judged(rows, stream, axis, *, model="accurate"):
+    """The events of frames."""
     rows = np.ascontiguousarray(rows, np.complex64)
     # So that one visit's alarm is over before the next.
     config = Config(alarm=AlarmSection(latch_s=5, refractory_s=0))
     classifier = Classifier(load_bundle(model)) if model else None
     pipeline = Pipeline(stream, config, classifier, judges_tracks=False)
     tracker = EventTracker(AlarmPanel(alarm_policy(config.alarm, pipeline.policy)))
-    pipeline.tamper = watch or TamperWatch(config.tamper)
-    n_slow = pipeline.shape.n_slow
-    valid = np.ones(n_slow, np.bool_)
-    events, open_s = [], []
+    pipeline.tamper = TamperWatch(config.tamper)
+    n_slow, events = pipeline.shape.n_slow, []
     for end in range(n_slow, len(rows) + 1, RATE_HZ):
-        t_s = end / RATE_HZ
-        dwell = Dwell(rows[end - n_slow : end], valid, axis, RATE_HZ, t_s, end_frame=end)
-        decision = pipeline.decide(dwell)
-        events += tracker.on_decision(decision, dwell)
-        open_s += [t_s] * (decision.gate == "open")
-    return events, open_s
+        dwell = dwell_of(rows[end - n_slow : end], RATE_HZ, axis=axis, end=end)
+        events += tracker.on_decision(pipeline.decide(dwell), dwell)
+    return events
 
 
 def spans(events, *kinds):

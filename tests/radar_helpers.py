@@ -2,8 +2,9 @@
 
 import io
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import replace
 from importlib import resources
 
 import jsonschema
@@ -41,8 +42,15 @@ def walker(n_slow: int, rate_hz: float, *, speed_mps: float, start_m: float, lev
     return (level * envelope * phase).astype(np.complex64)
 
 
-def dwell_of(frames: np.ndarray, rate_hz: float = 60.0, *, lost: Sequence[int] = ()) -> Dwell:
-    """A dwell made of `frames`; rows in `lost` repeat the row before and are not valid."""
+def dwell_of(
+    frames: np.ndarray,
+    rate_hz: float = 60.0,
+    *,
+    lost: Sequence[int] = (),
+    axis: FastTimeAxis = BASEBAND,
+    end: int = 0,
+) -> Dwell:
+    """A dwell of frames up to a number; those in `lost` repeat the row before, and are invalid."""
     rows = frames.copy()
     valid = np.ones(len(rows), np.bool_)
     for k in sorted(lost):
@@ -51,13 +59,30 @@ def dwell_of(frames: np.ndarray, rate_hz: float = 60.0, *, lost: Sequence[int] =
             rows[k] = rows[k - 1]
     runs = "".join("x" if not v else " " for v in valid).split()
     longest = max((len(run) for run in runs), default=0)
-    return Dwell(rows, valid, BASEBAND, rate_hz, len(rows) / rate_hz, len(lost), longest / rate_hz)
+    axis, t_s = replace(axis, n_range=rows.shape[1]), (end or len(rows)) / rate_hz
+    return Dwell(rows, valid, axis, rate_hz, t_s, len(lost), longest / rate_hz, end_frame=end)
 
 
 def frames_of(samples: np.ndarray, axis: FastTimeAxis = BASEBAND) -> Iterator[Frame]:
     """Frames without losses."""
     for k, row in enumerate(samples):
         yield Frame(row, k + 1, k, 0, False, axis)
+
+
+def lossy(samples: np.ndarray, lost: Collection[int]) -> Iterator[Frame]:
+    """Frames of `samples` without those in `lost`."""
+    missing = 0
+    for frame in frames_of(samples):
+        if frame.index in lost:
+            missing += 1
+        else:
+            yield replace(frame, lost=missing)
+            missing = 0
+
+
+def dwells_in(ring: FrameRing, frames: Iterable[Frame]) -> Iterator[Dwell]:
+    """The dwells that a ring makes of frames, each good until the next is asked for."""
+    return (item for frame in frames for item in ring.items(frame) if isinstance(item, Dwell))
 
 
 def copy_ring(n_slow: int, rate_hz: float, hop_s: float = 1.0) -> FrameRing:

@@ -1,4 +1,5 @@
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -35,8 +36,7 @@ def reference_power(frames, valid, n_cpi):
     return np.array(rows)
 
 
-def dwell(frames, **kw):
-    return replace(dwell_of(frames, **kw), axis=replace(AXIS, n_range=frames.shape[1]))
+dwell = partial(dwell_of, axis=AXIS)
 
 
 @pytest.mark.parametrize("sigma", [1e-43, 1e-18, 1e-3, 1.0, 1e3, 1e30])

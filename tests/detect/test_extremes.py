@@ -16,10 +16,10 @@ from radard.detect.clutter_map import ClutterRemover
 from radard.detect.gate import Gate
 from radard.detect.tracks import Tracker
 from radard.judge.features import FEATURES, MAP_FEATURES, FeatureSettings, FeatureStream, extract
-from radard.stream.ring import Dwell, DwellShape
+from radard.stream.ring import DwellShape
 from tests.clutter_helpers import AXIS, body, room
 from tests.dsp_helpers import under_clutter
-from tests.radar_helpers import noise
+from tests.radar_helpers import dwell_of, noise
 
 SETTINGS = FeatureSettings(n_profile=64, clutter="removed")
 
@@ -28,13 +28,6 @@ def walk(n_slow=147, rate_hz=60.0, axis=AXIS):
     """Somebody who walks out of a quiet room, in noise of one."""
     range_m = 1.2 + 0.8 * np.arange(n_slow) / rate_hz
     return (noise(n_slow, axis.n_range) + body(range_m, 40, axis)).astype(np.complex64)
-
-
-def dwell_of(frames, *, rate_hz=60.0, axis=AXIS, valid=None, end=None):
-    end = len(frames) if end is None else end
-    valid = np.ones(len(frames), np.bool_) if valid is None else valid
-    n_lost = int(np.count_nonzero(~valid))
-    return Dwell(frames, valid, axis, rate_hz, end / rate_hz, n_lost, end_frame=end)
 
 
 def judged(dwell, names=FEATURES, settings_=SETTINGS):
@@ -58,9 +51,9 @@ def judged(dwell, names=FEATURES, settings_=SETTINGS):
 def test_a_unit_that_is_a_power_of_two_changes_nothing(exponent):
     # From amplitudes around 1e-42, denormals, to 1e33.
     frames = walk()
-    reading, tracks, inputs = judged(dwell_of(frames))
+    reading, tracks, inputs = judged(dwell_of(frames, axis=AXIS))
     scaled = np.ldexp(frames.view(np.float32), exponent).view(np.complex64)
-    other, other_tracks, other_inputs = judged(dwell_of(scaled))
+    other, other_tracks, other_inputs = judged(dwell_of(scaled, axis=AXIS))
     assert other.is_open
     assert reading.is_open
     loose = exponent < -125
@@ -77,12 +70,11 @@ def test_a_unit_that_is_a_power_of_two_changes_nothing(exponent):
 @pytest.mark.parametrize("position", [0, 1, 73, 146])
 def test_frames_that_are_not_finite_are_lost_frames(bad, position):
     frames = walk()
-    good = judged(dwell_of(frames))
+    good = judged(dwell_of(frames, axis=AXIS))
     with np.errstate(over="ignore"):
         frames[position, 3] = np.complex64(bad)
-    valid = np.arange(147) != position
-    poisoned = judged(dwell_of(frames))
-    lost = judged(dwell_of(np.where(valid[:, None], frames, 0).astype(np.complex64), valid=valid))
+    poisoned = judged(dwell_of(frames, axis=AXIS))
+    lost = judged(dwell_of(np.nan_to_num(frames, posinf=0, neginf=0), lost=[position], axis=AXIS))
     assert poisoned[0] == lost[0]
     assert poisoned[0].power_db == pytest.approx(good[0].power_db, abs=0.2)
     for name, values in poisoned[2].items():
@@ -96,7 +88,7 @@ def test_frame_rates(rate_hz):
     shape = DwellShape.of(dwell_s=2.0, hop_s=1.0, frame_rate_hz=rate_hz, n_cpi=n_cpi)
     axis = replace(AXIS, n_range=24, range_offset_m=1.0)
     frames = walk(shape.n_slow, rate_hz, axis)
-    dwell = dwell_of(frames, rate_hz=rate_hz, axis=axis)
+    dwell = dwell_of(frames, rate_hz, axis=axis)
     reading, _, _ = judged(dwell, MAP_FEATURES, made)
     if rate_hz < 1000:
         judged(dwell, ("thesis_type1",), made)
@@ -123,7 +115,7 @@ def test_a_million_seconds_later_everything_is_the_same():
         stream = FeatureStream(SETTINGS, MAP_FEATURES)
         mine = []
         for end in range(147, len(frames) + 1, 60):
-            moving = remover.remove(dwell_of(frames[end - 147 : end], end=end + later))
+            moving = remover.remove(dwell_of(frames[end - 147 : end], axis=AXIS, end=end + later))
             reading = gate.read(moving)
             tracks = tracker.update(moving, gate.background)
             features = stream.extract(moving)
@@ -157,4 +149,4 @@ def test_anything_at_once_stays_within_bounds(seed, exponent, clutter_db, spikes
     frames = np.ldexp(frames, min(exponent, 120 - largest)).view(np.complex64)
     for position, value in spikes:
         frames[position, position % 96] = value
-    judged(dwell_of(frames))
+    judged(dwell_of(frames, axis=AXIS))

@@ -5,8 +5,7 @@ from radard.dsp.cadence import cadence_velocity_diagram, extent_profile, type1_v
 from radard.dsp.doppler import micro_doppler
 from radard.errors import FeatureError, ModelMismatch
 from radard.judge.features import FEATURES, FeatureSettings, FeatureStream, extract, feature_shape
-from tests.radar_helpers import BASEBAND, copy_ring, dwell_of, noise, walker
-from x2radar.frame import Frame
+from tests.radar_helpers import BASEBAND, copy_ring, dwell_of, dwells_in, lossy, noise, walker
 
 SETTINGS = FeatureSettings(n_profile=64)
 
@@ -63,23 +62,11 @@ def test_a_cpi_is_as_long_as_the_carrier_and_the_frames_ask_for(made, same):
     assert not np.array_equal(maps[0], other["velocity_time"])
 
 
-def dwells_of(frames, lost=()):
-    """The dwells that a ring makes of a stream, each good until the next is asked for."""
-    ring = copy_ring(147, 60.0)
-    n_lost = 0
-    for k, row in enumerate(frames):
-        if k in lost:
-            n_lost += 1
-            continue
-        yield from ring.items(Frame(row, k + 1, k, n_lost, False, BASEBAND))
-        n_lost = 0
-
-
 def test_following_dwells_give_what_single_ones_give():
     frames = noise(400) + walker(400, 60, speed_mps=0.5, start_m=3.5, level=30)
-    stream = FeatureStream(SETTINGS, FEATURES)
+    stream, ring = FeatureStream(SETTINGS, FEATURES), copy_ring(147, 60.0)
     n_dwells = 0
-    for n_dwells, dwell in enumerate(dwells_of(frames, lost={170, 250}), 1):
+    for n_dwells, dwell in enumerate(dwells_in(ring, lossy(frames, {170, 250})), 1):
         if n_dwells == 3:
             continue  # as while the gate is closed
         alone = extract(dwell, SETTINGS, FEATURES)

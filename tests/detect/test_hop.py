@@ -11,8 +11,7 @@ from radard.config.config import Config, load_config
 from radard.judge.bundle import load_bundle
 from radard.judge.classifier import Classifier
 from radard.pipeline import Pipeline
-from radard.stream.ring import Dwell
-from tests.radar_helpers import BASEBAND, frames_of, run_radard, stable
+from tests.radar_helpers import BASEBAND, dwells_in, frames_of, noise, run_radard, stable
 from x2radar.command import run_command
 from x2radar.frame import StreamInfo
 
@@ -72,8 +71,7 @@ def test_a_check_says_what_it_means_for_the_model(case, monkeypatch, capsys):
 def two_bodies(n):
     """Frames of two bodies that go to and fro, 1.5 m apart."""
     t_s = np.arange(n) / 60
-    rng = np.random.default_rng(1)
-    frames = rng.standard_normal((n, BASEBAND.n_range, 2), np.float32).view(np.complex64)[..., 0]
+    frames = noise(n, seed=1, sigma=2**0.5)
     near_m, far_m = BASEBAND.range_m[[0, -1]]
     for share, turn in ((0.25, 1.0), (0.75, 1.3)):
         at_m = near_m + share * (far_m - near_m)
@@ -93,13 +91,8 @@ def test_what_is_made_of_bodies_changes_no_verdict():
         config = load_config(environ={})
         decision = config.decision.model_copy(update={"bodies": bodies})
         pipeline = Pipeline(stream, config.model_copy(update={"decision": decision}), classifier)
-        ring = pipeline.make_ring()
-        made[bodies] = [
-            pipeline.decide(item)
-            for frame in frames_of(frames)
-            for item in ring.items(frame)
-            if isinstance(item, Dwell)
-        ]
+        dwells = dwells_in(pipeline.make_ring(), frames_of(frames))
+        made[bodies] = [pipeline.decide(dwell) for dwell in dwells]
     apart, together, unfollowed = made.values()
     assert [d.fused for d in apart] == [d.fused for d in together]
     assert [d.fused for d in apart] == [d.fused for d in unfollowed]

@@ -20,8 +20,7 @@ from radard.judge.installation import (
     size_nats,
 )
 from radard.pipeline import Pipeline
-from radard.stream.ring import Dwell
-from tests.radar_helpers import BASEBAND, dwell_of, frames_of, noise, walker
+from tests.radar_helpers import BASEBAND, dwell_of, dwells_in, frames_of, noise, walker
 from x2radar.frame import StreamInfo
 
 RANGE_M = np.arange(0.5, 3.5, 0.03)
@@ -110,8 +109,7 @@ def test_a_level_changes_the_verdict_by_what_size_says_and_nothing_else():
     for level_db in (None, 20.0, 90.0):
         config = load_config(environ={}, options={"mount": {"level_db": level_db}})
         pipeline = Pipeline(StreamInfo(BASEBAND, 60.0, "module"), config, classifier)
-        ring = pipeline.make_ring()
-        dwells = [d for f in frames_of(frames) for d in ring.items(f) if isinstance(d, Dwell)]
+        dwells = dwells_in(pipeline.make_ring(), frames_of(frames))
         decided = [d for d in map(pipeline.decide, dwells) if d.fused is not None]
         made[level_db] = [d.window for d in decided], [d.fused for d in decided]
     plain, large, small = (np.log([p.human / p.pet for p in fused]) for _, fused in made.values())

@@ -1,5 +1,7 @@
 """Jamming, masking, blinding: an alarm or an announcement, never silence (docs/reliability.md)."""
 
+from itertools import islice
+
 import numpy as np
 import pytest
 
@@ -9,10 +11,9 @@ from radard.detect.gate import Gate
 from radard.detect.survey import RoomNotEmpty, RoomSurvey
 from radard.detect.tamper import TamperWatch
 from radard.pipeline import Pipeline
-from radard.stream.ring import Dwell
 from radard.stream.source import open_source
 from tests import jamming_helpers as air
-from tests.radar_helpers import dwell_of, noise, run_radard, walker
+from tests.radar_helpers import dwell_of, dwells_in, noise, run_radard, walker
 from x2radar.sim.scene.scene import builtin_scenes
 
 pytestmark = pytest.mark.integration
@@ -31,7 +32,7 @@ def frames():
 
 def made(name, n_walks=N, **how):
     rows, stream, axis = air.rows_of(air.walk_ins(n_walks), air.stream_s(n_walks))
-    return air.judged(getattr(air.Jammer(rows, axis), name)(**how), stream, axis)[0]
+    return air.judged(getattr(air.Jammer(rows, axis), name)(**how), stream, axis)
 
 
 def test_without_interference_every_walk_in_is_an_alarm_and_nothing_is_tamper():
@@ -74,7 +75,7 @@ def test_strong_interference_is_announced_within_ten_seconds(name, word):
 def test_interference_in_a_part_of_the_swath_is_announced_and_not_learned_away(name, ranges):
     rows, stream, axis = frames()
     rows = getattr(air.Jammer(rows, axis), name)()[: 60 * air.RATE_HZ]
-    events, _ = air.judged(rows, stream, axis, model=None)
+    events = air.judged(rows, stream, axis, model=None)
     made = [e for e in events if e.kind == "tamper"]
     assert f"interference: ranges of {ranges} m alike rose" in made[0].reason
     assert air.ON_S < made[0].t_s <= air.ON_S + 10
@@ -164,13 +165,9 @@ def interfered(port, seconds):
     source = open_source(port, speed="max")
     pipeline = Pipeline(source.stream, Config(), None)
     pipeline.tamper = TamperWatch(TamperSection())
-    ring, found = pipeline.make_ring(), set()
-    for frame in source.frames():
-        if frame.index >= seconds * source.stream.frame_rate_hz:
-            break
-        for item in ring.items(frame):
-            if isinstance(item, Dwell):
-                found |= {f.kind for f in pipeline.decide(item).findings}
+    n_frames, found = int(seconds * source.stream.frame_rate_hz), set()
+    for dwell in dwells_in(pipeline.make_ring(), islice(source.frames(), n_frames)):
+        found |= {f.kind for f in pipeline.decide(dwell).findings}
     source.close()
     assert not pipeline.tamper.is_blind
     return found
@@ -201,15 +198,10 @@ def test_who_enters_during_a_calibration_prevents_it_and_is_an_alarm():
     part = rows[: 60 * air.RATE_HZ]
     survey = RoomSurvey(Config().gate, 1.0)
     for end in range(147, len(part) + 1, air.RATE_HZ):
-        valid = np.ones(147, np.bool_)
-        survey.add(
-            Dwell(
-                part[end - 147 : end], valid, axis, air.RATE_HZ, end / air.RATE_HZ, end_frame=end
-            )
-        )
+        survey.add(dwell_of(part[end - 147 : end], air.RATE_HZ, axis=axis, end=end))
     with pytest.raises(RoomNotEmpty):
         survey.check_empty()
-    ((start_s, _),) = air.spans(air.judged(part, stream, axis)[0], "alarm")
+    ((start_s, _),) = air.spans(air.judged(part, stream, axis), "alarm")
     assert 40 < start_s <= 46
 
 
@@ -218,7 +210,7 @@ def test_who_stands_still_under_a_jammer_is_not_seen_but_the_jammer_is_announced
         (20, "body: human, style: stand, waypoints_m: [[0.0, 2.0], [0.0, 2.01]]", 50)
     )
     rows, stream, axis = air.rows_of(text, 70)
-    events, _ = air.judged(air.Jammer(rows, axis).continuous_wave(), stream, axis)
+    events = air.judged(air.Jammer(rows, axis).continuous_wave(), stream, axis)
     assert air.ON_S < air.spans(events, "tamper")[0][0] <= air.ON_S + 10
 
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from radard.dsp.downconvert import DownConverter
 from radard.errors import FeatureError
 from radard.stream.ring import MAX_GAP_S, Dwell, DwellShape, FrameRing, Notice
-from tests.radar_helpers import BASEBAND, copy_ring, frames_of, noise
+from tests.radar_helpers import BASEBAND, copy_ring, frames_of, lossy, noise
 from tests.receiver_helpers import RF
 
 
@@ -49,28 +49,6 @@ def test_first_dwell_after_147_frames_then_every_second():
         assert np.array_equal(dwell.frames, samples[60 * k : 60 * k + 147])
         assert dwell.valid.all()
         assert dwell.is_whole
-
-
-def lossy(samples, lost):
-    """Frames of `samples` without those in `lost`."""
-    missing = 0
-    for frame in frames_of(samples):
-        if frame.index in lost:
-            missing += 1
-            continue
-        yield replace(frame, lost=missing)
-        missing = 0
-
-
-def test_lost_frames_are_marked_and_time_goes_on():
-    samples = noise(300)
-    got = dwells(copy_ring(147, 60), lossy(samples, {50, 51, 200}))
-    assert [round(d.t_s, 3) for d in got] == [2.45, 3.45, 4.45]
-    assert [d.n_lost for d in got] == [2, 1, 1]
-    assert not got[0].valid[50]
-    assert np.array_equal(got[0].frames[51], samples[49])
-    assert got[0].longest_gap_s == pytest.approx(2 / 60)
-    assert all(d.is_whole for d in got)
 
 
 def schedule(good, n_slow, hop):

@@ -1,11 +1,8 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from radard.dsp.steps import StepBuffer, blocks, whole
+from radard.dsp.steps import StepBuffer, blocks
 from radard.errors import FeatureError
-from tests.radar_helpers import noise
 
 
 def steps_of(frames, valid=None, *, n_block=64):
@@ -52,38 +49,6 @@ def test_numbers_at_the_ends_of_their_formats():
     assert np.allclose(ours[1:, 0], [-1.8e38, 1.8e38])
 
 
-@pytest.mark.parametrize("bad", [np.nan, -np.inf, complex(0, np.nan), 2e38])
-@pytest.mark.parametrize("at", [0, 1, 5, 9])
-@pytest.mark.parametrize("n_block", [1, 3, 64])
-def test_an_unusable_frame_is_a_lost_frame(bad, at, n_block):
-    frames, valid = noise(10, 4), np.arange(10) != at
-    hurt = frames.copy()
-    hurt[at, 2] = bad
-    ours, flags = steps_of(hurt, n_block=n_block)
-    said, _ = steps_of(frames, valid, n_block=n_block)
-    assert np.array_equal(flags, valid)
-    assert np.array_equal(ours, said)
-    assert np.isfinite(ours).all()
-    # Together the steps lead from the first good frame to the last.
-    first, last = int(at == 0), 9 - int(at == 9)
-    total = frames[last].astype(np.complex128) - frames[first]
-    assert np.allclose(ours.sum(axis=0), total, atol=1e-5)
-
-
-def test_products_are_shared_until_the_next_push():
-    buffer, rng = StepBuffer(3, 4), np.random.default_rng(0)
-    a, b = rng.random((2, 10, 6), np.float32)
-    buffer.push(noise(4, 5))
-    first = buffer.product(a, 4)
-    assert np.array_equal(first, buffer.rows(4) @ a)
-    assert buffer.product(a, 4) is first
-    assert buffer.product(a, 2).shape == (2, 6)
-    assert np.array_equal(buffer.product(b, 4), buffer.rows(4) @ b)
-    buffer.push(noise(4, 5, seed=1))
-    assert np.array_equal(buffer.product(a, 4), buffer.rows(4) @ a)
-    assert not np.array_equal(buffer.product(a, 4), first)
-
-
 @pytest.mark.parametrize(
     ("frames", "valid", "says"),
     [
@@ -97,15 +62,3 @@ def test_products_are_shared_until_the_next_push():
 def test_what_is_no_record(frames, valid, says):
     with pytest.raises(FeatureError, match=says):
         list(blocks(frames, valid, 8))
-
-
-@settings(deadline=None, derandomize=True, max_examples=60)
-@given(
-    valid=st.lists(st.booleans(), min_size=6, max_size=40),
-    n_cpi=st.integers(2, 6),
-    stride=st.integers(1, 5),
-)
-def test_whole_by_definition(valid, n_cpi, stride):
-    flags = np.array(valid)
-    wanted = [flags[i : i + n_cpi].all() for i in range(0, len(flags) - n_cpi + 1, stride)]
-    assert np.array_equal(whole(flags, n_cpi, stride), wanted)

@@ -11,9 +11,8 @@ from radard.config.sections import TamperSection
 from radard.detect.dwell_cells import is_frozen, read_cells
 from radard.detect.tamper import TamperWatch
 from radard.pipeline import Pipeline
-from radard.stream.ring import Dwell
 from radard.stream.source import open_source
-from tests.radar_helpers import BASEBAND, dwell_of, walker
+from tests.radar_helpers import BASEBAND, dwell_of, dwells_in, walker
 
 RATE_HZ = 60.0
 N_SLOW = 147
@@ -47,9 +46,7 @@ class Stream:
         if motion is not None:
             frames = frames + motion
         self.k += 1
-        rows = (frames * self.unit).astype(np.complex64)
-        valid = np.ones(N_SLOW, np.bool_)
-        return Dwell(rows, valid, AXIS, RATE_HZ, 2.45 + self.k)
+        return dwell_of((frames * self.unit).astype(np.complex64), end=N_SLOW + 60 * self.k)
 
     def found(self, watch, n, motion=lambda _k: None):
         """Return when which kinds were on, over n dwells: [(dwell, kinds), ...] at changes."""
@@ -183,14 +180,11 @@ def test_somebody_who_was_there_from_the_start_is_not_learned_as_the_room():
 
 def test_lost_frames_and_tiny_dwells():
     stream = Stream(room())
-    dwell = stream.dwell()
-    valid = dwell.valid.copy()
-    valid[-3:] = False
-    assert read_cells(replace(dwell, valid=valid, n_lost=3)).noise_db is None
-    few = dwell_of(dwell.frames[:3, :64])
+    frames = stream.dwell().frames
+    assert read_cells(dwell_of(frames, lost=range(144, 147))).noise_db is None
+    few = dwell_of(frames[:3, :64])
     assert read_cells(few) is None
-    narrow = replace(AXIS, n_range=8)
-    assert read_cells(Dwell(dwell.frames[:, :8], dwell.valid, narrow, RATE_HZ, 1.0)) is None
+    assert read_cells(dwell_of(frames[:, :8])) is None
     assert TamperWatch(SETTINGS).update(few) == ()
 
 
@@ -211,13 +205,11 @@ def test_noise_is_read_within_half_a_decibel_and_frozen_frames_are_seen():
 def findings_of(port, settings, change=lambda _t_s, frames: frames):
     """Every kind found in a recording."""
     source = open_source(port, speed="max")
-    ring = Pipeline(source.stream, Config(), None).make_ring()
     watch, found = TamperWatch(settings), set()
-    for frame in source.frames():
-        for item in ring.items(frame):
-            if isinstance(item, Dwell) and item.is_whole:
-                dwell = replace(item, frames=change(item.t_s, item.frames))
-                found |= {finding.kind for finding in watch.update(dwell)}
+    for dwell in dwells_in(Pipeline(source.stream, Config(), None).make_ring(), source.frames()):
+        if dwell.is_whole:
+            changed = replace(dwell, frames=change(dwell.t_s, dwell.frames))
+            found |= {finding.kind for finding in watch.update(changed)}
     source.close()
     return found
 
