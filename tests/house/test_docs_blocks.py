@@ -1,11 +1,12 @@
-"""Every command and block of code of the documentation runs, or at least parses.
+"""Every command, block of code and `>>>` of pages and packages runs, or at least parses.
 
 A block that needs a module, other people's files or minutes has a comment before it, with the
-reason: `<!-- not run: needs a module -->`. Such commands still go through the real parsers.
-"""
+reason: `<!-- not run: needs a module -->`. Such commands still go through the real parsers."""
 
 import argparse
 import contextlib
+import doctest
+import importlib
 import json
 import os
 import re
@@ -200,3 +201,27 @@ def test_data_is_what_the_program_takes(block):
             Config.model_validate(tree)
         elif "steps" in tree and block.page not in ELSEWHERE:
             parse_scene(block.text, block.name, block.name)
+
+
+PACKAGES = {"x2radar": ROOT, "radard": ROOT / "daemon", "x2train": ROOT / "training"}
+
+
+def _modules():
+    for package, folder in PACKAGES.items():
+        for path in sorted((folder / package).rglob("*.py")):
+            if ">>> " in path.read_text("utf-8"):
+                parts = path.relative_to(folder).with_suffix("").parts
+                yield ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+MODULES = list(_modules())
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_the_examples_of(name, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    module = importlib.import_module(name)
+    done = doctest.testmod(module, optionflags=doctest.NORMALIZE_WHITESPACE)
+    assert done.failed == 0, capsys.readouterr().out
+    found = doctest.DocTestFinder().find(module)
+    assert any(each.examples for each in found), f"{name}: no docstring holds its example"

@@ -1,28 +1,39 @@
-"""What tests of outputs share: sinks on a broker."""
+"""What tests of outputs share: sinks that are closed at the end, also on a broker."""
 
 import contextlib
 
 import pytest
 
-from radard.config.sink_table import MqttSection, SinkOptions
+from radard.config.sink_table import SinkOptions
 from tests.sink_helpers import QUICK, open_sink
 
 
 @pytest.fixture
-def publish(broker, tmp_path):
-    """Open a sink on the broker that takes commands, and write to it; closed at the end."""
+def opened():
+    """Open outputs that try again at once, with sections of the configuration."""
     with contextlib.ExitStack() as stack:
 
-        def begin(*records, url=None, radar=None, mark="", **section):
-            section = {"keepalive_s": 1, "commands": "always", **section}
-            options = SinkOptions(log=QUICK, mqtt=MqttSection(**section))
-            hosts = () if radar is None else (radar,)
-            url = url or f"mqtt://127.0.0.1:{broker.port}"
-            given = {"state_dir": tmp_path / f"state{mark}", "hosts": hosts, "mark": mark}
-            sink = open_sink(url, options, **given)
+        def begin(url, state_dir=None, *, hosts=(), mark="", can_wait=False, **sections):
+            options = SinkOptions(**{"log": QUICK, **sections})
+            context = {"hosts": hosts, "mark": mark, "can_wait": can_wait}
+            sink = open_sink(url, options, state_dir=state_dir, **context)
             stack.callback(sink.close, 1.0)
-            for record in records:
-                sink.write(record)
             return sink
 
         yield begin
+
+
+@pytest.fixture
+def publish(broker, tmp_path, opened):
+    """Open a sink on the broker that takes commands, and write to it."""
+
+    def begin(*records, url=None, radar=None, mark="", **section):
+        section = {"keepalive_s": 1, "commands": "always", **section}
+        context = {"hosts": () if radar is None else (radar,), "mark": mark}
+        url = url or f"mqtt://127.0.0.1:{broker.port}"
+        sink = opened(url, tmp_path / f"state{mark}", mqtt=section, **context)
+        for record in records:
+            sink.write(record)
+        return sink
+
+    return begin

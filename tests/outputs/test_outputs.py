@@ -1,31 +1,36 @@
-"""From the configuration to the sinks: names, options, state directory, reload."""
+"""From the configuration to the sinks: names, reloads, and what is killed in between."""
 
 import json
+import signal
+import sqlite3
+import subprocess
+from contextlib import closing
 
 import pytest
 
-from radard.config.config import Config, load_config
+from radard.alarm.state_store import KeptState
+from radard.config.config import load_config
 from radard.log_file import read_events
 from radard.outputs.fanout import Outputs
 from radard.outputs.registry import start_sink
 from tests.host_helpers import FakeHost
+from tests.processes import started
+from tests.run.test_tamper_commands import Room
 from tests.sink_helpers import event, hello, ulid
 from tests.waiting import wait_for
 
 pytestmark = pytest.mark.integration
 
 
-def configured(tmp_path, server, port="/dev/nothing", **webhook):
-    return load_config(
-        environ={},
-        options={
-            "sensor": {"name": "hall", "port": port},
-            "service": {"state_dir": tmp_path},
-            "log": {"first_retry_s": 0.02, "longest_retry_s": 0.05},
-            "webhook": webhook,
-            "output": [f"webhook:http://127.0.0.1:{server.port}/"],
-        },
-    )
+def config_of(folder, *names, port="/dev/nothing", **sections):
+    """The configuration of a daemon with this state directory."""
+    options = {
+        "sensor": {"name": "hall", "port": port},
+        "service": {"state_dir": folder},
+        "log": {"first_retry_s": 0.02, "longest_retry_s": 0.05},
+        "output": list(names),
+    }
+    return load_config(environ={}, options=options | sections)
 
 
 def outputs():
@@ -34,35 +39,66 @@ def outputs():
     return out
 
 
-def bodies(server):
-    return [json.loads(body) for _, _, body in list(server.posts)]
-
-
-def test_changed_options_hold_after_a_reload_and_no_event_is_lost(tmp_path, server):
-    server.code = 500
+def outputs_of(folder, *names, **options):
+    """Outputs as of a daemon with this state directory."""
     out = outputs()
-    out.open(configured(tmp_path, server))
+    out.open(config_of(folder, *names, **options))
+    return out
+
+
+@pytest.fixture
+def out(monkeypatch):
+    """Outputs that are opened again at once, if they could not be."""
+    monkeypatch.setattr("radard.outputs.fanout._RETRY_S", 0.0)
+    made = outputs()
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def configured(tmp_path, server):
+    """Return the configuration of a webhook and more."""
+    url = f"webhook:http://127.0.0.1:{server.port}/"
+    return lambda *names, **webhook: config_of(tmp_path, url, *names, webhook=webhook)
+
+
+def posted(server):
+    return [json.loads(body)["id"] for _, _, body in list(server.posts)]
+
+
+def records_in(path):
+    return [json.loads(line) for line in path.read_text().splitlines()]
+
+
+def types_in(path):
+    return [line["type"] for line in records_in(path)]
+
+
+def ids_in(path):
+    return [row["id"] for row in records_in(path) if row["type"] == "event"]
+
+
+def test_changed_options_hold_after_a_reload_and_no_event_is_lost(out, configured, server):
+    server.code = 500
+    out.open(configured())
     out.put(event(1, kind="fault"))
     wait_for(lambda: server.posts)
-    out.reload(configured(tmp_path, server, kinds=["alarm"]), [hello()])
+    out.reload(configured(kinds=["alarm"]), [hello()])
     out.put(event(2, kind="fault"))
     out.put(event(3))
     server.code = 200
-    wait_for(lambda: ulid(3) in {b["id"] for b in bodies(server)})
+    wait_for(lambda: ulid(3) in posted(server))
     out.close()
-    assert {b["id"] for b in bodies(server)} == {ulid(1), ulid(3)}
+    assert set(posted(server)) == {ulid(1), ulid(3)}
 
 
 def test_a_sink_goes_on_until_the_one_that_replaces_it_can_be_opened(
-    tmp_path, server, caplog, monkeypatch
+    out, configured, server, tmp_path, caplog
 ):
-    monkeypatch.setattr("radard.outputs.fanout._RETRY_S", 0.0)
-    secret, out = tmp_path / "secret", outputs()
-    good = configured(tmp_path, server)
-    out.open(good)
-    bad = configured(tmp_path, server, secret_file=str(secret), phases=["new"])
+    secret = tmp_path / "secret"
+    out.open(configured())
     for _ in range(2):
-        out.reload(bad, [hello()])
+        out.reload(configured(secret_file=str(secret), phases=["new"]), [hello()])
         out.retry()
     ((_, name), why), *more = out.faults.items()
     assert not more
@@ -77,78 +113,64 @@ def test_a_sink_goes_on_until_the_one_that_replaces_it_can_be_opened(
     out.put(event(2, phase="update"))
     out.put(event(3))
     wait_for(lambda: len(server.posts) == 2)
-    out.close()
-    assert [b["id"] for b in bodies(server)] == [ulid(1), ulid(3)]
+    assert posted(server) == [ulid(1), ulid(3)]
     assert "webhook-signature" in server.posts[-1][1]
 
 
-def test_undoing_a_change_that_could_not_be_opened_is_no_fault(tmp_path, server):
-    out = outputs()
-    good = configured(tmp_path, server)
+def test_undoing_a_change_that_could_not_be_opened_is_no_fault(out, configured):
+    good = configured()
     out.open(good)
     before = out.sinks
-    out.reload(configured(tmp_path, server, ca_file="/nowhere/x"), [hello()])
+    out.reload(configured(ca_file="/nowhere/x"), [hello()])
     assert out.faults
     out.reload(good, [hello()])
     assert (out.faults, out.sinks) == ({}, before)
-    out.close()
 
 
 def test_records_wait_for_an_output_that_is_added_and_cannot_be_opened_yet(
-    tmp_path, server, monkeypatch
+    out, configured, tmp_path
 ):
-    monkeypatch.setattr("radard.outputs.fanout._RETRY_S", 0.0)
-    out = outputs()
-    config = configured(tmp_path, server)
-    out.open(config)
     file = tmp_path / "later" / "x.jsonl"
-    out.reload(config.model_copy(update={"output": (f"json:{file}",)}), [hello()])
+    out.open(configured())
+    out.reload(config_of(tmp_path, f"json:{file}"), [hello()])
     out.put(event(1))
     file.parent.mkdir()
     out.retry()
     out.close()
-    lines = [json.loads(line) for line in file.read_text().splitlines()]
-    assert [line["type"] for line in lines] == ["hello", "event"]
+    assert types_in(file) == ["hello", "event"]
 
 
-def test_what_only_memory_holds_outlives_a_reload(tmp_path, server):
+def test_what_only_memory_holds_outlives_a_reload(out, configured, server, tmp_path):
     (tmp_path / "log.db").mkdir()
     server.code = 500
-    out = outputs()
-    out.open(configured(tmp_path, server))
+    out.open(configured())
     out.put(event(1))
     wait_for(lambda: server.posts)
-    out.reload(configured(tmp_path, server, timeout_s=9.0), [hello()])
+    out.reload(configured(timeout_s=9.0), [hello()])
     server.code = 200
     wait_for(lambda: out.sinks[0][1].state.n_sent == 1)
-    out.close()
-    assert {b["id"] for b in bodies(server)} == {ulid(1)}
+    assert set(posted(server)) == {ulid(1)}
 
 
-def test_only_what_changed_is_reopened(tmp_path, server):
-    out = outputs()
-    config = configured(tmp_path, server)
-    more = (*config.output, f"json:{tmp_path / 'a.jsonl'}", f"store:{tmp_path / 'a.db'}")
-    config = config.model_copy(update={"output": more})
+def test_only_what_changed_is_reopened(out, configured, tmp_path):
+    file, store = tmp_path / "a.jsonl", tmp_path / "a.db"
+    config = configured(f"json:{file}", f"store:{store}")
     out.open(config)
     before = [sink for _, sink in out.sinks]
     out.put(hello())
-    store = config.store.model_copy(update={"decisions": False})
-    out.reload(config.model_copy(update={"store": store}), [hello(sensitivity="low")])
+    section = config.store.model_copy(update={"decisions": False})
+    out.reload(config.model_copy(update={"store": section}), [hello(sensitivity="low")])
     after = [sink for _, sink in out.sinks]
     assert [a is b for a, b in zip(before, after, strict=True)] == [True, True, False]
     out.put(event(1))
     out.close()
-    lines = (tmp_path / "a.jsonl").read_text().splitlines()
-    assert [json.loads(line)["type"] for line in lines] == ["hello", "hello", "event"]
-    assert [e.id for e in read_events(tmp_path / "a.db")] == [ulid(1)]
+    assert types_in(file) == ["hello", "hello", "event"]
+    assert [e.id for e in read_events(store)] == [ulid(1)]
 
 
-def test_what_comes_while_an_output_is_reopened_waits_for_it(tmp_path, server, monkeypatch):
-    out = outputs()
-    config = configured(tmp_path, server)
+def test_what_comes_while_an_output_is_reopened_waits_for_it(out, tmp_path, monkeypatch):
     file, store = tmp_path / "a.jsonl", tmp_path / "a.db"
-    config = config.model_copy(update={"output": (f"json:{file}", f"store:{store}")})
+    config = config_of(tmp_path, f"json:{file}", f"store:{store}")
     out.open(config)
     told = []
 
@@ -163,12 +185,100 @@ def test_what_comes_while_an_output_is_reopened_waits_for_it(tmp_path, server, m
     out.close()
     assert told == [True] * 5
     assert [e.id for e in read_events(store)] == [ulid(n) for n in range(5)]
-    kinds = [json.loads(line)["type"] for line in file.read_text().splitlines()]
-    assert kinds.count("event") == 5
+    assert types_in(file).count("event") == 5
 
 
-def test_an_output_that_is_named_twice_is_one(tmp_path):
-    out, names = outputs(), ("null", f"json:{tmp_path / 'a'}")
-    out.open(Config(output=names * 2))
+def test_an_output_that_is_named_twice_is_one(out, tmp_path):
+    names = ("null", f"json:{tmp_path / 'a'}")
+    out.open(config_of(tmp_path, *names, *names))
     assert tuple(sink.name for _, sink in out.sinks) == names
+
+
+TOLD = """
+import json, sys
+from pathlib import Path
+from tests.outputs.test_outputs import outputs_of
+folder, *names = json.loads(sys.argv[1])
+out = outputs_of(Path(folder), *names)
+for line in sys.stdin:
+    out.put(json.loads(line))
+"""
+
+
+class Told:
+    """Outputs in a process of their own, which can be killed."""
+
+    def __init__(self, folder, *names):
+        argv = ["-c", TOLD, json.dumps([str(folder), *names])]
+        pipes = {"stdin": subprocess.PIPE, "stdout": None, "stderr": None}
+        self._process = started(*argv, text=True, **pipes)
+
+    def put(self, record):
+        self._process.stdin.write(json.dumps(record) + "\n")
+        self._process.stdin.flush()
+
+    def kill(self):
+        self._process.send_signal(signal.SIGKILL)
+        self._process.wait(60)
+        self._process.stdin.close()
+
+
+def n_done(folder):
+    """How many outputs have all events, as the file of the log knows."""
+    with closing(sqlite3.connect(folder / "log.db", timeout=60)) as db:
+        return db.execute("SELECT count(*) FROM cursors WHERE done = seen").fetchone()[0]
+
+
+def test_a_kill_behind_the_first_outputs_word_costs_the_others_nothing(tmp_path, server):
+    store, lines = tmp_path / "events.db", tmp_path / "out.jsonl"
+    outputs_of(tmp_path, f"store:{store}").close()
+    names = (f"json:{lines}", f"store:{store}", f"webhook:http://127.0.0.1:{server.port}/")
+    told = Told(tmp_path, *names)
+    told.put(hello())
+    wait_for(lambda: lines.exists() and "hello" in lines.read_text())
+    server.code = 500
+    # Somebody holds the store, and the server takes nothing.
+    with closing(sqlite3.connect(store)) as db:
+        db.execute("BEGIN EXCLUSIVE")
+        told.put(event(1))
+        wait_for(lambda: ids_in(lines) == [ulid(1)])
+        # A kill before the log knows that the file has it would let it be told there twice.
+        wait_for(lambda: n_done(tmp_path) == 1)
+        told.kill()
+    assert read_events(store) == []
+    server.code = 200
+    n_before = len(server.posts)
+    again = outputs_of(tmp_path, *names)
+    again.put(hello())
+    wait_for(lambda: len(server.posts) > n_before and read_events(store))
+    wait_for(lambda: n_done(tmp_path) == 3)
+    again.close()
+    assert [row.id for row in read_events(store)] == [ulid(1)]
+    assert posted(server)[-1] == ulid(1)
+    # Who has spoken before is not told again, now and in the run after it.
+    outputs_of(tmp_path, *names).close()
+    assert ids_in(lines) == [ulid(1)]
+
+
+def test_a_replay_leaves_nothing_for_the_next_run(out, tmp_path):
+    out.open(config_of(tmp_path, f"json:{tmp_path / 'out.jsonl'}", port="replay:x.h5"))
+    out.put(hello())
+    out.put(event(3))
     out.close()
+    assert ids_in(tmp_path / "out.jsonl") == [ulid(3)]
+    assert not (tmp_path / "log.db").exists()
+
+
+def test_a_new_alarm_is_kept_before_it_is_told_and_an_end_is_told_before_that_is_kept():
+    room, order = Room(), []
+    store = room.worker._store
+    store.save = lambda state: order.append(("kept", state.alarm_id))
+    room.worker._put = lambda record, **_: order.append((record["type"], record.get("phase")))
+    kept = KeptState(is_armed=True, entry_reason="human at 2.0 m")
+    room.worker._emit(room.worker.tracker.resume(kept))
+    (_, alarm_id), told = order
+    assert alarm_id is not None
+    assert told == ("event", "new")
+    order.clear()
+    room.command("disarm")
+    assert order == [("event", "end"), ("kept", None)]

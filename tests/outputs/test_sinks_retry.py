@@ -11,44 +11,33 @@ import threading
 
 import pytest
 
-from radard.config.sink_table import (
-    ExecSection,
-    MqttSection,
-    SinkOptions,
-    SyslogSection,
-    WebhookSection,
-)
 from radard.errors import ConfigError, OutputError, UsageError
 from radard.outputs.webhook import sign
-from tests.sink_helpers import (
-    QUICK,
-    WebServer,
-    decision,
-    event,
-    hello,
-    make_cert,
-    open_sink,
-    status,
-    ulid,
-)
+from tests.sink_helpers import QUICK, WebServer, decision, event, hello, make_cert, status, ulid
 from tests.waiting import free_port, wait_for
 
 pytestmark = pytest.mark.integration
 
 
-def opened(url, state_dir=None, **sections):
-    options = SinkOptions(log=QUICK, **sections)
-    return open_sink(url, options, sensor="hall", state_dir=state_dir)
+@pytest.fixture
+def hook(server, opened):
+    """Open a webhook of the server."""
+    return lambda path="", **more: opened(f"webhook:http://127.0.0.1:{server.port}/{path}", **more)
 
 
-def test_a_post_has_sensor_id_token_and_signature(server, tmp_path):
-    token, secret = tmp_path / "token", tmp_path / "secret"
-    token.write_text("letmein\n")
+@pytest.fixture
+def token(tmp_path):
+    """A file with the word `letmein`."""
+    (tmp_path / "token").write_text("letmein\n")
+    return tmp_path / "token"
+
+
+def test_a_post_has_sensor_id_token_and_signature(server, hook, token, tmp_path):
+    secret = tmp_path / "secret"
     secret.write_text("shared\n")
-    section = WebhookSection(token_file=token, secret_file=secret)
+    section = {"token_file": token, "secret_file": secret}
     # What a URL may not hold is quoted.
-    url = f"webhook:http://127.0.0.1:{server.port}/alarm k\u00fcche?a=b c&d=%20"
-    sink = opened(url, webhook=section)
+    sink = hook("alarm k\u00fcche?a=b c&d=%20", webhook=section)
     sink.write(event(1))
     wait_for(lambda: server.posts)
     path, headers, body = server.posts[0]
@@ -58,14 +47,13 @@ def test_a_post_has_sensor_id_token_and_signature(server, tmp_path):
     key, stamp = headers["webhook-id"], headers["webhook-timestamp"]
     assert headers["webhook-signature"] == sign("shared", key, stamp, body)
     assert "a=b" not in sink.name
-    sink.close()
 
 
 @pytest.mark.parametrize("code", [500, 503, 429, 401, 302])
-def test_a_server_in_trouble_gets_it_later_with_the_same_id(server, code):
+def test_a_server_in_trouble_gets_it_later_with_the_same_id(server, hook, code):
     server.code = code
     server.headers = {"Location": "http://127.0.0.1:1/"}
-    sink = opened(f"webhook:http://127.0.0.1:{server.port}/")
+    sink = hook()
     for k in (1, 2):
         sink.write(event(k))
     # More often than `attempts`: only a refusal of the record itself counts.
@@ -76,12 +64,11 @@ def test_a_server_in_trouble_gets_it_later_with_the_same_id(server, code):
     assert sink.state.n_dropped == 0
     *first, second = (headers["webhook-id"] for _, headers, _ in server.posts)
     assert {*first} == {first[0]} != {second}
-    sink.close()
 
 
-def test_a_record_that_is_refused_is_given_up_for_those_behind_it(server, caplog):
+def test_a_record_that_is_refused_is_given_up_for_those_behind_it(server, hook, caplog):
     server.code = 400
-    sink = opened(f"webhook:http://127.0.0.1:{server.port}/")
+    sink = hook()
     sink.write(event(1, kind="fault"))
     wait_for(lambda: sink.state.n_dropped == 1)
     assert len(server.posts) == QUICK.attempts
@@ -89,17 +76,17 @@ def test_a_record_that_is_refused_is_given_up_for_those_behind_it(server, caplog
     sink.write(event(2))
     wait_for(lambda: sink.state.n_sent == 1)
     assert "gives up" in caplog.text
-    sink.close()
 
 
 @pytest.mark.parametrize("has_disk", [True, False])
-def test_an_alarm_that_is_refused_is_not_given_up_and_stops_nobody(server, tmp_path, has_disk):
+def test_an_alarm_that_is_refused_is_not_given_up_and_stops_nobody(
+    server, hook, tmp_path, has_disk
+):
     def n_tried(n):
         return sum(json.loads(body)["id"] == ulid(n) for _, _, body in server.posts)
 
     server.code = 400
-    folder = tmp_path if has_disk else None
-    sink = opened(f"webhook:http://127.0.0.1:{server.port}/", state_dir=folder)
+    sink = hook(state_dir=tmp_path if has_disk else None)
     sink.write(event(1))
     sink.write(event(2))
     # Each is tried again after the other.
@@ -107,31 +94,20 @@ def test_an_alarm_that_is_refused_is_not_given_up_and_stops_nobody(server, tmp_p
     assert sink.state.n_dropped == 0
     server.code = 204
     wait_for(lambda: sink.state.n_sent == 2)
-    sink.close()
 
 
-def test_an_alarm_that_is_refused_for_too_long_is_given_up(server, caplog):
+def test_an_alarm_that_is_refused_for_too_long_is_given_up(server, hook, caplog):
     server.code = 400
-    options = SinkOptions(log=QUICK.model_copy(update={"give_up_h": 1e-6}))
-    url = f"webhook:http://127.0.0.1:{server.port}/"
-    sink = open_sink(url, options, sensor="hall", state_dir=None)
+    sink = hook(log=QUICK.model_copy(update={"give_up_h": 1e-6}))
     sink.write(event(1))
     wait_for(lambda: sink.state.n_dropped == 1)
     assert "too old" in caplog.text
-    sink.close()
 
 
-def test_chosen_kinds_phases_and_states(server):
-    section = WebhookSection(kinds=("alarm",), phases=("new",), statuses=True)
-    sink = opened(f"webhook:http://127.0.0.1:{server.port}/", webhook=section)
-    for record in (
-        hello(),
-        event(1),
-        event(1, phase="end"),
-        event(2, kind="fault"),
-        decision(),
-        status("degraded", "dust"),
-    ):
+def test_chosen_kinds_phases_and_states(server, hook):
+    sink = hook(webhook={"kinds": ("alarm",), "phases": ("new",), "statuses": True})
+    others = event(1, phase="end"), event(2, kind="fault"), decision()
+    for record in (hello(), event(1), *others, status("degraded", "dust")):
         sink.write(record)
     wait_for(lambda: sink.state.n_sent == 2)
     sink.close()
@@ -145,7 +121,7 @@ def program(tmp_path, text):
     return f"exec:{script}"
 
 
-def test_a_program_gets_the_event_on_stdin_and_in_its_environment(tmp_path):
+def test_a_program_gets_the_event_on_stdin_and_in_its_environment(opened, tmp_path):
     out = tmp_path / "out"
     told = "os.environ['RADAR_EVENT_KIND'] + os.environ['RADAR_EVENT_TEST']"
     text = f"open({str(out)!r}, 'w').write(sys.stdin.read() + {told})"
@@ -168,87 +144,71 @@ def test_a_program_gets_the_event_on_stdin_and_in_its_environment(tmp_path):
         ("time.sleep(60)", 0.3, "killed after 0.3 s"),
     ],
 )
-def test_a_program_that_fails_is_run_again_and_then_given_up(tmp_path, text, timeout_s, words):
-    sink = opened(program(tmp_path, text), exec=ExecSection(timeout_s=timeout_s))
+def test_a_program_that_fails_is_run_again_and_then_given_up(
+    opened, tmp_path, text, timeout_s, words
+):
+    sink = opened(program(tmp_path, text), exec={"timeout_s": timeout_s})
     sink.write(event(1, kind="fault"))
     wait_for(lambda: sink.state.n_dropped == 1)
     assert sink.state.reason == words
     assert sink.state.n_failures == QUICK.attempts
-    sink.close()
 
 
-def redirected(server, section, code=307):
-    """What two servers got of one event, when the first sends it to the second."""
-    far = WebServer()
-    try:
-        server.code = code
-        server.headers = {"Location": f"http://localhost:{far.port}/there?x=1"}
-        sink = opened(f"webhook:http://127.0.0.1:{server.port}/here", webhook=section)
-        sink.write(event(1))
-        wait_for(lambda: sink.state.n_sent or sink.state.n_failures)
-        reason = sink.state.reason
-        sink.close(0.3)
-    finally:
-        far.close()
-    return far.posts, reason
+@pytest.fixture
+def other():
+    """Another server, to which the first may redirect."""
+    made = WebServer()
+    yield made
+    made.close()
 
 
-def test_no_redirect_is_followed_unless_asked(server):
-    posts, reason = redirected(server, WebhookSection())
-    assert posts == []
-    assert "webhook.follow_redirects" in reason
-
-
-@pytest.mark.parametrize("code", [301, 302, 307, 308])
-def test_a_redirect_that_may_be_followed_gets_the_post_without_the_token(server, code, tmp_path):
-    token = tmp_path / "token"
-    token.write_text("letmein\n")
-    section = WebhookSection(follow_redirects=True, token_file=token)
-    posts, _ = redirected(server, section, code)
-    (path, headers, body), *more = posts
+@pytest.mark.parametrize("code", [0, 301, 302, 307, 308])
+def test_a_redirect_is_followed_if_asked_and_gets_the_post_without_the_token(
+    server, other, hook, token, code
+):
+    server.code = code or 307
+    server.headers = {"Location": f"http://localhost:{other.port}/there?x=1"}
+    sink = hook("here", webhook={"follow_redirects": bool(code), "token_file": token})
+    sink.write(event(1))
+    wait_for(lambda: sink.state.n_sent or sink.state.n_failures)
+    assert "authorization" in server.posts[0][1]
+    if not code:
+        assert ("webhook.follow_redirects" in sink.state.reason, other.posts) == (True, [])
+        return
+    (path, headers, body), *more = other.posts
     assert (path, more) == ("/there?x=1", [])
     assert json.loads(body)["id"] == ulid(1)
-    assert "authorization" in server.posts[0][1]
     assert "authorization" not in headers
 
 
-def test_redirects_in_a_circle_and_to_another_scheme_end(server):
-    section = WebhookSection(follow_redirects=True)
-    url = f"http://127.0.0.1:{server.port}/"
-    server.code, server.headers = 302, {"Location": url}
-    sink = opened(f"webhook:{url}", webhook=section)
+def test_redirects_in_a_circle_and_to_another_scheme_end(server, hook):
+    server.code, server.headers = 302, {"Location": f"http://127.0.0.1:{server.port}/"}
+    sink = hook(webhook={"follow_redirects": True})
     sink.write(event(1))
     wait_for(lambda: "answers 302" in sink.state.reason)
     server.headers = {"Location": "file:///etc/passwd"}
     wait_for(lambda: "redirects to what is no" in sink.state.reason)
     assert sink.state.n_dropped == 0
-    sink.close(0.3)
 
 
-def test_https_wants_its_certificate_and_is_redirected_to_nothing_less(tmp_path):
-    cert, far = make_cert(tmp_path), WebServer()
-    server = WebServer(cert=cert)
-    section = WebhookSection(follow_redirects=True, ca_file=cert[0])
-    # However it is spelt.
-    url = f"webhook:HTTPS://localhost:{server.port}/"
-    bad, good = opened(url), opened(url, webhook=section)
-    try:
+def test_https_wants_its_certificate_and_is_redirected_to_nothing_less(other, opened, tmp_path):
+    cert = make_cert(tmp_path)
+    with contextlib.closing(WebServer(cert=cert)) as server:
+        # However it is spelt.
+        url = f"webhook:HTTPS://localhost:{server.port}/"
+        bad = opened(url)
+        good = opened(url, webhook={"follow_redirects": True, "ca_file": cert[0]})
         for sink in (bad, good):
             sink.write(event(1))
         wait_for(lambda: "certificate is not accepted" in bad.state.reason)
         wait_for(lambda: good.state.n_sent == 1)
-        server.code, server.headers = 307, {"Location": f"http://localhost:{far.port}/"}
+        server.code, server.headers = 307, {"Location": f"http://localhost:{other.port}/"}
         good.write(event(2))
         wait_for(lambda: "redirects to what is no" in good.state.reason)
-        assert (far.posts, len(server.posts) > 1) == ([], True)
-    finally:
-        for each in (bad, good):
-            each.close(0.3)
-        server.close()
-        far.close()
+        assert (other.posts, len(server.posts) > 1) == ([], True)
 
 
-def test_a_log_that_nobody_hears_is_said_once_with_a_count(caplog):
+def test_a_log_that_nobody_hears_is_said_once_with_a_count(opened, caplog):
     sink = opened(f"syslog:udp://127.0.0.1:{free_port()}")
     for n in range(40):
         sink.write(event(n))
@@ -267,7 +227,7 @@ def tls_of(cert, key):
 
 
 @pytest.mark.parametrize("scheme", ["tcp", "tls"])
-def test_syslog_over_a_stream_outlives_its_server(scheme, tmp_path):
+def test_syslog_over_a_stream_outlives_its_server(opened, scheme, tmp_path):
     """Over TCP a message is a line, over TLS its octets are counted."""
     cert, key = make_cert(tmp_path)
 
@@ -292,7 +252,7 @@ def test_syslog_over_a_stream_outlives_its_server(scheme, tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as listener:
         listener.settimeout(60)
         url = f"syslog:{scheme}://localhost:{listener.getsockname()[1]}"
-        sink = opened(url, syslog=SyslogSection(ca_file=cert))
+        sink = opened(url, syslog={"ca_file": cert})
         for n in (1, 3):
             sink.write({**event(n), "reason": f"human\nat {n} m, \N{DEGREE SIGN}"})
             sink.write(event(n + 1))
@@ -305,7 +265,7 @@ def test_syslog_over_a_stream_outlives_its_server(scheme, tmp_path):
         sink.close()
 
 
-def test_a_log_server_that_nobody_signed_gets_nothing(tmp_path):
+def test_a_log_server_that_nobody_signed_gets_nothing(opened, tmp_path):
     context, heard = tls_of(*make_cert(tmp_path)), []
 
     def serve():
@@ -329,33 +289,32 @@ def test_a_log_server_that_nobody_signed_gets_nothing(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("url", "section", "key"),
+    ("url", "key"),
     [
-        ("syslog:tls://h", SyslogSection, "ca_file"),
-        ("syslog:tls://h", SyslogSection, "cert_file"),
-        ("mqtt://me@h", MqttSection, "password_file"),
-        ("mqtt://h", MqttSection, "code_file"),
+        ("syslog:tls://h", "ca_file"),
+        ("syslog:tls://h", "cert_file"),
+        ("mqtt://me@h", "password_file"),
+        ("mqtt://h", "code_file"),
     ],
 )
-def test_files_that_cannot_be_read_are_told_at_once(url, section, key, tmp_path):
+def test_files_that_cannot_be_read_are_told_at_once(opened, url, key, tmp_path):
     name = url.partition(":")[0]
     with pytest.raises(ConfigError, match=rf"{name}\.{key}: .*none"):
-        opened(url, **{name: section(**{key: tmp_path / "none"})})
+        opened(url, **{name: {key: tmp_path / "none"}})
 
 
-def test_syslog_over_udp_with_severity():
+def test_syslog_over_udp_with_severity(opened):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as far:
         far.bind(("127.0.0.1", 0))
         far.settimeout(60)
         url = f"syslog:udp://127.0.0.1:{far.getsockname()[1]}"
-        sink = opened(url, syslog=SyslogSection(facility="local3"))
+        sink = opened(url, syslog={"facility": "local3"})
         trial = {**event(2), "test": True, "simulated": True}
         for record in (hello(), decision(), event(1), event(1, phase="end")):
             sink.write(record)
         sink.write(status("offline", "device absent"))
         sink.write(trial)
         told = [far.recv(4096).decode() for _ in range(4)]
-        sink.close()
     facility = 19 << 3
     heads = [re.match(r"(<\d+>1) 20\S+Z \S+ radard \d+ \w+ - hall: ", text)[1] for text in told]
     # A test rouses nobody at night, and is no real alarm to who reads it later.
@@ -371,7 +330,7 @@ HOSTS = ["h\\ost", "h..l", "h;x", "h,b", "h%2fx", "h:00", "h:0", "h ost", 64 * "
 
 @pytest.mark.parametrize("host", HOSTS)
 @pytest.mark.parametrize("scheme", ["webhook:http", "mqtt", "mqtts", "syslog:udp", "syslog:tls"])
-def test_what_no_host_is_called_is_said(scheme, host):
+def test_what_no_host_is_called_is_said(opened, scheme, host):
     with pytest.raises(ConfigError, match=r"^\S+ \S+ no host has such a name and port$"):
         opened(f"{scheme}://{host}")
 
@@ -404,7 +363,7 @@ BAD = ["u@h", ":secret@h", "u:secret@h\n", "h?x=1", "h#x"]
         *((odd, UsageError, "unknown or incomplete") for odd in ("smoke:signal", "webhook", "")),
     ],
 )
-def test_bad_outputs_give_one_clear_line(url, error, words):
+def test_bad_outputs_give_one_clear_line(opened, url, error, words):
     with pytest.raises(error) as caught:
         opened(url)
     assert words in str(caught.value)
@@ -416,17 +375,15 @@ def test_bad_outputs_give_one_clear_line(url, error, words):
     "name",
     ["webhook:http://[::1]:80", "webhook:http://h\u00f6.example", "mqtt://[::1]:1883/radard"],
 )
-def test_a_server_is_named_as_it_was(name):
-    sink = opened(name)
-    assert sink.name == name
-    sink.close(0.1)
+def test_a_server_is_named_as_it_was(opened, name):
+    assert opened(name).name == name
 
 
 @pytest.mark.parametrize(
     ("url", "package", "extra"),
     [("apprise:json://h", "apprise", "notify"), ("lsl:x", "pylsl", "lsl")],
 )
-def test_without_its_package_an_output_names_the_extra(url, package, extra, monkeypatch):
+def test_without_its_package_an_output_names_the_extra(opened, url, package, extra, monkeypatch):
     monkeypatch.setitem(sys.modules, package, None)
     with pytest.raises(OutputError, match=rf"needs {package}.*\[{extra}\]"):
         opened(url)

@@ -1,5 +1,7 @@
-"""The same input gives the same output: what was done yesterday changes nothing unasked."""
+"""The same input gives the same output: nothing changes unasked, and demos leave nothing."""
 
+import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -7,12 +9,15 @@ import pytest
 from radard.alarm.state_store import KeptState, StateStore
 from radard.cli import main
 from radard.config.config import load_config
-from radard.config.directories import saved_file
+from radard.config.directories import clip_dir, demo_state, log_path, own_folder, saved_file
 from radard.config.saved import change
 from radard.log import EventLog
+from radard.pipeline import Pipeline
+from radard.run.listening import listen
 from tests.alarm_helpers import write_recording
-from tests.processes import ran
+from tests.processes import environ, ran
 from tests.radar_helpers import noise, run_radard, stable
+from tests.waiting import free_port
 
 PORT = "sim:thesis_human?run=test"
 COMMON = ("--speed", "max", "--duration", "9", "-o", "json")
@@ -138,3 +143,82 @@ def test_every_command_says_what_it_takes_from_a_file_that_nobody_named(
     caplog.clear()
     assert main([name, *argv, "--config", "config.yaml"]) == 0
     assert "nobody named" not in capsys.readouterr().err + caplog.text
+
+
+KEPT = ("t_s", "gate", "power_db", "noise_floor_db", "p_human", "p_pet", "p_other", "range_m")
+SCENES = {"human": "thesis", "human_with_dog": "fast", "dog": "balanced", "curtain": "accurate"}
+
+
+@pytest.mark.parametrize(("scene", "model"), SCENES.items())
+def test_decisions_are_those_of_before(scene, model, golden):
+    argv = ("--port", f"sim:{scene}?seed=5", "--model", model, "--duration", "14")
+    code, records, err = run_radard(*argv, "--speed", "max", "-o", "json")
+    assert (code, err) == (0, "")
+    made = [{k: r[k] for k in KEPT} for r in records if r["type"] == "decision"]
+    wanted = golden(f"decisions_{scene}.jsonl", made)
+    assert len(made) == len(wanted) == 12
+    for now, before in zip(made, wanted, strict=True):
+        # Processors round differently; a network shows it more than a power does.
+        assert now == {k: near(v, 0.02) for k, v in before.items()}
+
+
+def near(value, most):
+    return pytest.approx(value, abs=most) if isinstance(value, float) else value
+
+
+@pytest.mark.parametrize("model", ["none", "thesis"])
+def test_warming_up_leaves_no_trace(model):
+    options = {"sensor": {"port": "sim:human?seed=1", "speed": "max"}, "model": {"name": model}}
+    config = load_config(environ={}, options=options)
+    with listen(config) as listening:
+        cold = listening.pipeline
+        warm = Pipeline(listening.source.stream, config, cold.classifier)
+        warm.warm_up()
+        pairs = [(cold.decide(dwell), warm.decide(dwell)) for dwell in listening.dwells(7.0)]
+    assert any(found.gate == "open" for _, found in pairs)
+    for expected, found in pairs:
+        assert replace(found, t_mono_s=0.0) == replace(expected, t_mono_s=0.0)
+
+
+NEXT_DOG_S = 42.0
+PAGE = "http://127.0.0.1:8434"
+
+
+@pytest.mark.integration
+def test_the_alarm_ends_before_the_next_dog_and_its_clip_with_the_demo(tmp_path):
+    (tmp_path / "tmp").mkdir()
+    command = ["-m", "radard", "--port", "sim:demo?seed=1", "--speed", "max"]
+    command += ["--duration", "44", "-o", "json", "-o", f"http://127.0.0.1:{free_port()}"]
+    home = environ(HOME=str(tmp_path / "home"), TMPDIR=str(tmp_path / "tmp"))
+    done = ran(*command, env=home, cwd=tmp_path, check=True)
+    assert "clips, labels and settings end with it; --state DIR keeps them" in done.stderr
+    records = [json.loads(line) for line in done.stdout.splitlines()]
+    events = [r for r in records if r["type"] == "event" and r["kind"] == "alarm"]
+    assert (events[0]["phase"], events[-1]["phase"]) == ("new", "end")
+    assert len({e["id"] for e in events}) == 1
+    assert events[0]["reason"].startswith("human")
+    assert events[-1]["end_t_s"] < NEXT_DOG_S
+    clip = Path(events[0]["clip"])
+    assert clip.is_relative_to(tmp_path / "tmp")
+    assert not clip.parent.parent.exists()
+    assert not (tmp_path / "home").exists()
+
+
+def made_of(port, *outputs, **sections):
+    options = {"sensor": {"port": port}, "output": list(outputs), **sections}
+    config = load_config(environ={}, options=options)
+    return config, demo_state(config, {})
+
+
+def test_a_folder_of_its_own_is_for_simulations_on_a_page_alone(tmp_path):
+    _, made = made_of("sim:cat", "json", PAGE)
+    assert clip_dir(made, {}) == own_folder() / "clips"
+    assert log_path(made, {}) == own_folder() / "log.db"
+    named = {"service": {"state_dir": tmp_path}}
+    for config, same in (
+        made_of("sim:cat", "json"),
+        made_of("/dev/ttyACM0", PAGE),
+        made_of("replay:night.h5", PAGE),
+        made_of("sim:cat", PAGE, **named),
+    ):
+        assert same is config

@@ -1,15 +1,23 @@
-"""Families, suites and sites: who moves where, and what never leaks into training."""
+"""Families, suites, sites: who moves where, and what makes windows of training unlike."""
 
 from collections import Counter
+from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 import pytest
+import torch
 
 from radard.errors import UsageError
+from radard.judge.installation import N_INSTALLATION
 from x2radar.sim.bodies.skeleton.species import SPECIES
+from x2radar.sim.points import Points
 from x2train.commands.fit import stream_of
 from x2train.judge.suites import SUITES, check_suites, n_more_pets, suite_of
+from x2train.sets.augment import augmented
+from x2train.sets.domain_randomization import DomainRandomization, RandomizedActor
 from x2train.sets.families import FAMILIES, LABELS, PAIRS, draw_cast, families
+from x2train.sets.known import ADULT_DB, known_of
 from x2train.sets.sites import X2, draw_radar, draw_site
 
 N_DRAWS = 1500
@@ -113,3 +121,179 @@ def test_unseen_rooms_are_built_otherwise():
     assert max(s.antenna.height_m for s in usual) < 2.55 < min(s.antenna.height_m for s in unseen)
     # Nothing between a switch and a door frame.
     assert not [s for s in usual if 1.65 < s.antenna.height_m < 1.85]
+
+
+N, N_CELLS = 64, 40
+SHAPES = ((101, N_CELLS), (80, N_CELLS), (61, 24), (81, 9))
+
+
+def maps(seed=0, n=N):
+    rng = torch.Generator().manual_seed(seed)
+    made = [torch.rand(n, *shape, generator=rng) for shape in SHAPES]
+    # Mostly empty, like the true ones.
+    return [(m * (m > 0.6)).clamp(0, 1) for m in made]
+
+
+def rng(seed=0):
+    return torch.Generator().manual_seed(seed)
+
+
+def test_shapes_and_range_stay_and_what_was_given_too():
+    given, before = maps(), maps()
+    for seed in range(5):
+        made = augmented(*given, rng=rng(seed))
+        for new, old in zip(made, given, strict=True):
+            assert new.shape == old.shape
+            assert new.dtype == torch.float32
+            assert new.min() >= 0
+            assert new.max() <= 1
+    for old, same in zip(given, before, strict=True):
+        assert torch.equal(old, same)
+    assert len(augmented(*given[:2], rng=rng())) == 2
+
+
+ANTENNA_M = np.array([0.0, 0.0, 1.2])
+KINDS = [("human", "walk"), ("dog", "trot"), ("cat", "stalk"), ("fan", None)]
+
+
+def actor(kind="human", style="walk", **more):
+    options = {"position_m": [0.1, 1.5]} if style is None else {"style": style, "course": "cross"}
+    made = RandomizedActor(kind, MappingProxyType(options), kind, antenna_m=(0.0, 0.0, 1.2))
+    return replace(made, **more)
+
+
+class Clock:
+    """A mover of three points that tells its own time."""
+
+    label = "pet"
+    names = ("a", "b", "c")
+
+    def at(self, t_s, antenna_m):  # noqa: ARG002 - a mover's signature
+        position = np.repeat(t_s[:, None, None], 3, axis=1) * np.ones(3)
+        rcs = 1 + 0.5 * np.sin(t_s[:, None] + np.arange(3))
+        return Points(position, rcs)
+
+
+@pytest.mark.parametrize(("kind", "style"), KINDS)
+def test_label_names_and_mean_gain_stay(kind, style):
+    for seed in range(6):
+        plain = actor(kind, style, is_plain=True).make(np.random.default_rng(seed))
+        made = actor(kind, style).make(np.random.default_rng(seed))
+        assert isinstance(made, DomainRandomization)
+        assert made.label == plain.label
+        assert made.names == plain.names
+        assert made.gain.mean() == pytest.approx(1, abs=1e-12)
+        assert made.gain.min() > 0
+        assert made.gain.shape == (len(made.names),)
+
+
+@pytest.mark.parametrize(("kind", "style"), KINDS)
+def test_its_clock_never_stops_and_never_runs_back(kind, style):
+    t_s = np.arange(0, 30, 1 / 200)
+    for seed in range(8):
+        made = replace(actor(kind, style).make(np.random.default_rng(seed)), mover=Clock())
+        made = replace(made, gain=np.ones(3), is_constant=False)
+        own_s = made.at(t_s, ANTENNA_M).position_m[:, 0, 0]
+        pace = np.diff(own_s) * 200
+        assert pace.min() > 0.4
+        assert pace.max() < 1.7
+        assert 0.8 < made.pace < 1.25
+
+
+def randomization(**more):
+    settings = {
+        "gain": np.array([0.5, 1.0, 1.5]),
+        "contrast": 1.0,
+        "joins": False,
+        "is_constant": False,
+        "begin_s": 0.0,
+        "pace": 1.0,
+        "wave": np.zeros((3, 4)),
+    }
+    return DomainRandomization(Clock(), **settings | more)
+
+
+T_S = np.linspace(0, 9, 90)
+
+
+def test_constant_cross_sections_keep_their_mean():
+    made = randomization(is_constant=True)
+    rcs = made.at(T_S, ANTENNA_M).rcs_m2
+    free = replace(made, is_constant=False).at(T_S, ANTENNA_M).rcs_m2
+    assert np.ptp(rcs, axis=0).max() == 0
+    np.testing.assert_allclose(rcs[0], free.mean(axis=0), rtol=1e-12)
+    np.testing.assert_allclose(free, Clock().at(T_S, ANTENNA_M).rcs_m2 * made.gain, rtol=1e-12)
+
+
+@pytest.mark.parametrize("contrast", [0.7, 1.0, 1.8])
+def test_contrast_parts_strong_from_weak_and_keeps_the_whole(contrast):
+    plain, made = (
+        randomization(gain=np.array([0.1, 0.9, 2.0]), contrast=each)
+        .at(T_S, ANTENNA_M)
+        .rcs_m2.mean(axis=0)
+        for each in (1.0, contrast)
+    )
+    assert made.sum() == pytest.approx(plain.sum(), rel=1e-12)
+    ratios = [np.log(each[2] / each[0]) for each in (plain, made)]
+    assert ratios[1] == pytest.approx(contrast * ratios[0], rel=1e-9)
+
+
+def test_joined_parts_are_one_in_their_middle_and_the_weak_stay():
+    class Spread(Clock):
+        def at(self, t_s, antenna_m):
+            points = super().at(t_s, antenna_m)
+            return Points(points.position_m + np.arange(3)[:, None], points.rcs_m2)
+
+    apart = replace(randomization(gain=np.array([1.0, 1.0, 0.01])), mover=Spread())
+    before, after = apart.at(T_S, ANTENNA_M), replace(apart, joins=True).at(T_S, ANTENNA_M)
+    np.testing.assert_allclose(after.rcs_m2.sum(axis=1), before.rcs_m2.sum(axis=1), rtol=1e-12)
+    assert (after.rcs_m2[:, 1] == 0).all()
+    assert (after.position_m[:, 0] >= before.position_m[:, 0]).all()
+    assert (after.position_m[:, 0] <= before.position_m[:, 1]).all()
+    np.testing.assert_array_equal(after.position_m[:, 2], before.position_m[:, 2])
+    np.testing.assert_array_equal(after.rcs_m2[:, 2], before.rcs_m2[:, 2])
+
+
+def test_who_goes_is_met_on_the_way_and_not_long_after_the_arrival():
+    # Across the room in some seconds, and then standing there, often in view.
+    t_s = np.arange(0, 14, 0.05)
+    for seed in range(30):
+        made = actor(lead_s=(0.2, 2.5), is_plain=True).make(np.random.default_rng(seed))
+        middle = made.at(t_s, ANTENNA_M).position_m.mean(axis=1)
+        assert np.linalg.norm(middle[-1] - middle[0]) > 0.5
+
+
+NEEDED = ("frame_rate_hz", "height_m", "tilt_deg", "echo_db", "level_db", "passage")
+
+
+def windows(n=400, per_passage=4):
+    rng = np.random.default_rng(1)
+    made = {name: rng.uniform(1, 3, n) for name in NEEDED} | {"is_physical": np.ones(n, bool)}
+    made["passage"] = np.arange(n) // per_passage
+    for name in ("height_m", "tilt_deg", "level_db"):
+        made[name] = np.repeat(made[name][::per_passage], per_passage)
+    made["frame_rate_hz"] = np.full(n, 120.0)
+    made["echo_db"] = made["level_db"] + ADULT_DB
+    return made | {"label": np.zeros(n, np.int64)}
+
+
+def test_a_passage_knows_the_same_all_along():
+    made = windows()
+    known = known_of(made)
+    assert known.shape == (400, N_INSTALLATION)
+    assert (known[:, 0] == 1).all()
+    by_passage = known.reshape(100, 4, N_INSTALLATION)
+    assert (by_passage == by_passage[:, :1]).all()
+    for k in (1, 5):
+        assert 0.4 < by_passage[:, 0, k].mean() < 0.8
+    assert (known[:, 1] == known[:, 3]).all()  # a mount is known as a whole
+    # It draws the same in any company.
+    made = windows()
+    some = {key: values[100:120] for key, values in made.items()}
+    np.testing.assert_array_equal(known_of(made)[100:120], known_of(some))
+    # Fewer know the level where size says nothing of the echo.
+    shares = [
+        known_of(windows(4000) | {"is_physical": np.full(4000, is_physical)})[:, 5].mean()
+        for is_physical in (True, False)
+    ]
+    assert shares == pytest.approx([0.6, 0.04], abs=0.02)

@@ -1,16 +1,27 @@
-"""The state directory is one daemon's, the runtime directory one user's; passwords are hidden."""
+"""Files: written whole, for their owner alone, locked against a second daemon, with or without a mark."""
 
 import errno
 import os
-
 import pytest
-
 from radard import cli
 from radard.config.config import load_config
 from radard.config.credentials import redact
 from radard.config.directories import runtime_dir, state_lock
 from radard.errors import ConfigError
 from tests.processes import started
+import os
+import pytest
+from x2radar.atomic import whole_file, write_atomically
+import codecs
+import json
+import numpy as np
+import pytest
+from radard.config.config import load_config
+from radard.detect.calibration import Calibration, load_calibration
+from radard.judge.bundle import load_bundle, sidecar_path
+from radard.web.labels import FORMAT, read_labels
+from tests.bodies.test_recorded import BVH
+from x2radar.sim.scene.scene import load_scene
 
 
 def configured(folder, port="/dev/ttyACM0", **more):
@@ -137,3 +148,113 @@ def test_a_runtime_directory_that_another_could_have_made_is_not_used(
 )
 def test_passwords_are_hidden_whatever_is_in_them(text, shown):
     assert redact(text) == shown
+
+
+def test_a_file_and_its_folder_are_made_for_those_who_may_read_them(tmp_path):
+    path = tmp_path / "deep" / "file"
+    write_atomically(path, "\u00e9\n", mode=0o600)
+    assert path.read_bytes() == b"\xc3\xa9\n"
+    assert path.stat().st_mode & 0o777 == 0o600
+    assert path.parent.stat().st_mode & 0o777 == 0o700
+    write_atomically(path, b"new", sync=False)
+    assert path.read_text() == "new"
+    assert path.stat().st_mode & 0o777 == 0o644
+
+
+@pytest.mark.parametrize("call", ["fsync", "replace"])
+def test_a_disk_that_takes_nothing_leaves_what_was_there(call, tmp_path, monkeypatch):
+    path = tmp_path / "file"
+    write_atomically(path, "old")
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(*((os, call) if call == "fsync" else (type(path), call)), full)
+    with pytest.raises(OSError, match="No space"):
+        write_atomically(path, "new")
+    assert path.read_text() == "old"
+    assert [p.name for p in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_link_stays_a_link_and_leads_to_the_new_file(tmp_path):
+    """As of a setting that lies on another disk; before, the link was replaced."""
+    (tmp_path / "disk").mkdir()
+    link = tmp_path / "file"
+    link.symlink_to("disk/kept")
+    for text in ("new", "newer"):
+        write_atomically(link, text)
+        assert (link.is_symlink(), (tmp_path / "disk" / "kept").read_text()) == (True, text)
+    assert [each.name for each in (tmp_path / "disk").iterdir()] == ["kept"]
+
+
+def test_what_is_no_file_is_written_to_and_not_replaced(tmp_path):
+    """Before, root lost /dev/null to a file of that name."""
+    pipe = tmp_path / "null"
+    os.mkfifo(pipe)
+    end = os.open(pipe, os.O_RDWR)
+    try:
+        write_atomically(pipe, "text")
+        with whole_file(pipe) as lent:
+            assert lent == pipe
+        assert (os.read(end, 99), pipe.is_fifo()) == (b"text", True)
+    finally:
+        os.close(end)
+
+
+def test_a_file_in_the_way_of_the_folder(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OSError, match=r"."):
+        write_atomically(tmp_path / "file" / "x", "x")
+
+
+LABEL = {"format": FORMAT, "format_version": 1, "event": 26 * "0", "label": "pet", "kind": "fault"}
+NUMBERS = {"frame_rate_hz": 60.0, "bin_length_m": 0.03, "range_offset_m": 0.6}
+CALIBRATION = Calibration(**NUMBERS, floor=np.full(1, 1e-6), threshold_db=np.full(1, 9.0))
+
+
+def finetune_labels(path):
+    from x2train.finetune.labels import labelled_clips
+
+    return labelled_clips(path)
+
+
+def labelled(path):
+    from x2train.judge.labelled import read_list
+
+    return read_list(path)
+
+
+def motions(path):
+    from x2train.motion.formats import read_motions
+
+    return [motion.position.tolist() for motion in read_motions(path)]
+
+
+def bundle(path):
+    whole = sidecar_path("fast")
+    path.with_suffix(".onnx").write_bytes(whole.with_suffix(".onnx").read_bytes())
+    return load_bundle(str(path))
+
+
+READERS = {
+    "scene.yaml": (lambda p: load_scene(str(p)).steps, "steps: [{duration_s: 3}]\n"),
+    "radard.yaml": (load_config, "alarm: {latch_s: 3}\n"),
+    "labels.jsonl": (read_labels, json.dumps(LABEL) + "\n"),
+    "own.jsonl": (finetune_labels, json.dumps(LABEL) + "\n"),
+    "list.csv": (labelled, "file,start,end,label\na.h5,1,2,pet\n"),
+    "list.yaml": (labelled, "- {file: a.h5, label: pet}\n"),
+    "walk.bvh": (motions, BVH),
+    "room.json": (lambda p: load_calibration(p).text(), CALIBRATION.text()),
+    "fast.json": (bundle, sidecar_path("fast").read_text(encoding="utf-8")),
+}
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_a_mark_changes_nothing(name, tmp_path):
+    read, text = READERS[name]
+    path = tmp_path / name
+    path.write_text(text, encoding="utf-8")
+    plain = read(path)
+    assert plain
+    path.write_bytes(codecs.BOM_UTF8 + text.encode())
+    assert read(path) == plain
