@@ -2,19 +2,18 @@
 
 import base64
 import json
+import math
+import uuid
+
 import pytest
+
 from radard.config.sink_table import AppriseSection, SinkOptions
 from radard.errors import ConfigError, UsageError
 from radard.outputs.apprise import message_of
+from radard.outputs.lsl import CHANNELS
 from tests.processes import ran
 from tests.sink_helpers import QUICK, event, open_sink
 from tests.waiting import wait_for
-import json
-import math
-import uuid
-import pytest
-from radard.outputs.lsl import CHANNELS
-from tests.processes import ran
 
 pytestmark = pytest.mark.integration
 

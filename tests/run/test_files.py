@@ -1,26 +1,24 @@
-"""Files: written whole, for their owner alone, locked against a second daemon, with or without a mark."""
+"""Files: written whole, for their owner alone, locked, and with or without a mark."""
 
+import codecs
 import errno
+import json
 import os
+
+import numpy as np
 import pytest
+
 from radard import cli
 from radard.config.config import load_config
 from radard.config.credentials import redact
 from radard.config.directories import runtime_dir, state_lock
-from radard.errors import ConfigError
-from tests.processes import started
-import os
-import pytest
-from x2radar.atomic import whole_file, write_atomically
-import codecs
-import json
-import numpy as np
-import pytest
-from radard.config.config import load_config
 from radard.detect.calibration import Calibration, load_calibration
+from radard.errors import ConfigError
 from radard.judge.bundle import load_bundle, sidecar_path
 from radard.web.labels import FORMAT, read_labels
 from tests.bodies.test_recorded import BVH
+from tests.processes import started
+from x2radar.atomic import whole_file, write_atomically
 from x2radar.sim.scene.scene import load_scene
 
 
