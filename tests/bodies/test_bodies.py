@@ -10,9 +10,9 @@ from tests.body_helpers import ANTENNA_M, PEOPLE, PETS, WAYS, draw, drawn, past,
 from x2radar.errors import SceneError
 from x2radar.sim.bodies.motion import MOTIONS
 from x2radar.sim.bodies.motion.people.gait import STYLES
-from x2radar.sim.bodies.pose import Pose
 from x2radar.sim.bodies.skeleton.species import SPECIES
 from x2radar.sim.bodies.skins.draw import SKINS
+from x2radar.sim.points import Pose
 from x2radar.sim.things import THINGS, draw_mount, draw_thing
 
 GOERS = [("human", "walk"), ("human", "run"), ("human", "carry"), ("dog", "walk"), ("cat", "trot")]

@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.body_helpers import ANTENNA_M
-from x2radar.sim.bodies.pose import Pose
 from x2radar.sim.bodies.skeleton.people import PERSON, draw_person_build
 from x2radar.sim.bodies.skins.base import SKIN_REFLECTION
 from x2radar.sim.bodies.skins.draw import SKINS, draw_skin, sized
 from x2radar.sim.bodies.skins.surface import SHADOW_DB, SPREAD_DB, AspectFluctuation, SurfaceSkin
 from x2radar.sim.place.antenna import Antenna
+from x2radar.sim.points import Pose
 
 X, Y, Z = np.eye(3)
 FAR_M = 1e6

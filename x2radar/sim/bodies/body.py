@@ -4,10 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from x2radar.sim.bodies.pose import Motion, Pose
 from x2radar.sim.bodies.skins.base import THEORY, EchoGain, Skin
 from x2radar.sim.bodies.skins.draw import TotalRcs, draw_skin, sized
-from x2radar.sim.points import Array, Label, Points
+from x2radar.sim.points import Array, Label, Motion, Points, Pose
 
 _CHEST = 1  # what is carried goes with this part
 _NEAREST_M = 0.05  # an antenna within a chest sees it swell no faster than from here

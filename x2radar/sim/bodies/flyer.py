@@ -4,64 +4,79 @@ Sizes and wing beats are fits to recalled values (budgerigar 35 g, 0.30 m, 14 Hz
 0.65 m, 7 to 8 Hz; span over mass near Rayner 1988; hawk and large owlet moths 25 to 60 Hz).
 """
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from x2radar.keys import Key
 from x2radar.sim.bodies.body import Body, BodyPlan
-from x2radar.sim.bodies.pose import Pose
 from x2radar.sim.bodies.skins.draw import TotalRcs
 from x2radar.sim.bodies.wander import Wander, smooth_step
-from x2radar.sim.points import Array, Label
+from x2radar.sim.points import Array, Label, Motion, Pose
 
 _HOP_S = 0.25  # how long a small bird hops (recalled)
 _GRAVITY_MPS2 = 9.81
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Flight:
-    """A course through the air."""
+Flight = Callable[[Array], tuple[Array, Array, Array]]
+"""Place (n_slow, 3), heading and effort of the wings, 0 to 1, at times (n_slow,)."""
+Hops = Callable[[Array], tuple[Array, Array]]
+"""How far a bird is off its first perch, and how far through the air, 0 to 1, likewise."""
 
-    home_m: Array  # (3,): middle of the rounds, or first perch
-    orbit_m: float  # radius of the rounds
-    orbit_rad_s: float  # turn rate of the rounds; its sign is the way round
-    orbit_rad: float  # angle at time 0
-    wander: Wander  # offsets in x, y, z, in metres, and of the heading, in radians
-    effort: Wander  # one number in -1 to 1; the wings rest where it is low
-    rest_below: float  # how low: -2 for wings that never rest, 2 for wings that do so until a hop
-    hop_s: Array = field(default_factory=lambda: np.zeros(0))  # when hops begin, in one period
-    perch_m: Array = field(default_factory=lambda: np.zeros((0, 3)))  # where, from `home_m`
-    period_s: float = 60.0  # after which the hops are repeated
 
-    def at(self, t_s: Array) -> tuple[Array, Array, Array]:
-        """Return place (n_slow, 3), heading and effort (0 to 1) at times (n_slow,)."""
-        offset = self.wander.at(t_s)
-        turn = self.orbit_rad + self.orbit_rad_s * t_s
-        place = self.home_m + offset[:, :3]
-        place[:, 0] += self.orbit_m * np.cos(turn)
-        place[:, 1] += self.orbit_m * np.sin(turn)
-        ahead = np.copysign(0.5 * np.pi, self.orbit_rad_s)
-        effort = smooth_step((self.effort.at(t_s)[:, 0] - self.rest_below) / 0.3 + 0.5)
-        if self.hop_s.size:
-            hop, aloft = self._hop(t_s)
+def _flight(
+    home_m: Array,
+    orbit: tuple[float, float, float],
+    wander: Wander,
+    effort: Wander,
+    rest_below: float,
+    *,
+    hops: Hops | None = None,
+) -> Flight:
+    """Return a course through the air: rounds about `home_m`, or a first perch there.
+
+    `orbit` is radius, turn rate (its sign is the way round) and first angle of the rounds;
+    `wander` offsets in x, y, z, in metres, and of the heading, in radians. The wings rest where
+    `effort`, -1 to 1, is below `rest_below`: never at -2, but for hops at 2.
+    """
+    radius_m, turn_rad_s, begin_rad = orbit
+
+    def at(t_s: Array) -> tuple[Array, Array, Array]:
+        offset = wander.at(t_s)
+        turn = begin_rad + turn_rad_s * t_s
+        place = home_m + offset[:, :3]
+        place[:, 0] += radius_m * np.cos(turn)
+        place[:, 1] += radius_m * np.sin(turn)
+        ahead = np.copysign(0.5 * np.pi, turn_rad_s)
+        flaps = smooth_step((effort.at(t_s)[:, 0] - rest_below) / 0.3 + 0.5)
+        if hops:
+            hop, aloft = hops(t_s)
             place += hop
-            effort = np.maximum(effort, aloft)
-        return place, turn + ahead + offset[:, 3], effort
+            flaps = np.maximum(flaps, aloft)
+        return place, turn + ahead + offset[:, 3], flaps
 
-    def _hop(self, t_s: Array) -> tuple[Array, Array]:
-        """Return the offset from home, and how far through the air it is, 0 to 1."""
-        within = np.mod(t_s, self.period_s)
+    return at
+
+
+def _hops(begin_s: Array, perch_m: Array, period_s: float) -> Hops:
+    """Return hops that begin at these times of every period, from perch to perch."""
+
+    def at(t_s: Array) -> tuple[Array, Array]:
+        within = np.mod(t_s, period_s)
         # Before the first hop of a period the last one's end still holds.
-        k = np.searchsorted(self.hop_s, within, side="right") - 1
-        since = within - self.hop_s[k] + np.where(k < 0, self.period_s, 0.0)
-        start, end = self.perch_m[k], self.perch_m[(k + 1) % len(self.hop_s)]
+        k = np.searchsorted(begin_s, within, side="right") - 1
+        since = within - begin_s[k] + np.where(k < 0, period_s, 0.0)
+        start, end = perch_m[k], perch_m[(k + 1) % len(begin_s)]
         share = np.clip(since / _HOP_S, 0.0, 1.0)
         offset = start + (end - start) * smooth_step(share)[:, None]
         aloft = np.where(share < 1.0, np.sin(np.pi * share) ** 2, 0.0)
         # A hop of 0.25 s under gravity rises g T^2 / 8 = 77 mm.
         offset[:, 2] += 0.077 * aloft
         return offset, aloft
+
+    return at
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,16 +95,11 @@ class FlyerBuild:
     folds: bool
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Flying:
-    """A bird or a moth: body, head, tail, and two parts of each wing; a `Motion`."""
+def _flying(b: FlyerBuild, flight: Flight) -> Motion:
+    """Return how a bird or a moth moves: body, head, tail, and two parts of each wing."""
 
-    build: FlyerBuild
-    flight: Flight
-
-    def __call__(self, t_s: Array) -> Pose:
-        b = self.build
-        place, heading, effort = self.flight.at(t_s)
+    def pose(t_s: Array) -> Pose:
+        place, heading, effort = flight(t_s)
         cos, sin, zero = np.cos(heading), np.sin(heading), np.zeros_like(heading)
         nose = np.stack([cos, sin, zero], axis=-1) * np.cos(b.pitch_rad)
         nose[:, 2] = np.sin(b.pitch_rad)
@@ -118,6 +128,8 @@ class Flying:
             centre[:, first] = body + 0.5 * inner * near
             centre[:, first + 1] = wrist + 0.5 * outer * far
         return Pose(centre, axis, left[:, None])
+
+    return pose
 
 
 def _wing(angle_rad: Array, to: Array, up: Array, nose: Array, fold: Array) -> Array:
@@ -200,14 +212,13 @@ def draw_moth(
         folds=False,
     )
     reach = rng.uniform(0.05, 0.15)
-    flight = Flight(
-        home_m=_place(home_m),
-        orbit_m=rng.uniform(0.0, 0.12),
-        orbit_rad_s=rng.choice([-1.0, 1.0]) * rng.uniform(3.0, 9.0),
-        orbit_rad=rng.uniform(0.0, 2.0 * np.pi),
-        wander=Wander.draw(rng, [reach, reach, reach, 1.0], rng.uniform(0.25, 0.7) * np.ones(4)),
-        effort=Wander.draw(rng, [1.0], [1.0]),
-        rest_below=-2.0,
+    radius_and_rate = rng.uniform(0.0, 0.12), rng.choice([-1.0, 1.0]) * rng.uniform(3.0, 9.0)
+    flight = _flight(
+        _place(home_m),
+        (*radius_and_rate, rng.uniform(0.0, 2.0 * np.pi)),
+        Wander.draw(rng, [reach, reach, reach, 1.0], rng.uniform(0.25, 0.7) * np.ones(4)),
+        Wander.draw(rng, [1.0], [1.0]),
+        -2.0,
     )
     return _flyer(rng, "other", build, flight, (total_rcs_dbsm, skin))
 
@@ -225,18 +236,18 @@ def _bird_flight(
     n_hops = int(rng.integers(6, 15)) if style == "perch" else 0
     slot = period / max(n_hops, 1)
     limits = (reach, reach, 0.6 * reach, 0.3 if style == "circle" else 1.2)
-    return Flight(
-        home_m=_place(home_m),
-        orbit_m=orbit,
-        orbit_rad_s=rng.choice([-1.0, 1.0]) * rate,
-        orbit_rad=rng.uniform(0.0, 2.0 * np.pi),
-        wander=Wander.draw(rng, limits, np.array([1.0, 1.0, 0.6, 0.5]) * speed),
-        effort=Wander.draw(rng, [1.0], [1.2]),
-        rest_below=rest,
-        hop_s=slot * (np.arange(n_hops) + rng.uniform(0.1, 0.8, n_hops)),
-        perch_m=rng.uniform(-1.0, 1.0, (n_hops, 3)) * np.array([0.2, 0.2, 0.1]),
-        period_s=period,
+    orbit_rad_s = rng.choice([-1.0, 1.0]) * rate
+    flight = partial(
+        _flight,
+        _place(home_m),
+        (orbit, orbit_rad_s, rng.uniform(0.0, 2.0 * np.pi)),
+        Wander.draw(rng, limits, np.array([1.0, 1.0, 0.6, 0.5]) * speed),
+        Wander.draw(rng, [1.0], [1.2]),
+        rest,
     )
+    begin_s = slot * (np.arange(n_hops) + rng.uniform(0.1, 0.8, n_hops))
+    perch_m = rng.uniform(-1.0, 1.0, (n_hops, 3)) * np.array([0.2, 0.2, 0.1])
+    return flight(hops=_hops(begin_s, perch_m, period) if n_hops else None)
 
 
 def _flyer(
@@ -257,7 +268,7 @@ def _flyer(
         *wing,
         *wing,
     ]
-    plan = BodyPlan(label, _NAMES, np.array(half), Flying(b, flight))
+    plan = BodyPlan(label, _NAMES, np.array(half), _flying(b, flight))
     return plan.dressed(rng, skin, total, _LOOKS_S)
 
 

@@ -12,16 +12,16 @@ from x2radar.sim.bodies.motion import MOTIONS
 from x2radar.sim.bodies.motion.angles import draw_angle_quadruped
 from x2radar.sim.bodies.motion.quadrupeds import gait
 from x2radar.sim.bodies.motion.quadrupeds.footfalls import draw_footfall_quadruped
-from x2radar.sim.bodies.motion.quadrupeds.gait import FOOTWORK, Going
-from x2radar.sim.bodies.motion.quadrupeds.hung import Action, Hung, draw_manner
+from x2radar.sim.bodies.motion.quadrupeds.gait import FOOTWORK, draw_going
+from x2radar.sim.bodies.motion.quadrupeds.hung import Action, draw_manner, hung
 from x2radar.sim.bodies.motion.quadrupeds.jumping import draw_jumping
 from x2radar.sim.bodies.motion.quadrupeds.staying import draw_romping, draw_staying
 from x2radar.sim.bodies.path.courses import Waypoints, apart, draw_course, off_wall
 from x2radar.sim.bodies.path.path import Agility, Path
-from x2radar.sim.bodies.pose import Motion
 from x2radar.sim.bodies.skeleton.quadrupeds import QUADRUPED, QuadrupedBuild, draw_build
 from x2radar.sim.bodies.skeleton.species import SPECIES, Species
 from x2radar.sim.bodies.skins.draw import TotalRcs
+from x2radar.sim.points import Motion
 
 _MAX_FROUDE = 25.0  # a cat at 8 m/s, a dog at 10: nothing in a home is faster
 _MAX_WALK_FROUDE = 1.2  # above 1 a stiff leg leaves the floor; a little more for legs that bend
@@ -93,19 +93,19 @@ def draw_pet(
     footwork = _footwork(build, row, style, course)
     manner, breath = draw_manner(rng, build, row, style, FOOTWORK[footwork].nod_rad)
     action: Action
-    looks_s = (0.0, _STAYS_S)
+    looks_s, goes = (0.0, _STAYS_S), PET_STYLES[style].froude is not None
     if style == "jump":
         action, end_s = draw_jumping(rng, build, course, row)
         looks_s = course.start_s, end_s
     elif style == "play":
         action = draw_romping(rng, build, course)
-    elif PET_STYLES[style].froude is None:
+    elif not goes:
         action = draw_staying(rng, build, style, course)
     else:
-        action = Going.draw(rng, build, course, style=style, footwork=footwork, species=row)
+        action = draw_going(rng, build, course, style=style, footwork=footwork, species=row)
         looks_s = course.start_s, course.end_s
-    moves: Motion = Hung(build, action, manner)
-    if motion != "gait" and isinstance(action, Going):
+    moves: Motion = hung(build, action, manner)
+    if motion != "gait" and goes:
         other = draw_footfall_quadruped if motion == "footfalls" else draw_angle_quadruped
         moves = other(rng, course, build, style)
     half = np.array(build.half_lengths())

@@ -7,11 +7,10 @@ y away from it. Every body draws one random variation, shared by all its scatter
 
 from collections.abc import Mapping
 from dataclasses import astuple, dataclass, replace
-from typing import Self
 
 import numpy as np
 
-from x2radar.sim.points import Array, Label, Points
+from x2radar.sim.points import Array, Label, Points, Thing
 
 SEED_GAIN = 1e4  # 40 dB of the module's integration are in the thesis' (table 4.1)
 _HALF_TURN = np.pi / 2
@@ -104,25 +103,13 @@ def ranges_xyz(body: tuple[Scatterer, ...], t_s: Array) -> tuple[Array, Array]:
     return np.stack(np.broadcast_arrays(x, y, z), axis=-1), rcs
 
 
-@dataclass(frozen=True, slots=True)
-class ThesisBody:
-    """One of the thesis' bodies on its way towards the radar; a `Mover`."""
+def draw_thesis_body(rng: np.random.Generator, *, name: str, label: Label) -> Thing:
+    """Draw a body of `THESIS_BODIES` on its way; the thesis' origin is the antenna."""
+    scatterers = draw(THESIS_BODIES[name], rng)
 
-    label: Label
-    scatterers: tuple[Scatterer, ...]
-
-    @classmethod
-    def draw(cls, rng: np.random.Generator, *, name: str, label: Label) -> Self:
-        """Draw a body of `THESIS_BODIES`."""
-        return cls(label, draw(THESIS_BODIES[name], rng))
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of its points."""
-        return tuple(f"scatterer {k + 1}" for k in range(len(self.scatterers)))
-
-    def at(self, t_s: Array, antenna_m: Array) -> Points:
-        """Return the scatterers, see `Mover`; the thesis' origin is the antenna."""
-        position_m, rcs_m2 = ranges_xyz(self.scatterers, t_s)
+    def points(t_s: Array, antenna_m: Array) -> Points:
+        position_m, rcs_m2 = ranges_xyz(scatterers, t_s)
         level = np.broadcast_to(rcs_m2 / SEED_GAIN, position_m.shape[:2])
         return Points(position_m + antenna_m, level)
+
+    return Thing(tuple(f"scatterer {k + 1}" for k in range(len(scatterers))), points, label)

@@ -22,7 +22,7 @@ from x2radar.sim.bodies.person import draw_person
 from x2radar.sim.bodies.pet import draw_pet
 from x2radar.sim.bodies.skeleton.species import SPECIES
 from x2radar.sim.bodies.skins.draw import SKINS
-from x2radar.sim.bodies.thesis_bodies import ThesisBody
+from x2radar.sim.bodies.thesis_bodies import draw_thesis_body
 from x2radar.sim.points import Label, Mover
 from x2radar.sim.things import THINGS, draw_thing
 
@@ -176,7 +176,7 @@ def _waypoints(options: dict[str, Any], rng: np.random.Generator, where: str) ->
 
 def _thesis(kind: str, label: Label) -> BodyKind:
     what = "person" if kind == "human" else kind
-    make = partial(ThesisBody.draw, name=f"thesis_{kind}", label=label)
+    make = partial(draw_thesis_body, name=f"thesis_{kind}", label=label)
     return _body(f"The thesis' {what}: five sinusoids.", make, ())
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from x2radar.keys import Key, checked
-from x2radar.sim.points import Array, Label, Points
+from x2radar.sim.points import Array, Thing
 
 Values = Mapping[str, float]
 
@@ -33,18 +33,6 @@ class Draw:
         low, high = self.usual
         share = rng.random()
         return float(low * (high / low) ** share if self.is_log else low + (high - low) * share)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Thing:
-    """What moves and must not alarm, all of it drawn: points as a function of time; a `Mover`."""
-
-    names: tuple[str, ...]
-    points: Callable[[Array, Array], Points]  # of times (n_slow,) and the antenna's place (3,)
-    label: Label = "other"
-
-    def at(self, t_s: Array, antenna_m: Array) -> Points:
-        return self.points(t_s, antenna_m)
 
 
 @dataclass(frozen=True, slots=True)

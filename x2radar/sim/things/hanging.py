@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from x2radar.sim.points import Array, Points
+from x2radar.sim.points import Array, Points, Thing
 from x2radar.sim.things import draws
-from x2radar.sim.things.draws import Draw, Thing, ThingKind, Values
+from x2radar.sim.things.draws import Draw, ThingKind, Values
 
 _WAVES = 3  # along a curtain: fewer repeat themselves
 

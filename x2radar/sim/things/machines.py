@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from x2radar.sim.points import Array, Points
+from x2radar.sim.points import Array, Points, Thing
 from x2radar.sim.things import draws
-from x2radar.sim.things.draws import Draw, Thing, ThingKind, Values
+from x2radar.sim.things.draws import Draw, ThingKind, Values
 
 # Points a blade; rate of tumbling, how long it tumbles, runs up and spins (a washing
 # programme in short), and the damping of the drum.

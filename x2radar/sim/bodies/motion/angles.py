@@ -22,13 +22,12 @@ from x2radar.sim.bodies.motion.quadrupeds.footfalls import (
 from x2radar.sim.bodies.motion.quadrupeds.hung import Trunk
 from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.bodies.path.prints import StridePhase
-from x2radar.sim.bodies.pose import UP, Ends, Motion, Pose
 from x2radar.sim.bodies.skeleton import quadrupeds
 from x2radar.sim.bodies.skeleton.people import PersonBuild
 from x2radar.sim.bodies.skeleton.quadrupeds import QuadrupedBuild
 from x2radar.sim.bodies.skeleton.skeleton import direction, hang
 from x2radar.sim.bodies.wander import Wander
-from x2radar.sim.points import Array
+from x2radar.sim.points import UP, Array, Ends, Motion, Pose
 
 N_HARMONICS = 4  # enough to hold a knee to two degrees (tests)
 

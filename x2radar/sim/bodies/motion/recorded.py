@@ -17,12 +17,11 @@ import numpy as np
 from x2radar.errors import SceneError
 from x2radar.sim.bodies.body import Body, BodyPlan
 from x2radar.sim.bodies.motion.bvh import read_bvh
-from x2radar.sim.bodies.pose import UP, Pose
 from x2radar.sim.bodies.skeleton.people import PERSON
 from x2radar.sim.bodies.skeleton.quadrupeds import QUADRUPED
 from x2radar.sim.bodies.skeleton.skeleton import Part, Skeleton
 from x2radar.sim.bodies.skins.draw import TotalRcs
-from x2radar.sim.points import Array, Label
+from x2radar.sim.points import UP, Array, Label, Pose
 
 MAX_BYTES = 2**28  # largest file that is read, unpacked: two hours at 120 Hz as text
 _THICK_SHARE, _THICK_M = 0.18, (0.015, 0.12)  # half-widths where only the length is known: a share

@@ -9,9 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from x2radar.sim.bodies.pose import Ends
 from x2radar.sim.bodies.skins.base import THEORY, EchoGain
-from x2radar.sim.points import Array
+from x2radar.sim.points import Array, Ends
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,8 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from x2radar.sim.bodies.pose import Pose
-from x2radar.sim.points import Array, Points
+from x2radar.sim.points import Array, Points, Pose
 
 SKIN_REFLECTION = 0.54  # of power, skin and muscle at 7 GHz (Gabriel's tissue data, recalled)
 WAVELENGTH_M = 0.044  # at 6.8 GHz, the X2's carrier

@@ -11,9 +11,8 @@ from typing import Self
 
 import numpy as np
 
-from x2radar.sim.bodies.pose import Pose
 from x2radar.sim.bodies.skins.base import DEEPEST, SKIN_REFLECTION, WAVELENGTH_M, EchoGain, Skin
-from x2radar.sim.points import Array, Points
+from x2radar.sim.points import Array, Points, Pose
 
 _COHERENT_M = (0.03, 0.08)  # over which skin or cloth is straight to an eighth of a wave
 _SHADOW_DB = (3.0, 20.0)  # of a part right behind another: diffraction fills shadows

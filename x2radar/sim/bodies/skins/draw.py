@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from x2radar.keys import Key
-from x2radar.sim.bodies.pose import Pose
 from x2radar.sim.bodies.skins.base import THEORY, EchoGain, Skin
 from x2radar.sim.bodies.skins.capsules import CapsuleSkin
 from x2radar.sim.bodies.skins.points import PointSkin
 from x2radar.sim.bodies.skins.surface import SurfaceSkin
-from x2radar.sim.points import Array
+from x2radar.sim.points import Array, Pose
 
 TotalRcs = float | Literal["physical"] | None
 """Mean total of a body: in dBsm, by its sizes, or None for a draw of its own."""

@@ -10,9 +10,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.sim.bodies.pose import Pose
 from x2radar.sim.bodies.skins.base import SKIN_REFLECTION, EchoGain, Skin
-from x2radar.sim.points import Array, Points
+from x2radar.sim.points import Array, Points, Pose
 
 _COUNTS = ((0.3, (1, 1)), (0.65, (3, 8)), (1.0, (1, 4)))
 """Scatterers a segment, fewest and most, of bodies up to a cumulated share: studies have

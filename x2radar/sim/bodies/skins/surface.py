@@ -25,10 +25,9 @@ from typing import Self
 
 import numpy as np
 
-from x2radar.sim.bodies.pose import Pose
 from x2radar.sim.bodies.skins.base import DEEPEST, SKIN_REFLECTION, WAVELENGTH_M, EchoGain, Skin
 from x2radar.sim.bodies.wander import smooth_step
-from x2radar.sim.points import Array, Points
+from x2radar.sim.points import Array, Points, Pose
 
 _NEPER_PER_DB = np.log(10.0) / 10.0
 SPREAD_DB = (2.0, 4.0)  # of a part's echo over all aspects (a guess: skin and cloth)

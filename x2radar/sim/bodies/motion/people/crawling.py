@@ -8,11 +8,10 @@ from x2radar.sim.bodies.motion.people.striding import SIDES
 from x2radar.sim.bodies.motion.people.walking import STIFF_TO, Traits
 from x2radar.sim.bodies.path.feet import Feet, Gait
 from x2radar.sim.bodies.path.path import Path
-from x2radar.sim.bodies.pose import Ends, Motion, Pose, rod
 from x2radar.sim.bodies.skeleton.people import TRUNK_AT, PersonBuild
 from x2radar.sim.bodies.skeleton.skeleton import direction, two_links
 from x2radar.sim.bodies.wander import Wander
-from x2radar.sim.points import Array
+from x2radar.sim.points import Array, Ends, Motion, Pose, rod
 
 _KNEE_M = 0.06  # height of a kneeling knee's middle (recalled)
 

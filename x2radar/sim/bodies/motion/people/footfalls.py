@@ -14,10 +14,9 @@ from x2radar.sim.bodies.motion.people import striding
 from x2radar.sim.bodies.motion.people.striding import RUNS, SIDES, Moment, StridingPerson, Swing
 from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.bodies.path.prints import Footprints, StridePhase
-from x2radar.sim.bodies.pose import UP, Ends, Pose
 from x2radar.sim.bodies.skeleton.people import PersonBuild
 from x2radar.sim.bodies.skeleton.skeleton import STRETCHED_TO, direction, two_links
-from x2radar.sim.points import Array
+from x2radar.sim.points import UP, Array, Ends, Pose
 
 _TURNED_SHARE = 0.3  # of people who do not run: they do not go where they look (a guess)
 _TURNED_STRIDE = 0.85  # of those who do not go where they look, for one of those who do (a guess)

@@ -13,11 +13,10 @@ import numpy as np
 
 from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.bodies.path.prints import StridePhase
-from x2radar.sim.bodies.pose import Ends, Pose
 from x2radar.sim.bodies.skeleton.people import PersonBuild
 from x2radar.sim.bodies.skeleton.skeleton import direction, hang
 from x2radar.sim.bodies.wander import Wander
-from x2radar.sim.points import Array
+from x2radar.sim.points import Array, Ends, Pose
 
 Swing = tuple[Array, Array, Array, float]  # yaw of an arm's swing, shoulder, elbow, and its splay
 

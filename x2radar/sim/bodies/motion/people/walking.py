@@ -21,11 +21,10 @@ from x2radar.sim.bodies.motion.people.gait import Carriage, PersonStyle, carriag
 from x2radar.sim.bodies.motion.people.striding import SIDES
 from x2radar.sim.bodies.path.feet import Feet, FootState
 from x2radar.sim.bodies.path.path import Path
-from x2radar.sim.bodies.pose import UP, Ends, Pose, rod
 from x2radar.sim.bodies.skeleton.people import TRUNK_AT, Age, PersonBuild
 from x2radar.sim.bodies.skeleton.skeleton import direction, two_links
 from x2radar.sim.bodies.wander import Wander, smooth_step
-from x2radar.sim.points import Array
+from x2radar.sim.points import UP, Array, Ends, Pose, rod
 
 Traits = tuple[Array, Array]  # drawn whatever the style: 12 normal numbers and 8 shares
 

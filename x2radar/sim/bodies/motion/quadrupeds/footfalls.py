@@ -14,11 +14,10 @@ import numpy as np
 from x2radar.sim.bodies.motion.quadrupeds.hung import Manner, Trunk
 from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.bodies.path.prints import Footprints, StridePhase
-from x2radar.sim.bodies.pose import UP, Ends, Motion, Pose
 from x2radar.sim.bodies.skeleton.quadrupeds import ENDS, SIDES, QuadrupedBuild
 from x2radar.sim.bodies.skeleton.skeleton import STRETCHED_TO, direction, two_links
 from x2radar.sim.bodies.wander import Wander
-from x2radar.sim.points import Array
+from x2radar.sim.points import UP, Array, Ends, Motion, Pose
 
 _LAGS: Mapping[str, tuple[float, float, float, float]] = {
     "walk": (0.0, 0.25, 0.5, 0.75),

@@ -7,11 +7,10 @@ hypothesis for the gaits of quadrupedal mammals, 1983; coefficients recalled).
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 
-from x2radar.sim.bodies.motion.quadrupeds.hung import Stance
+from x2radar.sim.bodies.motion.quadrupeds.hung import Action, Stance
 from x2radar.sim.bodies.motion.quadrupeds.staying import STANDING
 from x2radar.sim.bodies.path.feet import Feet, Gait
 from x2radar.sim.bodies.path.path import Path
@@ -81,88 +80,67 @@ def usual_gait(speed_mps: float, hip_m: float, species: Species) -> str:
     return next(name for name, limit in species.gaits.items() if fr < limit)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Going:
-    """Walking, trotting, cantering along a path, standing where it stops."""
+def draw_going(
+    rng: np.random.Generator,
+    build: QuadrupedBuild,
+    path: Path,
+    *,
+    style: str,
+    footwork: str,
+    species: Species,
+) -> Action:
+    """Draw how an animal walks, trots or canters along a path in a style of `PET_STYLES`.
 
-    path: Path  # where the middle of the trunk goes
-    feet: Feet  # footfalls along it
-    footwork: Footwork  # what the trunk does
-    offset: tuple[float, ...]  # when each leg lands, in strides
-    build: QuadrupedBuild  # sizes
-    height_m: float  # height of the trunk's middle, standing
-    cruise_mps: float  # speed at which the trunk moves as the footwork says; below, less
-    duty: float  # duty factor at that speed
-    crouch: float  # how much lower the trunk is in front, in hip heights: a nose at the floor
+    It stands where it stops.
+    """
+    work, h = FOOTWORK[footwork], build.hip_m
+    low = 0.72 if style == "stalk" else STANDING * rng.uniform(0.96, 1.0)
+    longer = float(np.exp(np.clip(rng.normal(0.0, 0.06), -0.15, 0.15)))
+    lift, ramp = rng.uniform(0.10, 0.20), rng.uniform(0.3, 0.48)
+    lh, lf, rh, rf = work.offset
+    gait = Gait(
+        # Mirrored, right and left change places: the other lead of a canter.
+        offset=(rh, rf, lh, lf) if rng.uniform() < 0.5 else work.offset,
+        home_m=tuple(zip(0.5 * build.back_m * ENDS, build.half_track_m * SIDES, strict=True)),
+        stride_m=lambda v: longer * stride_m(v, h, species),
+        duty=lambda v: duty(v, h),
+        lift_m=(0.9 * lift * h, lift * h) * 2,
+        ramp=ramp,
+        ahead_s=0.12,
+    )
+    # Speed at which the trunk moves as the footwork says, below less, and the duty factor then.
+    cruise_mps = max(path.cruise_mps, 0.05)
+    share = float(duty(np.array([cruise_mps]), h)[0])
+    # A nose at the floor lowers the trunk in front.
+    crouch_m, height_m = (0.12 if style == "sniff" else 0.0) * h, low * h
+    planned = Feet.plan(path, gait)
+    # Each end of the trunk goes up and down by the legs that carry it.
+    lh, lf, rh, rf = gait.offset
+    ends = (lh, lf) if work.bobs == 2 else (_between(lh, rh), _between(lf, rf))
+    sign = 1.0 if work.is_vault else -1.0
 
-    @classmethod
-    def draw(
-        cls,
-        rng: np.random.Generator,
-        build: QuadrupedBuild,
-        path: Path,
-        *,
-        style: str,
-        footwork: str,
-        species: Species,
-    ) -> Self:
-        """Draw how an animal goes along a path in a style of `PET_STYLES`, and its footfalls."""
-        work, h = FOOTWORK[footwork], build.hip_m
-        low = 0.72 if style == "stalk" else STANDING * rng.uniform(0.96, 1.0)
-        longer = float(np.exp(np.clip(rng.normal(0.0, 0.06), -0.15, 0.15)))
-        lift, ramp = rng.uniform(0.10, 0.20), rng.uniform(0.3, 0.48)
-        lh, lf, rh, rf = work.offset
-        gait = Gait(
-            # Mirrored, right and left change places: the other lead of a canter.
-            offset=(rh, rf, lh, lf) if rng.uniform() < 0.5 else work.offset,
-            home_m=tuple(zip(0.5 * build.back_m * ENDS, build.half_track_m * SIDES, strict=True)),
-            stride_m=lambda v: longer * stride_m(v, h, species),
-            duty=lambda v: duty(v, h),
-            lift_m=(0.9 * lift * h, lift * h) * 2,
-            ramp=ramp,
-            ahead_s=0.12,
-        )
-        cruise = max(path.cruise_mps, 0.05)
-        share = float(duty(np.array([cruise]), h)[0])
-        crouch = 0.12 if style == "sniff" else 0.0
-        feet = Feet.plan(path, gait)
-        return cls(path, feet, work, gait.offset, build, low * h, cruise, share, crouch)
-
-    def __call__(self, t_s: Array) -> Stance:
-        f, h = self.footwork, self.build.hip_m
-        state = self.path.at(t_s)
-        feet = self.feet.at(t_s)
-        strides = self.feet.clock.at(t_s)
-        vigour = np.minimum(state.speed_mps / self.cruise_mps, 1.0)
-        # Each end of the trunk goes up and down by the legs that carry it.
-        lh, lf, rh, rf = self.offset
-        hind, fore = (lh, lf) if f.bobs == 2 else (_between(lh, rh), _between(lf, rf))
-        sign = 1.0 if f.is_vault else -1.0
+    def at(t_s: Array) -> Stance:
+        state, strides = path.at(t_s), planned.clock.at(t_s)
+        vigour = np.minimum(state.speed_mps / cruise_mps, 1.0)
         rear, front = (
-            sign * np.cos(2.0 * np.pi * f.bobs * (strides - first - 0.5 * self.duty))
-            for first in (hind, fore)
+            sign * np.cos(2.0 * np.pi * work.bobs * (strides - first - 0.5 * share))
+            for first in ends
         )
-        bob = f.bob * h * vigour
-        low = self.crouch * h
-        rise = bob * (front - rear) - low
-        sway = f.sway * h * vigour * np.sin(2.0 * np.pi * (strides - lh - 0.5 * self.duty + 0.25))
+        bob = work.bob * h * vigour
+        rise = bob * (front - rear) - crouch_m
+        sway = work.sway * h * vigour * np.sin(2.0 * np.pi * (strides - lh - 0.5 * share + 0.25))
         cos, sin = np.cos(state.heading_rad), np.sin(state.heading_rad)
-        middle = np.stack(
-            [
-                state.x_m - sway * sin,
-                state.y_m + sway * cos,
-                self.height_m + 0.5 * bob * (front + rear) - 0.5 * low,
-            ],
-            axis=-1,
-        )
+        up = height_m + 0.5 * bob * (front + rear) - 0.5 * crouch_m
         return Stance(
-            middle_m=middle,
+            middle_m=np.stack([state.x_m - sway * sin, state.y_m + sway * cos, up], axis=-1),
             heading_rad=state.heading_rad,
-            pitch_rad=np.arcsin(np.clip(rise / self.build.back_m, -0.7, 0.7)),
-            paw_m=feet.position_m,
+            pitch_rad=np.arcsin(np.clip(rise / build.back_m, -0.7, 0.7)),
+            paw_m=planned.at(t_s).position_m,
             nod=vigour * front,
             turn_rad_s=state.turn_rad_s,
         )
+
+    return at
 
 
 def _between(a: float, b: float) -> float:

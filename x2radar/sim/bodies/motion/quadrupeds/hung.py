@@ -11,12 +11,11 @@ from itertools import pairwise
 import numpy as np
 
 from x2radar.sim.bodies.body import Breath
-from x2radar.sim.bodies.pose import UP, Ends, Pose
 from x2radar.sim.bodies.skeleton.quadrupeds import ENDS, SIDES, QuadrupedBuild
 from x2radar.sim.bodies.skeleton.skeleton import direction, two_links
 from x2radar.sim.bodies.skeleton.species import Band, Species, Swing
 from x2radar.sim.bodies.wander import Wander, bouts, smooth_step
-from x2radar.sim.points import Array
+from x2radar.sim.points import UP, Array, Ends, Motion, Pose
 
 _WIDEST_WAG_RAD = 1.1  # a tail does not reach beside the body (recalled)
 
@@ -175,18 +174,14 @@ Action = Callable[[Array], Stance]
 """Where trunk and paws are at times of shape (n_slow,); a function of time alone."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Hung:
-    """An animal by what it does, and by how it carries head and tail; a `Motion`."""
+def hung(build: QuadrupedBuild, action: Action, manner: Manner) -> Motion:
+    """Return the motion of an animal by what it does, and how it carries head and tail."""
+    b = build
+    end, side = 0.5 * ENDS * b.back_m, 0.9 * SIDES * b.half_track_m
 
-    build: QuadrupedBuild
-    action: Action
-    manner: Manner
-
-    def __call__(self, t_s: Array) -> Pose:
-        s, b = self.action(t_s), self.build
+    def pose(t_s: Array) -> Pose:
+        s = action(t_s)
         ahead, left = direction(s.heading_rad), direction(s.heading_rad + 0.5 * np.pi)
-        end, side = 0.5 * ENDS * b.back_m, 0.9 * SIDES * b.half_track_m
         joint = s.middle_m[:, None] + end[:, None] * direction(s.heading_rad, s.pitch_rad)[:, None]
         joint = joint + side[:, None] * left[:, None]
         ankle = s.paw_m + 0.25 * b.paw_m * UP
@@ -197,4 +192,6 @@ class Hung:
         for k in range(4):
             paw = (ankle[:, k] - toes, ankle[:, k] + toes)
             legs += [(knee[:, k], top[:, k]), (ankle[:, k], knee[:, k]), paw]
-        return self.manner.over_legs(t_s, b, s, legs)
+        return manner.over_legs(t_s, b, s, legs)
+
+    return pose

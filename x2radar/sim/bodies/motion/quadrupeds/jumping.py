@@ -9,12 +9,11 @@ from x2radar.sim.bodies.motion.quadrupeds.gait import GRAVITY_MPS2
 from x2radar.sim.bodies.motion.quadrupeds.hung import Action, Stance
 from x2radar.sim.bodies.motion.quadrupeds.staying import draw_staying
 from x2radar.sim.bodies.path.path import Path
-from x2radar.sim.bodies.pose import UP
 from x2radar.sim.bodies.skeleton.quadrupeds import ENDS, SIDES, QuadrupedBuild
 from x2radar.sim.bodies.skeleton.skeleton import direction
 from x2radar.sim.bodies.skeleton.species import Species
 from x2radar.sim.bodies.wander import smooth_step
-from x2radar.sim.points import Array
+from x2radar.sim.points import UP, Array
 
 # By eye: crouch before, push of the legs and yield at the landing, in hip heights; how
 # far a paw clears what it jumps onto; how quickly legs fold; how long it then takes to stand.
