@@ -260,9 +260,9 @@ ROOMS = {"hall": {"port": "sim:empty"}, "attic": {"port": "sim:empty?seed=3"}}
 
 
 def two_rooms(launch, **how):
-    """A daemon whose two radars decide, what its reload takes (to be filled), and the radars."""
+    """A daemon whose two radars decide, what its reload gives it (to be filled), and the radars."""
     choices = []
-    daemon = launch(sensors=ROOMS, reload=lambda: choices[0], **how)
+    daemon = launch(sensors=ROOMS, reload=lambda: with_others(daemon, choices[0]), **how)
     hall, attic = daemon.run.sensors
     wait_for(lambda: told(hall).get("seq") and told(attic).get("seq"))
     return daemon, choices, hall, attic
@@ -278,7 +278,7 @@ def test_a_reload_adds_and_removes_radars_and_leaves_the_others(tmp_path, launch
     out = tmp_path / "out.jsonl"
     daemon, choices, hall, _ = two_rooms(launch, output=[f"json:{out}"])
     more = {"shed": {"port": "sim:empty?seed=4"}, "cellar": {"port": str(tmp_path / "absent")}}
-    choices.append(with_others(daemon, {"hall": ROOMS["hall"], **more}))
+    choices.append({"hall": ROOMS["hall"], **more})
     daemon.ask("reload")
     wait_for(lambda: [radar.sensor for radar in daemon.run.sensors] == ["hall", "shed", "cellar"])
     shed = daemon.run.sensors[1]
@@ -308,7 +308,7 @@ def test_radars_that_a_reload_adds_have_topics_and_pages(launch, broker, listen)
     wait_for(lambda: b"online" in listener.on("radard/attic-simulated/availability"))
     assert ask(base + "/sensor/attic/healthz")[0] == 200
     more = {"shed": {"port": "sim:empty?seed=4"}}
-    choices.append(with_others(daemon, {"hall": ROOMS["hall"], **more}))
+    choices.append({"hall": ROOMS["hall"], **more})
     daemon.ask("reload")
     wait_for(lambda: b"online" in listener.on("radard/shed-simulated/availability"))
     wait_for(lambda: listener.on("radard/attic-simulated/availability")[-1] == b"offline")
@@ -317,22 +317,30 @@ def test_radars_that_a_reload_adds_have_topics_and_pages(launch, broker, listen)
     assert ask(base + "/api/v1/status")[1]["sensors"] == {"shed": "/sensor/shed/"}
 
 
-def test_a_reload_begins_a_radar_again_whose_port_is_another(launch):
-    daemon, choices, hall, attic = two_rooms(launch)
-    entry = daemon.config.sensors["hall"].model_copy(update={"port": "sim:empty?seed=9"})
-    changed = {**daemon.config.sensors, "hall": entry}
-    choices.append(daemon.config.model_copy(update={"sensors": changed}))
+def test_a_reload_begins_a_radar_again_whose_port_is_another(launch, broker, listen):
+    """Before, its topics stayed offline, and their commands went to the radar that had gone."""
+    mqtt = {"output": [f"mqtt://127.0.0.1:{broker.port}"], "mqtt": {"commands": "always"}}
+    daemon, choices, hall, attic = two_rooms(launch, **mqtt)
+    base, listener = "radard/hall-simulated", listen()
+    wait_for(lambda: b"online" in listener.on(f"{base}/availability"))
+    choices.append({**ROOMS, "hall": {"port": "sim:empty?seed=9"}})
     daemon.ask("reload")
     wait_for(lambda: daemon.run.sensors[0] is attic and len(daemon.run.sensors) == 2)
     again = daemon.run.sensors[1]
     assert (again.sensor, again is hall) == ("hall", False)
     wait_for(lambda: told(again).get("seq"))
+    wait_for(lambda: listener.on(f"{base}/availability")[-2:] == [b"offline", b"online"])
+    listener.say(f"{base}/command/disarm")
+    wait_for(lambda: told(again)["armed"] is False)
 
 
-def test_a_reload_that_adds_a_radar_without_a_model_changes_nothing(launch, caplog):
+@pytest.mark.parametrize(
+    "broken", [{"port": "sim:empty", "model": {"name": "nosuch"}}, {"port": "socket://h:99999"}]
+)
+def test_a_reload_that_adds_a_radar_that_cannot_be_changes_nothing(launch, caplog, broken):
+    """Before, a port's URL that nothing can be behind ended all of them."""
     daemon, choices, hall, attic = two_rooms(launch)
-    broken = {"port": "sim:empty", "model": {"name": "nosuch"}}
-    choices.append(with_others(daemon, {**ROOMS, "shed": broken}))
+    choices.append({**ROOMS, "shed": broken})
     daemon.ask("reload")
     wait_for(lambda: "the old configuration stays" in caplog.text)
     assert daemon.run.sensors == [hall, attic]

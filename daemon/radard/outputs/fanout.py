@@ -29,7 +29,10 @@ _LOCK_S = 1.0  # a sink takes far less for a record; a thread that holds the loc
 
 @dataclass(slots=True, eq=False)
 class _Open:
-    """An output, and what is `held` until there is a sink for it, behind `after`; its `fault`."""
+    """An output, and what is `held` until there is a sink for it, behind `after`; its `fault`.
+
+    `is_left`: its own sensor has gone, and one of that name may have come.
+    """
 
     name: str
     sensor: str | None
@@ -38,6 +41,7 @@ class _Open:
     held: RecordQueue | None = None
     fault: str = ""
     after: int | None = None
+    is_left: bool = False
 
     def write(self, record: Record) -> None:
         if self.held is not None:
@@ -53,7 +57,7 @@ class _Open:
         if row is not None:
             changed.intersection_update(row.sections)
         # A plug-in may read any of them; no output at all is stdout.
-        return self.sink is None or bool(self.name and changed)
+        return self.sink is None or self.is_left or bool(self.name and changed)
 
 
 class Outputs:
@@ -82,6 +86,8 @@ class Outputs:
     def remove(self, sensor: str) -> None:
         """Forget a sensor; its own outputs are closed by `reload`."""
         self._hosts = {name: host for name, host in self._hosts.items() if name != sensor}
+        for each in self._open:
+            each.is_left |= each.sensor == sensor
         for _, sink in self.sinks:
             if (detach := getattr(sink, "detach", None)) is not None:
                 detach(sensor)
@@ -226,6 +232,7 @@ class Outputs:
         with self._lock:
             held, each.held = each.held, None
             each.sink, each.options, each.fault = sink, _options_of(self._config), ""
+            each.is_left = False
             _write_hellos(each, self._hellos)
             while (record := held.take(0)) is not None:
                 sink.write(record)

@@ -24,6 +24,7 @@ from radard.run.os_signals import Signals, force_after, stacks
 from radard.run.pool import WorkerPool
 from radard.run.sensor import RunOptions, Sensor
 from radard.run.sink_watch import SinkWatch
+from x2radar.errors import X2RadarError
 
 log = logging.getLogger("radard")
 _ENDS_WITH_IT = "a simulation's clips, labels and settings end with it; --state DIR keeps them"
@@ -208,7 +209,7 @@ class Process:
                 own = config.of_sensor(sensor.sensor) if config.is_one_of_several else config
                 if (parts := sensor.remake(own)) is not None:
                     remade.append((sensor, parts))
-        except RadardError as err:
+        except (RadardError, X2RadarError) as err:
             log.warning("reload: the old configuration stays: %s", err)
         else:
             hellos = [sensor.exchange(parts) for sensor, parts in remade]
