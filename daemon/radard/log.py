@@ -153,10 +153,12 @@ class EventLog:
         with self._changed:
             return self._kept.get(name)
 
-    def holds(self, name: str, text: str) -> bool:
-        """Return whether a text would outlive a kill; true also where no disk takes anything."""
+    def why_lost(self, name: str, text: str) -> str | None:
+        """Return why a text would not outlive a kill: empty if it would, None if not yet."""
         with self._changed:
-            return self._path is None or bool(self._trouble) or self._held.get(name) == text
+            if self._path is None or self._held.get(name) == text:
+                return ""
+            return self._trouble or None
 
     def close(self) -> None:
         """Write what waits, and close the file; what comes later is in memory only."""

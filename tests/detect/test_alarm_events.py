@@ -208,13 +208,17 @@ def test_an_entry_delay_is_kept_and_its_alarm_begins_at_once():
 
 def test_an_exit_delay_goes_on_after_a_restart_by_the_clock_on_the_wall(tmp_path):
     policy, now = AlarmPolicy(exit_delay_s=60), [1000.0]
-    store = StateStore(EventLog(None), "radar", now_s=lambda: now[0])
+    log = EventLog(None)
+    store = StateStore(log, "radar", now_s=lambda: now[0])
     tracker = EventTracker(AlarmPanel(policy, is_armed=False))
     tracker.on_command("arm-home", 5.0)
     store.save(tracker.kept(15.0))
     for clock_s, left_s in ((1020.0, 30.0), (1049.0, 1.0), (1051.0, 0.0), (900.0, 50.0)):
         now[0] = clock_s
-        kept = store.load(is_armed=False)
+        # In this process, and after a restart.
+        again = StateStore(log, "radar", now_s=lambda: now[0])
+        kept = again.load(is_armed=False)
+        assert store.load(is_armed=False) == kept
         assert (kept.is_armed, kept.mode, kept.exit_left_s) == (True, "home", left_s)
         panel = AlarmPanel(policy, is_armed=kept.is_armed, mode=kept.mode)
         assert EventTracker(panel).resume(kept) == []
@@ -262,7 +266,13 @@ def test_without_a_named_folder_only_the_command_is_kept():
     assert StateStore(log, "radar").load(is_armed=True) == KeptState(is_armed=False)
     # An exit delay is then over at a restart.
     store.save(KeptState(is_armed=True, mode="home", exit_left_s=60.0))
-    assert store.load(is_armed=False) == KeptState(is_armed=True, mode="home")
+    armed = KeptState(is_armed=True, mode="home")
+    assert StateStore(log, "radar", keeps_alarms=False).load(is_armed=False) == armed
+    # To this process an alarm is still on when its radar begins again.
+    alarm = KeptState(is_armed=True, alarm_id="X")
+    for kept in (store, StateStore(log, None)):
+        kept.save(alarm)
+        assert kept.load(is_armed=False) == alarm
 
 
 def test_a_remark_is_an_update_and_the_reason_comes_back():
@@ -324,19 +334,19 @@ def test_what_is_held_is_what_was_written(tmp_path):
     log = EventLog(tmp_path / "log.db")
     store = StateStore(log, "radar")
     store.load(is_armed=True)
-    assert store.holds(is_armed=True, mode="away")
+    assert store.why_lost(True, "away", None) == ""
     store.save(KeptState(is_armed=False, mode="home"))
-    assert store.holds(is_armed=False, mode="home")
-    assert not store.holds(is_armed=False, mode="away")
-    assert not store.holds(is_armed=True, mode="home")
+    assert store.why_lost(False, "home", None) == ""
+    for other in ((False, "away", None), (True, "home", None), (False, "home", "X")):
+        assert store.why_lost(*other) is None
     with closing(sqlite3.connect(tmp_path / "log.db")) as db:
         db.execute("BEGIN EXCLUSIVE")
         store.save(KeptState(is_armed=True))
-        assert not store.holds(is_armed=True, mode="away")
-    wait_for(lambda: store.holds(is_armed=True, mode="away"))
+        assert store.why_lost(True, "away", None) != ""
+    wait_for(lambda: store.why_lost(True, "away", None) == "")
     log.close()
     # Where nothing can be kept nobody is kept waiting.
-    assert StateStore(EventLog(None), None).holds(is_armed=True, mode="away")
+    assert StateStore(EventLog(None), None).why_lost(True, "away", None) == ""
 
 
 def test_fault_and_tamper_are_told_once_and_only_tamper_when_its_reason_changes():

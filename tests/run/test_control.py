@@ -8,12 +8,13 @@ import shutil
 import socket
 import stat
 import threading
+import time
 
 import numpy as np
 import pytest
 
 from radard.alarm.sensor_state import SensorState
-from radard.alarm.state_store import StateStore
+from radard.alarm.state_store import KeptState, StateStore
 from radard.cli import main
 from radard.log import EventLog
 from radard.run import control
@@ -78,7 +79,7 @@ def test_disarm_arm_and_status_over_the_socket(tmp_path, launch, said):
 
 def test_a_folder_of_any_length_has_a_socket(tmp_path):
     radar = FakeHost()
-    radar.is_kept, radar.state = True, SensorState(armed=False)
+    radar.why_lost, radar.state = "", SensorState(armed=False)
     folder = tmp_path / ("state" * 20) / ("radar" * 20)
     server = control.ControlServer([radar], folder)
     server.start()
@@ -327,12 +328,45 @@ def test_range_over_time_shows_who_walks_where_and_when():
     assert made["first"] + len(made["columns"]) == 16
 
 
+def killed(tmp_path, name, is_armed):
+    """How the next run would find itself armed, were this one killed now."""
+    copy = shutil.copytree(tmp_path / "state", tmp_path / f"killed{time.monotonic_ns()}")
+    events = EventLog(copy / "log.db")
+    kept = StateStore(events, name).load(is_armed=is_armed)
+    events.close()
+    return kept
+
+
 def test_what_was_answered_is_on_disk_and_holds_after_a_kill(tmp_path, launch, said):
     running(launch, tmp_path)
-    for k, (command, is_armed) in enumerate((("disarm", False), ("arm", True))):
+    for command, is_armed in (("disarm", False), ("arm", True)):
         assert said(command)[0] == 0
-        # What the next run would find.
-        copy = shutil.copytree(tmp_path / "state", tmp_path / f"killed{k}")
-        events = EventLog(copy / "log.db")
-        assert StateStore(events, "radar.sim").load(is_armed=not is_armed).is_armed is is_armed
-        events.close()
+        assert killed(tmp_path, "radar.sim", not is_armed).is_armed is is_armed
+
+
+def test_what_is_commanded_before_there_is_a_stream_holds_after_a_kill(tmp_path, launch, said):
+    """Before, it was in memory, and of an alarm that is on nobody was told."""
+    events = EventLog(tmp_path / "state" / "log.db")
+    alarm = KeptState(is_armed=True, alarm_id="X", alarm_reason="human at 2.0 m")
+    StateStore(events, "radar").save(alarm)
+    events.close()
+    absent, out = str(tmp_path / "ttyX2"), tmp_path / "out.jsonl"
+    sensor = {"port": absent, "wait": True}
+    daemon = launch(sensor=sensor, output=[f"json:{out}"], alarm={"exit_delay_s": 600})
+    wait_for(control_path(tmp_path, "radar").exists)
+    assert said("disarm") == (0, "disarm: taken, there is no stream yet")
+    kept = killed(tmp_path, "radar", is_armed=True)
+    assert (kept.is_armed, kept.alarm_id) == (False, None)
+    assert said("arm", "--home")[0] == 0
+    kept = killed(tmp_path, "radar", is_armed=False)
+    assert (kept.is_armed, kept.mode, 0 < kept.exit_left_s <= 600) == (True, "home", True)
+    assert daemon.stop() == 0
+    (end,) = [r for r in map(json.loads, out.read_text().splitlines()) if r["type"] == "event"]
+    assert (end["id"], end["phase"], end["reason"]) == ("X", "end", "disarmed")
+
+
+def test_a_command_that_no_disk_takes_says_how_long_it_holds(tmp_path, launch, said):
+    (tmp_path / "state").write_text("no folder")
+    running(launch, tmp_path)
+    code, line = said("disarm")
+    assert (code, line.startswith("disarmed, until it is started again: ")) == (0, True)

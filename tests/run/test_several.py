@@ -260,7 +260,7 @@ ROOMS = {"hall": {"port": "sim:empty"}, "attic": {"port": "sim:empty?seed=3"}}
 
 
 def two_rooms(launch, **how):
-    """A daemon whose two radars decide, what its reload gives it (to be filled), and the radars."""
+    """A daemon whose two radars decide, what a reload gives it (to be filled), and they."""
     choices = []
     daemon = launch(sensors=ROOMS, reload=lambda: with_others(daemon, choices[0]), **how)
     hall, attic = daemon.run.sensors

@@ -34,7 +34,10 @@ class KeptState(BaseModel):
 
 
 class StateStore:
-    """Keep one `KeptState` in a log, under a name; `now_s` is the wall clock, in seconds."""
+    """Keep one `KeptState`, in a log under a name, without one for this process alone.
+
+    `now_s` is the wall clock, in seconds. Without `keeps_alarms` the log has the last word only.
+    """
 
     def __init__(
         self,
@@ -54,49 +57,52 @@ class StateStore:
 
     def load(self, *, is_armed: bool) -> KeptState:
         """Return what was kept; without anything, a state without an alarm that is so armed."""
-        self._text = None if self._name is None else self._log.kept(self._name)
-        found = self._read(self._text)
-        self.has_kept = found is not None
-        kept = found or KeptState(is_armed=is_armed)
-        self._saved = kept if self._keeps_alarms else _word_of(kept)
-        return self._saved
+        if self._saved is None:
+            self._text = None if self._name is None else self._log.kept(self._name)
+            found = self._read(self._text)
+            self.has_kept = found is not None
+            kept = found or KeptState(is_armed=is_armed)
+            self._saved = self._whole(kept)
+        return self._at_now(self._saved)
 
     def save(self, state: KeptState) -> None:
         """Keep a state; waits for no disk longer than `EventLog.keep`."""
-        if self._name is None:
-            return
-        state = state if self._keeps_alarms else _word_of(state)
-        if state == self._saved:
-            return
-        whole = state
         if state.exit_left_s is not None:
             ends_s = round(self._now_s() + state.exit_left_s, 3)
-            whole = state.model_copy(update={"exit_ends_unix_s": ends_s})
-        self._text = json.dumps(whole.model_dump())
+            state = state.model_copy(update={"exit_ends_unix_s": ends_s})
+        if self._saved is None or self._whole(state) != self._whole(self._saved):
+            self._text = json.dumps(self._whole(state).model_dump())
+        # Behind its text: what is asked meanwhile is not kept yet.
         self._saved = state
-        self._log.keep(self._name, self._text)
+        if self._name is not None and self._text is not None:
+            self._log.keep(self._name, self._text)
 
-    def holds(self, *, is_armed: bool, mode: ArmMode) -> bool:
-        """Return whether this would outlive a kill, or no disk could keep it; for any thread."""
-        if self._name is None or self._saved is None:
-            return True
-        is_so = (self._saved.is_armed, self._saved.mode) == (is_armed, mode)
-        return is_so and (self._text is None or self._log.holds(self._name, self._text))
+    def why_lost(self, is_armed: bool, mode: ArmMode, alarm_id: str | None) -> str | None:
+        """Return why this would not outlive a kill, as `EventLog.why_lost`; for any thread."""
+        if self._name is None or (saved := self._saved) is None:
+            return ""
+        if (saved.is_armed, saved.mode, saved.alarm_id) != (is_armed, mode, alarm_id):
+            return None
+        return "" if self._text is None else self._log.why_lost(self._name, self._text)
+
+    def _whole(self, state: KeptState) -> KeptState:
+        """Return what the log has of a state."""
+        if self._keeps_alarms:
+            return state
+        return KeptState(is_armed=state.is_armed, mode=state.mode)
 
     def _read(self, text: str | None) -> KeptState | None:
         if text is None:
             return None
         try:
-            kept = KeptState.model_validate(json.loads(text))
+            return KeptState.model_validate(json.loads(text))
         except (ValidationError, ValueError, RecursionError) as err:
             why = " ".join(str(err).split())
             log.warning("%s: the kept state is unreadable and not used (%s)", self._name, why)
             return None
+
+    def _at_now(self, kept: KeptState) -> KeptState:
         left_s = None
         if kept.exit_left_s is not None and kept.exit_ends_unix_s is not None:
             left_s = max(0.0, min(kept.exit_left_s, kept.exit_ends_unix_s - self._now_s()))
         return kept.model_copy(update={"exit_left_s": left_s, "exit_ends_unix_s": None})
-
-
-def _word_of(state: KeptState) -> KeptState:
-    return KeptState(is_armed=state.is_armed, mode=state.mode)

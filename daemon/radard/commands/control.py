@@ -105,14 +105,15 @@ def asked(config: Config, sensor: str, command: str) -> Mapping[str, Any]:
 def _lines(name: str, answer: Mapping[str, Any]) -> list[str]:
     if name == "test-alarm":
         return [f"{each['output']}: {each['answer']}" for each in answer["outputs"]]
+    lost = f", until it is started again: {answer['lost']}" if answer.get("lost") else ""
     armed, ended = answer["armed"], answer["ended"]
-    if name == "ack":
-        return [f"acknowledged: {ended}" if ended else "no alarm is on"]
     if armed is None:
-        return [f"{name}: holds once there is a stream"]
+        return [f"{name}: taken, there is no stream yet{lost}"]
+    if name == "ack":
+        return [f"acknowledged: {ended}{lost}" if ended else "no alarm is on"]
     how = "armed at home" if answer["mode"] == "home" else "armed"
     wait = f" in {answer['delay_left_s']:.0f} s" if answer["panel"] == "exit" else ""
-    return [f"{how}{wait}" if armed else "disarmed"]
+    return [f"{how}{wait}{lost}" if armed else f"disarmed{lost}"]
 
 
 def _owner(path: Path) -> str:

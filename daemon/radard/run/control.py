@@ -32,6 +32,7 @@ _TOLD = ("armed", "mode", "panel", "delay_left_s")
 _MAX_BYTES = 65_536  # of a line; requests have about thirty, and what `top` shows some thousand
 _REQUEST_S = 2.0  # the other end is a program on the same machine
 _TAKEN_UP_S = 5.0  # a worker is never so long in one dwell
+_SLOW = "the disk has not taken it so far"
 _MAX_ADDRESS = 107  # bytes of a Unix socket's path, unix(7)
 _LOOK_S = 0.1  # a person waits
 
@@ -142,22 +143,27 @@ class ControlServer:
             return {"ok": True, "outputs": radar.test_alarm(self._halt)}
         before = radar.panel()
         radar.command(name)
-        # Kept, too: what was answered must hold after a kill.
-        wait_until(lambda: _is_so(radar.panel(), name) and radar.is_kept, _TAKEN_UP_S, self._halt)
-        state = radar.panel()
+
+        def is_kept() -> bool:
+            """Return whether it holds after a kill, too, or no disk takes it."""
+            return _is_so(radar.panel(), name) and radar.why_lost is not None
+
+        wait_until(is_kept, _TAKEN_UP_S, self._halt)
+        state, why = radar.panel(), radar.why_lost
         if state is not None and not _is_so(state, name):
             tamper = state.open.get("tamper", "") if name in ARM_MODES else ""
             raise ValueError(tamper or f"{name}: not taken up within {_TAKEN_UP_S:g} s")
         ended = before.open.get("alarm") if before is not None and name == "ack" else None
-        return {"ok": True, **{key: getattr(state, key, None) for key in _TOLD}, "ended": ended}
+        told = {key: getattr(state, key, None) for key in _TOLD}
+        return {"ok": True, **told, "ended": ended, "lost": _SLOW if why is None else why}
 
 
 def _is_so(state: SensorState | None, command: str) -> bool:
-    """Return whether a command has been taken up."""
-    if command == "ack":
-        return state is None or state.alarm_id is None
+    """Return whether a command has been taken up; at once where there is no stream."""
     if state is None:
-        return False
+        return True
+    if command == "ack":
+        return state.alarm_id is None
     mode = ARM_MODES.get(command)
     return state.armed is (mode is not None) and mode in {None, state.mode}
 

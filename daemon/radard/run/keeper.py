@@ -97,6 +97,7 @@ class Keeper:
             sensor.log.error("%s", why)
             if not has_worked:
                 return why
+            sensor.leave()
             sensor.tell(sensor.health.on_failure(why))
             if self._halt.wait(pause_s):
                 return "stopped"

@@ -12,9 +12,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from radard.alarm.events import trial_alarm
-from radard.alarm.panel import ARM_MODES
+from radard.alarm.events import EventTracker, trial_alarm
+from radard.alarm.panel import AlarmPanel, AlarmPolicy
 from radard.alarm.sensor_state import SensorState
+from radard.alarm.state_store import StateStore
 from radard.config.config import Config
 from radard.config.quiet_hours import recorded_clock, wall_clock
 from radard.errors import UsageError
@@ -43,7 +44,6 @@ from radard.stream.ring import FrameRing, Notice
 from radard.stream.source import Notify, open_source, speed_factor
 from x2radar.ports import parse_port
 
-_KEPT_COMMANDS = (*ARM_MODES, "disarm")
 _RECENT = 20  # records: a screen of decisions, and what happened among them
 
 
@@ -84,7 +84,8 @@ class Sensor:
         self.health = Health(stale_s=STALE_S * max(1.0, 1.0 / (self._factor or 1.0)))
         self._end_wait: Callable[[], None] = lambda: None
         self._run: RunningSensor | None = None
-        self._waiting_command: str | None = None
+        self._store: StateStore | None = None  # from the first stream or command on
+        self._commanding = threading.Lock()
         self._has_said_hello = False
         self._n_decided = 0
         self.recent: tuple[Record, ...] = ()  # its last decisions and events, the oldest first
@@ -121,23 +122,27 @@ class Sensor:
         return "" if self._is_live else "replayed"
 
     def command(self, name: str) -> None:
-        """As in `Host`; what comes without a stream holds for the next one."""
+        """As in `Host`; what comes without a stream is kept for the next one."""
         if name not in COMMANDS:
             raise ValueError(f"no command '{name}'; known are {', '.join(COMMANDS)}")
-        if (worker := self._worker()) is not None:
-            worker.command(name)
-        elif name in _KEPT_COMMANDS:
-            self.log.warning("%s: holds once there is a stream", name)
-            self._waiting_command = name
+        with self._commanding:
+            if (worker := self._worker()) is not None:
+                worker.command(name)
+            elif name != "calibrate":
+                self._command_alone(name)
 
     def test_alarm(self, halt: threading.Event | None = None) -> list[dict[str, str]]:
         """Send a test alarm; return what every output made of it. `halt` ends the wait."""
         return self._outputs.try_alarm(self.sensor, self._try_alarm, halt)
 
     @property
-    def is_kept(self) -> bool:
-        """Whether how it is armed would outlive a kill."""
-        return self._run is None or self._run.worker.is_kept
+    def why_lost(self) -> str | None:
+        """Why a kill would undo a command, as `EventLog.why_lost`."""
+        if self._run is not None:
+            return self._run.worker.why_lost
+        store = self._kept_state()
+        kept = store.load(is_armed=self._config.alarm.armed)
+        return store.why_lost(kept.is_armed, kept.mode, kept.alarm_id)
 
     @property
     def can_wait(self) -> bool:
@@ -171,9 +176,6 @@ class Sensor:
         self, on_notice: Notify, *, is_wanted: Callable[[], bool] = lambda: True
     ) -> OpenedSensor:
         """Open the port, which may mean to wait for a device, and what fits its stream."""
-        if (before := self._run) is not None:
-            worker = before.worker
-            self._config, self._n_decided, self._run = worker.parts.config, worker.n_decided, None
 
         def notice(kind: str, reason: str) -> None:
             if (run := self._run) is not None:
@@ -226,11 +228,10 @@ class Sensor:
         """Return who works on an opened stream, beginning with `hello`; ConfigError if unfit."""
         source, config = opened.source, self._config
         parts = make_parts(config, opened.pipeline, now=opened.now, is_live=source.is_live)
-        store = make_store(config, self._outputs.log, is_live=source.is_live)
         # What comes faster or slower on purpose says nothing about the module.
         is_real_time = source.is_live and self._factor == 1.0
         rate = RateWatch(source.stream.frame_rate_hz) if is_real_time else None
-        worker = Worker(parts, ring, self.put, self.health, store, rate=rate)
+        worker = Worker(parts, ring, self.put, self.health, self._kept_state(), rate=rate)
         worker.n_decided = self._n_decided
         warning = getattr(source, "warning", None)
         if warning:
@@ -246,23 +247,28 @@ class Sensor:
     def start(self, opened: OpenedSensor, on_over: Callable[[], object]) -> RunningSensor:
         """Begin to work on an opened stream; raises as `make_worker` does."""
         ring = opened.pipeline.make_ring()
-        worker = self.make_worker(opened, ring)
         duration_s, rate_hz = self._options.duration_s, opened.source.stream.frame_rate_hz
-        self._run = run = RunningSensor(
-            opened,
-            worker,
-            ring,
-            self._pool,
-            max_frames=None if duration_s is None else max(1, round(duration_s * rate_hz)),
-            warm_up=not self.can_wait,
-            thread_name=f"{self.sensor} reader" if self._config.is_one_of_several else "reader",
-            on_over=on_over,
-        )
+        with self._commanding:
+            self._run = run = RunningSensor(
+                opened,
+                self.make_worker(opened, ring),
+                ring,
+                self._pool,
+                max_frames=None if duration_s is None else max(1, round(duration_s * rate_hz)),
+                warm_up=not self.can_wait,
+                thread_name=f"{self.sensor} reader"
+                if self._config.is_one_of_several
+                else "reader",
+                on_over=on_over,
+            )
         run.start()
-        name, self._waiting_command = self._waiting_command, None
-        if name is not None:
-            worker.command(name)
         return run
+
+    def leave(self) -> None:
+        """Let go of a run that is over: there is no stream until the next one."""
+        if (run := self._run) is not None:
+            worker = run.worker
+            self._config, self._n_decided, self._run = worker.parts.config, worker.n_decided, None
 
     def look_up(self) -> None:
         """Have its worker look whether nothing comes; returns at once."""
@@ -295,6 +301,29 @@ class Sensor:
         """Return who works on the stream; None when nobody does."""
         run = self._run
         return run.worker if run is not None and not run.over.is_set() else None
+
+    def _kept_state(self) -> StateStore:
+        """Return what outlives the runs of its streams; the outputs are open."""
+        if self._store is None:
+            self._store = make_store(self._config, self._outputs.log, is_live=self._is_live)
+        return self._store
+
+    def _command_alone(self, name: str) -> None:
+        """Take a command without a stream: an alarm that is kept ends at once."""
+        self.log.warning("%s: there is no stream yet", name)
+        store, alarm = self._kept_state(), self._config.alarm
+        kept = store.load(is_armed=alarm.armed)
+        if kept.entry_reason is not None and name != "disarm":
+            # Its alarm begins with the stream.
+            return
+        policy = AlarmPolicy(exit_delay_s=alarm.exit_delay_s)
+        tracker = EventTracker(AlarmPanel(policy, is_armed=kept.is_armed, mode=kept.mode))
+        tracker.resume(kept)
+        events = tracker.on_command(name, 0.0)
+        # Nobody was told of one that an entry delay would have become.
+        for event in events if kept.alarm_id is not None else ():
+            self.put(event_record(event), waits=False)
+        store.save(tracker.kept(0.0))
 
     def _try_alarm(self) -> None:
         state = self.panel()

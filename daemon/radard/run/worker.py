@@ -86,10 +86,10 @@ class Worker:
         )
 
     @property
-    def is_kept(self) -> bool:
-        """Whether it would be armed as it is after a kill, too; for any thread."""
-        panel = self.tracker.panel
-        return self._store.holds(is_armed=panel.is_armed, mode=panel.mode)
+    def why_lost(self) -> str | None:
+        """Why a kill would change how it is armed, as `EventLog.why_lost`; for any thread."""
+        panel, alarm = self.tracker.panel, self.tracker.open_events.get("alarm")
+        return self._store.why_lost(panel.is_armed, panel.mode, alarm.id if alarm else None)
 
     def command(self, name: str) -> None:
         """Queue a command, see `Host.command`; for any thread."""
