@@ -70,11 +70,8 @@ _COMMANDS = {
     "bench": "how many fit",
 }
 """What each does in a few words."""
-_SHARED = {
-    **dict.fromkeys(("health", "status"), "health"),
-    **dict.fromkeys(("arm", "disarm", "ack", "test-alarm"), "control"),
-}
-"""Files of `radard.commands` that hold more than one command: they are told which."""
+_CONTROL = ("health", "status", "arm", "disarm", "ack", "test-alarm")
+"""Those of `radard.commands.control`, which is told which."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -135,9 +132,9 @@ def whole_parser() -> Parser:
 
 def _place(name: str) -> tuple[ModuleType, tuple[str, ...]]:
     """Return a subcommand's module, and what its `run` and `make_parser` take besides."""
-    file = "setup.command" if name == "setup" else _SHARED.get(name, name)
+    file = {"setup": "setup.command", **dict.fromkeys(_CONTROL, "control")}.get(name, name)
     module = import_module(f"radard.commands.{file}")
-    return module, (name,) if name in _SHARED else ()
+    return module, (name,) if name in _CONTROL else ()
 
 
 class _JsonFormatter(logging.Formatter):

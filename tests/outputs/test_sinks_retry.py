@@ -15,6 +15,7 @@ from radard.errors import ConfigError, OutputError, UsageError
 from radard.outputs.webhook import sign
 from tests.sink_helpers import QUICK, WebServer, decision, event, hello, make_cert, status, ulid
 from tests.waiting import free_port, wait_for
+from x2radar.errors import MissingExtra
 
 pytestmark = pytest.mark.integration
 
@@ -385,5 +386,5 @@ def test_a_server_is_named_as_it_was(opened, name):
 )
 def test_without_its_package_an_output_names_the_extra(opened, url, package, extra, monkeypatch):
     monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(OutputError, match=rf"needs {package}.*\[{extra}\]"):
+    with pytest.raises(MissingExtra, match=rf"needs {package}.*\[{extra}\]"):
         opened(url)

@@ -151,7 +151,6 @@ def test_radard_health(tmp_path, capsys, monkeypatch):
     [
         ({"t_mono_s": -1e9}, "stuck or killed"),
         ({"t_mono_s": 1e12}, "before the last boot"),
-        ({"boot_id": "another"}, "before the last boot"),
         ({"t_mono_s": "x"}, "cannot be read"),
         ({"state": None, "reason": None, "t_mono_s": None}, "cannot be read"),
     ],

@@ -8,7 +8,7 @@ chunk of the PNG, for pages that show it small.
 import json
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ Rgb = NDArray[np.uint8]
 _MAGIC = b"\x89PNG\r\n\x1a\n"
 
 _DECIMATION = 4  # of the range bins: twice as many as the picture has rows
+_MAX_LOST = 32  # frames of a gap that are shown: half a second
 _WIDE = 2  # pixels a column
 _LINE = 2  # rows between the two
 _AXES = b"radard-axes"
@@ -33,51 +34,63 @@ _COLOURS = np.array(
 
 
 class PictureMaker:
-    """Take a clip's frames block by block, give its picture."""
+    """Take a clip's frames block by block, `decimation` range bins as one; give its picture."""
 
-    def __init__(self, stream: StreamInfo) -> None:
-        self._converter = DownConverter(stream.axis, _DECIMATION)
+    def __init__(self, stream: StreamInfo, decimation: int = _DECIMATION) -> None:
+        self._converter = DownConverter(stream.axis, decimation)
         self._rate_hz = stream.frame_rate_hz
-        self._made = Spectrograms(self._converter.axis, stream.frame_rate_hz)
+        self.made = Spectrograms(self._converter.axis, stream.frame_rate_hz)
         self._columns: list[Columns] = []
         self._n_seen = 0
 
-    def push(self, frames: list[Frame]) -> None:
-        """Add the next frames; one that is lost or not finite leaves no mark."""
-        for first in range(0, len(frames), self._made.longest_push):
-            part = frames[first : first + self._made.longest_push]
+    def push(self, frames: Sequence[Frame]) -> None:
+        """Add frames; one that is lost, or not finite, takes its time and leaves no mark."""
+        samples: list[NDArray[Any] | None] = []
+        for frame in frames:
+            lost = min(frame.lost, _MAX_LOST) if self._n_seen or samples else 0
+            good = bool(np.isfinite(frame.samples).all())
+            samples += [*[None] * lost, frame.samples if good else None]
+        for first in range(0, len(samples), self.made.longest_push):
+            part = samples[first : first + self.made.longest_push]
             rows = np.zeros((len(part), self._converter.axis.n_range), np.complex64)
-            good = np.array([bool(np.isfinite(frame.samples).all()) for frame in part])
-            for k in np.flatnonzero(good):
-                self._converter.convert(part[k].samples, rows[k])
+            for row, each in zip(rows, part, strict=True):
+                if each is not None:
+                    self._converter.convert(each, row)
             self._n_seen += len(part)
-            columns = self._made.push(rows, good, self._n_seen / self._rate_hz)
+            is_good = np.array([each is not None for each in part])
+            columns = self.made.push(rows, is_good, self._n_seen / self._rate_hz)
             if columns is not None:
                 self._columns.append(columns)
 
-    def picture(self) -> Rgb | None:
-        """Return the picture, shape (height, width, 3), uint8; None for a clip too short."""
+    def columns(self) -> Columns | None:
+        """Return all columns so far as one piece; None for a clip too short."""
         if not self._columns:
             return None
+        parts = [each.values for each in self._columns]
+        values = {name: np.concatenate([p[name] for p in parts], axis=1) for name in parts[0]}
+        valid = np.concatenate([each.valid for each in self._columns])
+        return Columns(self._columns[-1].t_s, valid, values)
+
+    def picture(self) -> Rgb | None:
+        """Return the picture, shape (height, width, 3), uint8; None for a clip too short."""
+        if (columns := self.columns()) is None:
+            return None
         # Approaching motion, and what is far, on top: as on the pages.
-        top, bottom = (
-            _coloured(np.concatenate([c.values[name] for c in self._columns], axis=1)[::-1])
-            for name in ("doppler", "range")
-        )
+        top, bottom = (_coloured(columns.values[name][::-1]) for name in ("doppler", "range"))
         line = np.full((_LINE, top.shape[1], 3), 255, np.uint8)
         return np.concatenate([top, line, bottom])
 
     def axes(self) -> dict[str, Any]:
         """Return the edges of the picture's two parts: velocity_mps, range_m, and its length_s."""
         edges = {}
-        for each in self._made.pictures:
+        for each in self.made.pictures:
             low = each.first - each.step / 2
             edges[each.name] = [round(low, 3), round(low + each.n_rows * each.step, 3)]
         n_columns = sum(len(each.valid) for each in self._columns)
         return {
             "velocity_mps": edges["doppler"],
             "range_m": edges["range"],
-            "length_s": round(n_columns * self._made.column_s, 3),
+            "length_s": round(n_columns * self.made.column_s, 3),
         }
 
 

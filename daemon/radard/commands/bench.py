@@ -9,7 +9,7 @@ import json
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import islice
 from statistics import median
 
@@ -19,7 +19,7 @@ from radard.commands.explain import basis
 from radard.commands.explain_rates import percent
 from radard.config.config import Config
 from radard.config.options import LISTENING, add_options, check_seconds, listening_config
-from radard.config.profiles import Profile, front
+from radard.config.profiles import Three, front
 from radard.detect.gate import DAY_S
 from radard.errors import RadardError, UsageError
 from radard.pipeline import Pipeline
@@ -60,11 +60,8 @@ def run(argv: Sequence[str]) -> int:
     n_cores = len(os.sched_getaffinity(0))
     n_radars = int(_SPARE * n_cores / cost.all_s)
     if args.json:
-        rows = [
-            {"stage": s.name, "cpu_s_per_stream_s": s.cpu_s, "times_reference": s.ratio}
-            for s in cost.stages
-        ]
         about = {"frame_rate_hz": cost.frame_rate_hz, "model": cost.model, "cores": n_cores}
+        rows = list(map(asdict, cost.stages))
         print(json.dumps({**about, "stages": rows, "radars": n_radars}))
         return 0
     print(f"{config.sensor.port}: {cost.frame_rate_hz:g} frames a second, model {cost.model}")
@@ -72,8 +69,9 @@ def run(argv: Sequence[str]) -> int:
     print(f"{'':<34}{'CPU ms per':>12}{'of one':>9}{'times the':>11}")
     print(f"{'':<34}{'stream s':>12}{'core':>9}{'reference':>11}")
     for stage in cost.stages:
-        share = f"{100 * stage.cpu_s:.1f} %"
-        print(f"{stage.name:<34}{1e3 * stage.cpu_s:12.1f}{share:>9}{stage.ratio:11.2f}")
+        share = f"{100 * stage.cpu_s_per_stream_s:.1f} %"
+        spent_ms = 1e3 * stage.cpu_s_per_stream_s
+        print(f"{stage.stage:<34}{spent_ms:12.1f}{share:>9}{stage.times_reference:11.2f}")
     print(f"\nreference: {_REFERENCE}")
     print("worst case: a gate that is always open; outputs, clips and the port are not in it")
     cores = "1 core" if n_cores == 1 else f"{n_cores} cores"
@@ -100,11 +98,13 @@ def make_parser() -> Parser:
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """One profile on this computer."""
+    """One profile on this computer, and the errors that it makes."""
 
-    profile: Profile
-    cpu_s: float  # of one radar, a second of its stream, at the worst
+    profile: str
+    cpu_s_per_stream_s: float  # of one radar, at the worst
     load: float  # share of the computer that all the radars take then
+    missed: Three
+    visits_with_alarm: Three
 
 
 def _fit(args: argparse.Namespace) -> int:
@@ -118,21 +118,12 @@ def _fit(args: argparse.Namespace) -> int:
     for profile in front().profiles:
         own = argparse.Namespace(**{**vars(args), "profile": profile.name})
         cost = measure(listening_config(own, default_port="sim:human"), args.duration, args.rounds)
-        fits.append(Fit(profile, cost.all_s, args.radars * cost.all_s / n_cores))
-    name = next((f.profile.name for f in reversed(fits) if f.load <= _SPARE), None)
+        load = args.radars * cost.all_s / n_cores
+        fits.append(Fit(profile.name, cost.all_s, load, profile.missed, profile.pets))
+    name = next((f.profile for f in reversed(fits) if f.load <= _SPARE), None)
     if args.json:
-        rows = [
-            {
-                "profile": f.profile.name,
-                "cpu_s_per_stream_s": f.cpu_s,
-                "load": f.load,
-                "missed": f.profile.missed,
-                "visits_with_alarm": f.profile.pets,
-            }
-            for f in fits
-        ]
         about = {"radars": args.radars, "cores": n_cores, "fits": name}
-        print(json.dumps({**about, "profiles": rows}))
+        print(json.dumps({**about, "profiles": list(map(asdict, fits))}))
         return 0
     print("\n".join(_fit_lines(fits, args.radars, n_cores, name)))
     return 0
@@ -143,14 +134,12 @@ def _fit_lines(fits: Sequence[Fit], n: int, n_cores: int, name: str | None) -> I
     yield f"{'profile':<11}{'CPU ms':>7}{f'{n} radars':>12}   {'people missed':<22}pets' visits"
     yield f"{'':<11}{'a second':>8}{'take':>10}{'':<27}with an alarm"
     for f in fits:
-        missed, pets = map(percent, (f.profile.missed, f.profile.pets))
-        yield (
-            f"{f.profile.name:<11}{1e3 * f.cpu_s:7.1f}{100 * f.load:10.0f} %   {missed:<22}{pets}"
-        )
+        missed, pets = percent(f.missed), percent(f.visits_with_alarm)
+        spent_ms = 1e3 * f.cpu_s_per_stream_s
+        yield f"{f.profile:<11}{spent_ms:7.1f}{100 * f.load:10.0f} %   {missed:<22}{pets}"
     yield ""
-    n_least = min(f.profile.passages for f in fits)
     yield f"of this computer, {cores}, with gates that are always open; errors, at least of"
-    yield basis(n_least)
+    yield basis(min(profile.passages for profile in front().profiles))
     if name is None:
         yield f"no profile lets it carry {n} radars with 30 % to spare"
     else:
@@ -161,9 +150,9 @@ def _fit_lines(fits: Sequence[Fit], n: int, n_cores: int, name: str | None) -> I
 class Stage:
     """One part of the way: CPU seconds per stream second, and how many references that is."""
 
-    name: str
-    cpu_s: float
-    ratio: float
+    stage: str
+    cpu_s_per_stream_s: float
+    times_reference: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -178,7 +167,7 @@ class Cost:
     @property
     def all_s(self) -> float:
         """CPU seconds of one radar per second of its stream, at the worst."""
-        return self.stages[-1].cpu_s
+        return self.stages[-1].cpu_s_per_stream_s
 
 
 def measure(config: Config, duration_s: float, rounds: int) -> Cost:
@@ -216,7 +205,8 @@ def measure(config: Config, duration_s: float, rounds: int) -> Cost:
             spent[name].append((spent_s, spent_s / reference_s))
     stages = [Stage(name, *map(median, zip(*each, strict=True))) for name, each in spent.items()]
     parts = stages[-1:] if heard.decode is None else [stages[0], stages[-1]]
-    worst = Stage("all, at its worst", sum(s.cpu_s for s in parts), sum(s.ratio for s in parts))
+    sums = (sum(s.cpu_s_per_stream_s for s in parts), sum(s.times_reference for s in parts))
+    worst = Stage("all, at its worst", *sums)
     return Cost(
         stages=(*stages, worst),
         frame_rate_hz=rate_hz,

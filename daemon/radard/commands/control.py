@@ -1,5 +1,7 @@
-"""`radard arm`, `disarm`, `ack`, `test-alarm`: commands to the daemon that runs here."""
+"""`radard status`, `health`, `arm`, `disarm`, `ack`, `test-alarm`: the daemon that runs here."""
 
+import json
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -8,15 +10,31 @@ from radard.config.config import Config, load_config
 from radard.config.directories import status_dirs
 from radard.config.options import add_options
 from radard.errors import NotAllowed, RadardError, UsageError
+from radard.health.status_file import read_status, status_path
 from radard.run.control import ask, control_path
 from x2radar.command import Parser, new_parser
 
+_ASKS = {
+    "health": (
+        "Ask after the daemon that runs here.",
+        "exit code 0: decisions are made from fresh frames",
+    ),
+    "status": (
+        "Tell what the daemon that runs here is doing.",
+        "online, armed, nobody there, a decision 0.4 s ago",
+    ),
+}
 _WORDS = {
     "arm": "Arm the daemon that runs here.",
     "disarm": "Disarm the daemon that runs here; an alarm ends.",
     "ack": "Acknowledge an alarm of the daemon that runs here; it ends, the sensor stays armed.",
     "test-alarm": "Send a marked event through every output; say what each made of it.",
 }
+_ASK_EXAMPLES = """\
+examples:
+  radard {0}                    {1}
+  radard {0} --sensor hall --json
+"""
 _EXAMPLES = """\
 examples:
   radard {0}
@@ -40,7 +58,12 @@ class NoDaemon(RadardError):
 
 
 def make_parser(name: str) -> Parser:
-    parser = new_parser(f"radard {name}", _WORDS[name], _EXAMPLES.format(name))
+    if name in _ASKS:
+        text, example = _ASKS[name]
+        parser = new_parser(f"radard {name}", text, _ASK_EXAMPLES.format(name, example))
+        parser.add_argument("--json", action="store_true", help="all that the status file says")
+    else:
+        parser = new_parser(f"radard {name}", _WORDS[name], _EXAMPLES.format(name))
     if name == "arm":
         text = "leave out zones.away: people are at home"
         parser.add_argument("--home", action="store_true", help=text)
@@ -49,10 +72,12 @@ def make_parser(name: str) -> Parser:
 
 
 def run(argv: Sequence[str], name: str) -> int:
-    """Run the subcommand of a name; 1 when a test alarm failed somewhere."""
+    """Run the subcommand of a name; 1 when nobody is well, or a test alarm failed somewhere."""
     args = make_parser(name).parse_args(argv)
-    command = "arm-home" if name == "arm" and args.home else name
     config = load_config(args.config)
+    if name in _ASKS:
+        return _report(config, args.sensor, as_json=args.json, is_status=name == "status")
+    command = "arm-home" if name == "arm" and args.home else name
     is_well, faults = True, []
     for sensor in sensors_asked(config, args.sensor):
         head = f"{sensor}: " if len(config.each()) > 1 else ""
@@ -121,3 +146,39 @@ def _owner(path: Path) -> str:
         return path.owner()
     except (OSError, KeyError):
         return "radard"
+
+
+def _report(config: Config, sensor: str | None, *, as_json: bool, is_status: bool) -> int:
+    """Print what status files say, `is_status` more of what is well; return the exit code."""
+    reports = {}
+    for name in [sensor] if sensor else [each.sensor.name for each in config.each()]:
+        paths = [status_path(folder, name) for folder in status_dirs(config)]
+        # Not Path.is_file, which raises where others may not look into the folder.
+        reports[name] = read_status(next(filter(os.path.isfile, paths), paths[-1]))
+    for name, report in reports.items():
+        if as_json:
+            about = {"healthy": report.is_healthy, "line": report.line, **report.content}
+            print(json.dumps({"sensor": name, **about} if len(reports) > 1 else about))
+        else:
+            is_told = is_status and report.is_healthy and "armed" in report.content
+            line = told(report.line, report.content) if is_told else report.line
+            print(f"{name}: {line}" if len(reports) > 1 else line)
+    # As /healthz says it: degraded, with one of several away, is not down.
+    return 0 if any(report.is_healthy for report in reports.values()) else 1
+
+
+def told(line: str, panel: Mapping[str, Any]) -> str:
+    """Return a line for people of a state and of what a panel says (`SensorState.as_record`)."""
+    how = "armed at home" if panel.get("mode") == "home" else "armed"
+    parts = [line, how if panel["armed"] else "disarmed"]
+    delays = {"exit": ["exit delay"], "entry": ["entry delay"], "alarm": ["ALARM"]}
+    parts += delays.get(str(panel.get("panel")), [])
+    gate = panel.get("gate")
+    seen = "nobody moves" if gate == "closed" else panel.get("label") or "something moves"
+    parts += [str(seen)] if gate else []
+    if drift := panel.get("clock_drift"):
+        ppm, about_ppm = 1e6 * drift["ratio"], 1e6 * drift["uncertainty"]
+        parts.append(f"module's clock {ppm:+.0f} ppm (within {about_ppm:.0f})")
+    if "decision_age_s" in panel:
+        parts.append(f"decided {float(panel['decision_age_s']):.1f} s ago")
+    return ", ".join([*parts, *(m for m in ("simulated", "replayed") if panel.get(m))])

@@ -52,8 +52,6 @@ def passage_rates(config: Config, bundle: Bundle, card: Card) -> Iterator[str]:
     if given:
         yield f"{', '.join(given)} given: the rates then differ, and are not known"
     yield f"made by: {card.command}"
-    if "threshold_db" in card.gate:
-        yield "with the gate of an earlier version, which opened later for weak motion"
 
 
 def _given(config: Config, bundle: Bundle, card: Card) -> list[str]:

@@ -14,8 +14,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from radard.commands.control import asked, sensors_asked
-from radard.commands.health import told
+from radard.commands.control import asked, sensors_asked, told
 from radard.config.config import Config, load_config
 from radard.config.options import add_options
 from radard.errors import RadardError

@@ -171,7 +171,7 @@ SINKS = (
     SinkRow("json", "radard.outputs.stdout", value="none"),
     SinkRow("json:FILE", "radard.outputs.jsonl", sections=("jsonl",)),
     SinkRow("table", "radard.outputs.stdout", value="none"),
-    SinkRow("null", "radard.outputs.null", value="none"),
+    SinkRow("null", "radard.outputs.stdout", value="none"),
     *(
         SinkRow(form, "radard.outputs.mqtt.sink", sections=("mqtt", "log"), is_per_sensor=True)
         for form in ("mqtt://HOST", "mqtts://HOST")

@@ -85,10 +85,8 @@ class GramMap:
         return np.asarray(np.maximum(mu, 0, out=mu))
 
 
-@lru_cache(maxsize=8)
-def gram_map(n_cpi: int) -> GramMap:
-    """Return the map for a CPI; those in use are kept, as they take long to make."""
-    return GramMap(n_cpi)
+gram_map = lru_cache(maxsize=8)(GramMap)
+"""The map for a CPI; those in use are kept, as they take long to make."""
 
 
 def gram(rows: Steps) -> Reals:

@@ -183,5 +183,5 @@ def _is_other(pid: Any) -> bool:
     except ProcessLookupError:
         return False
     except OSError:
-        return True
+        pass  # another user's
     return True

@@ -9,7 +9,6 @@ import os
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,6 @@ from radard.health.health import Status
 from x2radar.atomic import write_atomically
 
 STALE_S = 10.0  # ten beats
-_BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +38,6 @@ def write_status(path: Path, status: Status, more: Mapping[str, Any]) -> None:
         "state": status.state,
         "reason": status.reason,
         "pid": os.getpid(),
-        "boot_id": _boot_id(),
         "t_mono_s": round(time.monotonic(), 3),
         **more,
     }
@@ -57,16 +54,8 @@ def read_status(path: Path, *, stale_s: float = STALE_S) -> StatusReport:
         return StatusReport(False, f"no radard runs here: no {path}", {})
     except (OSError, ValueError, KeyError, TypeError) as err:
         return StatusReport(False, f"{path}: cannot be read ({err})", {})
-    if content.get("boot_id") not in ("", _boot_id()) or not age_s >= -1:
+    if not age_s >= -1:
         return StatusReport(False, f"{path}: left over from before the last boot", content)
     if age_s > stale_s and status.state != "offline":
         return StatusReport(False, f"stuck or killed: silent for {age_s:.0f} s", content)
     return StatusReport(status.is_well, str(status), content)
-
-
-@cache
-def _boot_id() -> str:
-    try:
-        return _BOOT_ID.read_text(encoding="ascii").strip()
-    except OSError:
-        return ""

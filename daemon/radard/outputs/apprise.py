@@ -13,13 +13,12 @@ from typing import Any
 
 from radard.config.credentials import read_secret
 from radard.config.sink_table import AppriseSection, SinkOptions
-from radard.errors import OutputError, UsageError
+from radard.errors import UsageError
 from radard.log_cursor import Entry
 from radard.log_file import marks_of
 from radard.outputs.alarm_picture import picture_path
 from radard.outputs.base import DeliveryError, Record, SinkContext
 from radard.outputs.delivery import Delivery, wants_events
-from x2radar.errors import MissingExtra
 from x2radar.extras import needed
 
 _PICTURE_S = 3.0  # drawing takes a tenth of that, and the alarm waits for it
@@ -33,7 +32,7 @@ _KINDS = {"alarm": "failure", "tamper": "warning", "fault": "warning"}
 
 
 def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> Delivery:
-    """Return the sink of `apprise:URL` or `apprise:@FILE`; OutputError without Apprise."""
+    """Return the sink of `apprise:URL` or `apprise:@FILE`; MissingExtra without Apprise."""
     target = url.partition(":")[2]
     if target.startswith("@"):
         target = read_secret("apprise.url", Path(target[1:]), None) or ""
@@ -69,10 +68,7 @@ def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> Deliv
 
 
 def _apprise() -> Any:
-    try:
-        apprise = needed("apprise", what="--output apprise")
-    except MissingExtra as err:
-        raise OutputError(str(err)) from err
+    apprise = needed("apprise", what="--output apprise")
     # Its lines, and those of the HTTP library, may hold tokens.
     log = logging.getLogger("apprise")
     log.propagate = False

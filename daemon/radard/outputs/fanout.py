@@ -14,12 +14,13 @@ from radard.config.config import Config
 from radard.config.credentials import redact
 from radard.config.directories import log_path
 from radard.config.sink_table import SinkOptions, find_row
-from radard.errors import RadardError, UsageError
+from radard.errors import UsageError
 from radard.log import EventLog
 from radard.outputs.base import Host, Sink, SinkContext
 from radard.outputs.records import Record
 from radard.outputs.registry import check_output, close_sinks, make_output, start_sink, tried
 from radard.outputs.thread_sink import RecordQueue
+from x2radar.errors import BriefError
 
 log = logging.getLogger("radard")
 SHARED = "radard"  # stands for all sensors of a process, where a sink needs one name
@@ -124,13 +125,12 @@ class Outputs:
         if sum(name in {"json", "table"} for name in meant) > 1:
             raise UsageError("--output: json and table both want stdout; give one of them a file")
         self.can_wait, self._config = can_wait, config
-        options = _options_of(config)
         # At full speed nothing is left for the next run but how the sensor is armed.
         path, most = log_path(config), config.log.max_events
         self.log = EventLog(path, max_events=most, keeps_events=not can_wait)
         try:
             for name, sensor in wanted:
-                self._open.append(_Open(name, sensor, options, self._make(name, sensor)))
+                self._open.append(_Open(name, sensor, config, self._make(name, sensor)))
             for sensor, sink in self.sinks:
                 start_sink(sink)
                 self._attach(sink, sensor)
@@ -165,13 +165,13 @@ class Outputs:
         all sensors first.
         """
         self._config, self._hellos = config, hellos
-        wanted, options = self._wanted(config), _options_of(config)
+        wanted = self._wanted(config)
         with self._lock:
             gone = [each for each in self._open if (each.name, each.sensor) not in wanted]
             kept = [each for each in self._open if each not in gone]
             known = [(each.name, each.sensor) for each in kept]
             new = [
-                _Open(*key, options, held=RecordQueue(), after=self.log.last)
+                _Open(*key, config, held=RecordQueue(), after=self.log.last)
                 for key in wanted
                 if key not in known
             ]
@@ -182,7 +182,7 @@ class Outputs:
             self._forget(each.sink)
         for each in kept + new:
             each.fault = ""
-            if each.is_outdated(options):
+            if each.is_outdated(config):
                 self._reopen(each)
             elif each.name.startswith("json:"):
                 _write_hellos(each, hellos)
@@ -214,7 +214,7 @@ class Outputs:
         """Replace a sink by one of the options that hold now, or note why that cannot be."""
         try:
             sink = self._make(each.name, each.sensor, each.after)
-        except (RadardError, OSError) as err:
+        except (BriefError, OSError) as err:
             why = " ".join(str(err).split())
             if why != each.fault:
                 log.warning("reload: %s", why)
@@ -231,7 +231,7 @@ class Outputs:
         self._attach(sink, each.sensor)
         with self._lock:
             held, each.held = each.held, None
-            each.sink, each.options, each.fault = sink, _options_of(self._config), ""
+            each.sink, each.options, each.fault = sink, self._config, ""
             each.is_left = False
             _write_hellos(each, self._hellos)
             while (record := held.take(0)) is not None:
@@ -277,7 +277,3 @@ def _write_hellos(each: _Open, hellos: Sequence[Record]) -> None:
 def _cursor_of(sink: Sink | None) -> str | None:
     cursor = getattr(sink, "cursor", None)
     return None if cursor is None else str(cursor.name)
-
-
-def _options_of(config: Config) -> SinkOptions:
-    return SinkOptions(**{name: getattr(config, name) for name in SinkOptions.model_fields})

@@ -10,13 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from radard.config.sink_table import SinkOptions
-from radard.errors import OutputError
 from radard.judge.bundle import PROBABILITIES
 from radard.outputs.base import Record, SinkContext
 from radard.outputs.stdout import json_line
 from radard.outputs.thread_sink import DirectSink
 from x2radar.backoff import Backoff
-from x2radar.errors import MissingExtra
 from x2radar.extras import needed
 
 CHANNELS = ("alarm", "gate_open", *PROBABILITIES, "power_db", "threshold_db", "range_m")
@@ -27,13 +25,9 @@ _CONFIGS = ("lsl_api.cfg", "~/lsl_api/lsl_api.cfg", "/etc/lsl_api/lsl_api.cfg")
 
 
 def open_from_url(url: str, _options: SinkOptions, context: SinkContext) -> "LslSink":
-    """Return the sink of `lsl:` or `lsl:NAME`; raises OutputError without pylsl."""
+    """Return the sink of `lsl:` or `lsl:NAME`; raises MissingExtra without pylsl."""
     name = url.partition(":")[2] or f"radard-{context.marked_sensor}"
-    try:
-        lsl = needed("pylsl", what=f"--output lsl:{name}")
-    except MissingExtra as err:
-        raise OutputError(str(err)) from err
-    return LslSink(lsl, name, context)
+    return LslSink(needed("pylsl", what=f"--output lsl:{name}"), name, context)
 
 
 class LslSink(DirectSink):

@@ -17,10 +17,10 @@ Opener = Callable[[str, SinkOptions, SinkContext], Sink]
 """Takes all of -o, the configuration's sections and the run; returns a sink.
 
 `open_from_url` of a built-in sink's module, or a plug-in. It raises UsageError if the value is
-incomplete, ConfigError if a credential cannot be read, and OutputError if a file, a program or a
-folder is not to be had. A far end need not be there yet. At a reload the sink that it replaces
-is still at work: what only one can hold belongs in a method `start`, which is called once when
-that one is closed.
+incomplete, ConfigError if a credential cannot be read, OutputError if a file, a program or a
+folder is not to be had, MissingExtra. A far end need not be there yet. At a reload the sink that
+it replaces is still at work: what only one can hold belongs in a method `start`, which is called
+once when that one is closed.
 """
 ANSWERED_S = 8.0  # above what a webhook may take
 _LOOK_S = 0.1  # a person waits

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from radard.config.sink_table import SinkOptions
 from radard.errors import OutputError
 from radard.log_file import marks_of
-from radard.outputs.base import Record, SinkContext
+from radard.outputs.base import Record, Sink, SinkContext, SinkState
 from radard.outputs.thread_sink import DirectSink
 from x2radar.backoff import Backoff
 
@@ -22,8 +22,10 @@ _HEAD_EVERY = 20  # lines: a head is always on the screen
 _RED, _DIM, _PLAIN = "\x1b[1;31m", "\x1b[2m", "\x1b[0m"
 
 
-def open_from_url(name: str, _options: SinkOptions, context: SinkContext) -> "StdoutSink":
-    """Return the sink of `json` or `table`."""
+def open_from_url(name: str, _options: SinkOptions, context: SinkContext) -> Sink:
+    """Return the sink of `json`, `table` or `null`."""
+    if name == "null":
+        return NullSink()
     render = json_line
     if name == "table":
         render = Table(has_colour=sys.stdout is not None and sys.stdout.isatty()).render
@@ -68,6 +70,22 @@ class StdoutSink(DirectSink):
         rest = text.encode(self._stream.encoding or "utf-8", "replace")
         while rest:
             rest = rest[os.write(self._fd, rest) :]
+
+
+class NullSink:
+    """Takes records and forgets them."""
+
+    name = "null"
+    waits = False
+    state = SinkState()
+
+    def write(self, record: Record) -> None:
+        """Drop a record."""
+
+    def finish(self, timeout_s: float | None = None) -> None:
+        """Do nothing."""
+
+    close = finish
 
 
 class Table:

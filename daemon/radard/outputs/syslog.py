@@ -127,8 +127,7 @@ class SyslogSink(DirectSink):
             self._form = self._dated
             kind = _KINDS[address.scheme]
             where = socket.getaddrinfo(address.host, address.port, type=kind)[0]
-            plain = _connected(where[0], kind, where[4])
-            self._socket = plain if self._tls is None else _encrypted(plain, self._tls, address)
+            self._socket = _connected(where[0], kind, where[4], self._tls, address.host)
             return self._socket
         try:
             self._socket = _connected(socket.AF_UNIX, socket.SOCK_DGRAM, address)
@@ -202,21 +201,17 @@ def _is_closed(sock: socket.socket) -> bool:
 
 
 def _connected(
-    family: int, kind: socket.SocketKind, target: str | tuple[object, ...]
+    family: int,
+    kind: socket.SocketKind,
+    target: str | tuple[object, ...],
+    tls: ssl.SSLContext | None = None,
+    host: str = "",
 ) -> socket.socket:
     sock = socket.socket(family, kind)
     try:
         sock.settimeout(_SEND_S)
         sock.connect(target)
-    except OSError:
-        sock.close()
-        raise
-    return sock
-
-
-def _encrypted(sock: socket.socket, tls: ssl.SSLContext, server: Server) -> socket.socket:
-    try:
-        return tls.wrap_socket(sock, server_hostname=server.host)
+        return sock if tls is None else tls.wrap_socket(sock, server_hostname=host)
     except OSError:
         sock.close()
         raise

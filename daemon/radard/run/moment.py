@@ -11,7 +11,7 @@ from radard.alarm.explain import explain
 from radard.config.config import Config
 from radard.errors import UsageError
 from radard.judge.bundle import Bundle
-from radard.judge.classifier import Answer, Classifier, Hidden, Probabilities
+from radard.judge.classifier import Answer, Classifier, Hidden
 from radard.judge.features import Features, FeatureSettings
 from radard.judge.occlusion import Seen
 from radard.outputs.fanout import Outputs
@@ -46,20 +46,16 @@ class Moment:
 
 
 class _Watched(Classifier):
-    """A classifier that keeps what it was last asked about the whole dwell."""
+    """A classifier that keeps what it was first asked, about the whole dwell, until that goes."""
 
     def __init__(self, bundle: Bundle) -> None:
         super().__init__(bundle)
         self.seen: Seen | None = None
 
-    def classify(self, features: Features) -> Probabilities:
-        """Return the probabilities of a single body; they are not kept."""
-        return super().answer(features).window
-
     def answer(self, features: Features, hidden: Hidden | None = None) -> Answer:
         """Answer as the classifier does, and keep what went in and came out."""
         answer = super().answer(features, hidden)
-        self.seen = Seen(features, hidden, answer)
+        self.seen = self.seen or Seen(features, hidden, answer)
         return answer
 
 

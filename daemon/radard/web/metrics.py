@@ -162,14 +162,8 @@ HELP = {
     "radard_restarts_total": ("counter", "Restarts of the module."),
     "radard_wire_errors_total": ("counter", "Damaged stretches of bytes."),
     "radard_command_retries_total": ("counter", "Commands to the module sent again."),
-    "radard_module_clock_drift_ratio": (
-        "gauge",
-        "Seconds of the module's frame clock per second of the host's, less one.",
-    ),
-    "radard_module_clock_drift_uncertainty_ratio": (
-        "gauge",
-        "Half of its 95 % interval; without the host's own error.",
-    ),
+    "radard_module_clock_drift_ratio": ("gauge", "Module's seconds per host's second, less one."),
+    "radard_module_clock_drift_uncertainty_ratio": ("gauge", "Half of its 95 % interval."),
     "radard_reconnects_total": ("counter", "Times that a lost device was opened again."),
     "radard_process_cpu_seconds_total": ("counter", "Processor time of the daemon, all threads."),
     "radard_process_resident_memory_bytes": ("gauge", "Memory of the daemon."),

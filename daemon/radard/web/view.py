@@ -32,7 +32,7 @@ class History:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._hello: Record = {}
+        self.hello: Record = {}  # the run's first record; empty before it came
         self._decisions: deque[Record] = deque(maxlen=DECISIONS)
         self._events: dict[str, Record] = {}
         self._causes: dict[str, list[Record]] = {}
@@ -57,13 +57,7 @@ class History:
                 while len(self._events) > EVENTS:
                     del self._events[next(iter(self._events))]
             elif kind == "hello":
-                self._hello = record
-
-    @property
-    def hello(self) -> Record:
-        """The run's first record; empty before it came."""
-        with self._lock:
-            return self._hello
+                self.hello = record
 
     def decisions(self, limit: int, *, before_seq: int | None = None) -> list[Record]:
         """Return the newest decisions, oldest first."""

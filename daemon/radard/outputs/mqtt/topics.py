@@ -70,13 +70,7 @@ _STATE_ENTITIES = (
     ),
 )
 _PERCENT = {"unit_of_meas": "%", "stat_cla": "measurement", "sug_dsp_prc": 0, "en": False}
-_METRES = {
-    "unit_of_meas": "m",
-    "dev_cla": "distance",
-    "stat_cla": "measurement",
-    "sug_dsp_prc": 1,
-    "en": False,
-}
+_METRES = {**_PERCENT, "unit_of_meas": "m", "dev_cla": "distance", "sug_dsp_prc": 1}
 _P_HUMAN = "(value_json.fused_p_human or 0) * 100"
 _DECISION_ENTITIES = (
     _value("p_human", "Human", "decision", _P_HUMAN, **_PERCENT),
@@ -287,11 +281,8 @@ class MqttTopics:
         """Return what Home Assistant is told, once there was a `hello`; empty payloads remove."""
         if self._hello is None:
             return []
-        prefix, form, sensor = (
-            self._options.discovery_prefix,
-            self._options.discovery,
-            self._sensor,
-        )
+        o, sensor = self._options, self._sensor
+        prefix, form = o.discovery_prefix, o.discovery
         about = self._about(self._hello)
         configs = {each.key: self._config(each) for each in self._entities()}
         device = Publication(f"{prefix}/device/radard_{sensor}/config", "")

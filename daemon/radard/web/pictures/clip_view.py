@@ -9,20 +9,17 @@ import os
 import resource
 import struct
 import sys
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from radard.dsp.downconvert import DownConverter
-from radard.dsp.pictures import Columns, Spectrograms
-from radard.web.pictures.wire import TIMED, axes, encode_columns
+from radard.clips.spectrogram_png import PictureMaker
+from radard.web.pictures.wire import axes, encode_columns
 from x2radar.errors import RecordingError
 from x2radar.recording.hdf5_reader import Hdf5File
 from x2radar.recording.registry import open_recording
-
-Row = tuple[NDArray[np.complex64], bool]
 
 _BLOCK = 32  # frames at once: half a second
 _MAX_S = 660.0  # above the longest clip, clips.longest_s of 600 s and its pre_s
@@ -36,46 +33,17 @@ def clip_view(path: Path) -> bytes:
     """Return the answer for a clip; X2RadarError, FeatureError or OSError if it is none."""
     with open_recording(path) as reader:
         stream = reader.stream
-        thin = max(1, stream.axis.n_range // 96)
-        converter = DownConverter(stream.axis, thin)
-        spectrograms = Spectrograms(converter.axis, stream.frame_rate_hz)
-        made: list[Columns] = []
-        rows: list[Row] = []
+        maker = PictureMaker(stream, max(1, stream.axis.n_range // 96))
+        frames = islice(reader.frames(0.0), int(_MAX_S * stream.frame_rate_hz))
         length_s = 0.0
-        for frame in reader.frames(0.0):
-            length_s = (frame.index + 1) / stream.frame_rate_hz
-            if length_s > _MAX_S:
-                break
-            row = converter.convert(frame.samples)
-            # Lost frames take their time in the pictures.
-            rows += [(row, False)] * min(frame.lost, _BLOCK) if rows else []
-            rows.append((row, bool(np.isfinite(row).all())))
-            if len(rows) >= _BLOCK:
-                _push(spectrograms, rows, length_s, made)
-                rows = []
-        if rows:
-            _push(spectrograms, rows, length_s, made)
-    head = {"length_s": length_s, "axes": axes(spectrograms), "decisions": _decisions(path)}
+        while block := list(islice(frames, _BLOCK)):
+            length_s = (block[-1].index + 1) / stream.frame_rate_hz
+            maker.push(block)
+    columns, column_s = maker.columns(), maker.made.column_s
+    head = {"length_s": length_s, "axes": axes(maker.made), "decisions": _decisions(path)}
     text = json.dumps(head).encode()
-    return struct.pack("<I", len(text)) + text + _joined(made, spectrograms)
-
-
-def _push(spectrograms: Spectrograms, rows: list[Row], t_s: float, made: list[Columns]) -> None:
-    frames = np.array([row for row, _ in rows], np.complex64)
-    columns = spectrograms.push(frames, np.array([is_good for _, is_good in rows]), t_s)
-    if columns is not None:
-        made.append(columns)
-
-
-def _joined(made: list[Columns], spectrograms: Spectrograms) -> bytes:
-    if not made:
-        return b""
-    whole = Columns(
-        made[-1].t_s,
-        np.concatenate([c.valid for c in made]),
-        {name: np.concatenate([c.values[name] for c in made], axis=1) for name in TIMED},
-    )
-    return encode_columns(whole, first=0, epoch=0, column_s=spectrograms.column_s)
+    shown = encode_columns(columns, first=0, epoch=0, column_s=column_s) if columns else b""
+    return struct.pack("<I", len(text)) + text + shown
 
 
 def _decisions(path: Path) -> list[dict[str, Any]]:
