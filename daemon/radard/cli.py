@@ -11,11 +11,11 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from radard.config.config import Config, load_config
+from radard.config.config import Config, found_file, load_config
 from radard.config.directories import demo_state
 from radard.config.options import add_options, config_options
 from radard.config.sink_table import FORMS
-from radard.errors import UsageError
+from radard.errors import ConfigError, UsageError
 from x2radar.command import Parser, installed_version, run_command
 from x2radar.manual import add_manual
 from x2radar.recording.registry import check_name
@@ -92,7 +92,11 @@ def _body(argv: Sequence[str]) -> int:
         check_name(args.record, "hdf5")
     options = config_options(args)
 
+    found = found_file() if args.config is None else None
+
     def load() -> Config:
+        if found is not None and not found.is_file():
+            raise ConfigError(f"{found}: is gone, and all was read from there")
         return demo_state(load_config(args.config, options=options))
 
     config = load()

@@ -36,7 +36,8 @@ def ended(daemon):
 
 def test_an_empty_room_is_kept_and_used(tmp_path, launch, caplog):
     caplog.set_level(logging.INFO, "radard")
-    daemon = launch(sensor=FAST, gate=GATE)
+    choices = []
+    daemon = launch(sensor=FAST, gate=GATE, reload=lambda: choices[-1])
     told = ended(daemon)
     assert told["phase"] == "made"
     assert "predicted false gates" in told["text"]
@@ -51,9 +52,26 @@ def test_an_empty_room_is_kept_and_used(tmp_path, launch, caplog):
     seq = daemon.panel()["seq"]
     wait_for(lambda: daemon.panel()["seq"] > seq + 2)
     assert daemon.panel()["gate"] == "closed"
+    # Also when a reload, as of what the page saves, makes another pipeline.
+    mount = daemon.config.mount.model_copy(update={"height_m": 2.0})
+    choices.append(daemon.config.model_copy(update={"mount": mount}))
     daemon.ask("reload")
-    assert daemon.stop() == 0
-    assert pipeline.calibration is not None
+    wait_for(lambda: daemon.radar.config().mount == mount)
+    assert daemon.radar.parts.pipeline.calibration is pipeline.calibration is not None
+
+
+def test_one_that_a_reload_does_without_is_not_taken_up(launch):
+    choices = []
+    daemon = launch(sensor=FAST, gate=GATE, reload=lambda: choices[-1])
+    wait_for(lambda: daemon.panel().get("seq"))
+    daemon.radar.command("calibrate")
+    wait_for(lambda: phase_of(daemon) == "listen")
+    gate = daemon.config.gate.model_copy(update={"calibration": "none"})
+    choices.append(daemon.config.model_copy(update={"gate": gate}))
+    daemon.ask("reload")
+    wait_for(lambda: phase_of(daemon) == "failed")
+    assert "settings were changed" in told(daemon.radar)["calibration"]["text"]
+    assert daemon.radar.parts.pipeline.calibration is None
 
 
 def test_a_file_that_cannot_be_written_holds_for_this_run(tmp_path, launch):

@@ -344,5 +344,9 @@ def test_a_reload_that_adds_a_radar_that_cannot_be_changes_nothing(launch, caplo
     daemon.ask("reload")
     wait_for(lambda: "the old configuration stays" in caplog.text)
     assert daemon.run.sensors == [hall, attic]
+    wait_for(lambda: "the old configuration stays" in hall.health.status.reason)
+    choices[0] = ROOMS
+    daemon.ask("reload")
+    wait_for(lambda: hall.health.status.state == "online")
     seq = told(hall)["seq"]
     wait_for(lambda: told(hall)["seq"] > seq)

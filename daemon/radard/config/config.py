@@ -116,6 +116,11 @@ class Loaded:
         return self.places.get(where, "built-in")
 
 
+def found_file() -> Path | None:
+    """Return the file that holds unless --config names one; None if there is none."""
+    return next((path for path in DEFAULT_FILES if path.is_file()), None)
+
+
 def load_config(file: Path | None = None, **given: Any) -> Config:
     """Return the configuration that holds; see `load_with_origins`."""
     return load_with_origins(file, **given).config
@@ -137,7 +142,7 @@ def load_with_origins(
     environ = os.environ if environ is None else environ
     tree: dict[str, Any] = {}
     places: Places = {}
-    path = file or next((p for p in DEFAULT_FILES if p.is_file()), None)
+    path = file or found_file()
     if path is not None:
         tree, places = read_yaml(path)
         profiles.lay_over_all(tree, places)

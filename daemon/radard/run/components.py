@@ -105,8 +105,9 @@ def make_parts(
         warnings += filter(None, [text])
     for text in warnings:
         logger_of(config).warning("%s", text)
-    made_here = old is not None and old.config.gate.calibration == config.gate.calibration
-    use_calibration(config, pipeline, is_live=is_live, keeps=made_here)
+    is_same = old is not None and old.config.gate.calibration == config.gate.calibration
+    held = old.pipeline.calibration if old is not None and is_same else None
+    use_calibration(config, pipeline, is_live=is_live, held=held)
     quiet = QuietHours(
         [parse_quiet(text) for text in config.alarm.quiet], time_zone(config.alarm.timezone), now
     )
@@ -135,25 +136,28 @@ def make_parts(
 
 
 def use_calibration(
-    config: Config, pipeline: Pipeline, *, is_live: bool, keeps: bool = False
+    config: Config, pipeline: Pipeline, *, is_live: bool, held: Calibration | None = None
 ) -> None:
-    """Give a pipeline the named calibration, or that of its room; ConfigError if not to be had."""
+    """Give a pipeline the named calibration, that of its room, or what is `held` without one.
+
+    Raises ConfigError if a named one is not to be had.
+    """
     asked = config.gate.calibration
     calibration: Calibration | None = None
     if asked == "auto":
         path = calibration_file(config)
         is_real = is_live and config.sensor.kind != "sim"
-        if not is_real and keeps:
-            return
         try:
             if is_real and path.is_file():
                 calibration = _take_calibration(path, pipeline)
         except (ConfigError, OSError) as err:
-            log.warning("the gate goes without calibration: %s", err)
+            how = "keeps its calibration" if held is not None else "goes without calibration"
+            log.warning("the gate %s: %s", how, err)
+        calibration = calibration or held
     elif asked != "none":
         calibration = _take_calibration(Path(asked), pipeline)
-    if calibration is None and pipeline.calibration is not None:
-        pipeline.use(None)
+    if pipeline.calibration is not calibration:
+        pipeline.use(calibration)
 
 
 def _take_calibration(path: Path, pipeline: Pipeline) -> Calibration:

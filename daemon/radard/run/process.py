@@ -210,7 +210,8 @@ class Process:
                 if (parts := sensor.remake(own)) is not None:
                     remade.append((sensor, parts))
         except (RadardError, X2RadarError) as err:
-            log.warning("reload: the old configuration stays: %s", err)
+            why = f"the old configuration stays: {err}"
+            log.warning("reload: %s", why)
         else:
             hellos = [sensor.exchange(parts) for sensor, parts in remade]
             kept = {"sensor": self._config.sensor, "service": self._config.service}
@@ -223,6 +224,9 @@ class Process:
                 log.warning("%s: added by a reload", keeper.sensor.sensor)
                 keeper.start()
             log.info("reload: done")
+            why = ""
+        for sensor in self.sensors:
+            sensor.complain("reload", why)
         self._notifier.ready(self._heart.status.state)
 
     def _compare(self, config: Config) -> tuple[list[Keeper], list[Keeper]]:

@@ -242,6 +242,9 @@ class Worker:
         self._room = RoomCalibration(config, origin, t_s, take_up)
 
     def _take_calibration(self, made: Calibration) -> None:
+        if not can_calibrate(self.parts.config):
+            # A reload came between.
+            return
         try:
             self.parts.pipeline.use(made)
         except ConfigError as err:
@@ -261,6 +264,8 @@ class Worker:
     def _take_parts(self, parts: Parts) -> None:
         if self.parts.clips is not None and self.parts.clips is not parts.clips:
             self.parts.clips.close(0.0)
+        if self._room is not None and parts.config.gate != self.parts.config.gate:
+            self._room.stop("the gate's settings were changed")
         self.parts = parts
         parts.pipeline.verdict.pet_limit = parts.pet_limit
         self.tracker.panel.policy = parts.policy
