@@ -21,7 +21,7 @@ from x2train.commands.dataset import FEATURES
 from x2train.commands.fit import WIDTHS
 from x2train.nets.map_fit import MAPS, MapFitSettings, network, optimizer_of
 from x2train.sets.augment import augmented
-from x2train.sets.known import hidden_more
+from x2train.sets.window_set import hidden_more
 
 _WAYS = {
     "plain": (False, False),

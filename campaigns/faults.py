@@ -165,13 +165,12 @@ def main() -> int:
         runs = pool.map(partial(judge, injected_run, args.seed), range(args.injected))
         kinds["injected"] = counted("injected", runs)
     cases = surrounded(names, is_full=args.full)
-    n_cases = sum("skipped" not in case for case in cases.values())
     rows = [*kinds.values(), *cases.values()]
     sums = {
         key: sum(row.get(key, 0) for row in rows) for key in (*HARM, "runs", "hidden_restarts")
     }
     summary = {**sums, "kinds": kinds, "surroundings": cases}
-    return end_with(summary | {"runs": sums["runs"] + n_cases})
+    return end_with(summary | {"runs": sums["runs"] + len(cases)})
 
 
 if __name__ == "__main__":

@@ -30,6 +30,8 @@ from radard.judge.bundle import load_bundle
 from radard.log import EventLog
 from tests.radar_helpers import BASEBAND
 from tests.recording_helpers import make, quanta
+from x2radar.commands.convert import convert
+from x2radar.commands.decode import describe, read_trace
 from x2radar.device.device import X2Radar
 from x2radar.errors import X2RadarError
 from x2radar.modules.x2 import RadarSettings
@@ -40,10 +42,8 @@ from x2radar.recording.capture import (
     CaptureWriter,
     capturing,
 )
-from x2radar.recording.convert import convert
 from x2radar.recording.hdf5_reader import lookup3
 from x2radar.recording.registry import open_recording
-from x2radar.recording.trace import describe, read_trace
 from x2radar.sim.module.host import connect
 from x2radar.sim.module.module import SimulatedModule
 from x2radar.sim.scene.scene import load_scene, scene_names

@@ -1,11 +1,11 @@
-"""Cases of what may happen around a daemon: to its broker, disk, clock, processor, port and files.
+"""Cases of what may happen around a daemon: to its broker, processor, model and configuration.
 
-Each starts a real daemon on a simulated module, does its worst, and takes it back. Then the
-daemon must be online again, without having been started again, and every event that it noted in
-its file must have reached the broker and the store.
+What happens to its disk and clock is in the campaigns `disk` and `clock`. Each case starts a real
+daemon on a simulated module, does its worst, and takes it back. Then the daemon must be online
+again, without having been started again, and every event that it noted in its file must have
+reached the broker and the store.
 """
 
-import contextlib
 import os
 import random
 import signal
@@ -16,12 +16,11 @@ import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from campaigns.kept import House
-from campaigns.processes import CONFIG, STEPPED, Daemon, is_mounted, wait_for
+from campaigns.processes import CONFIG, Daemon, wait_for
 from tests.processes import ROOT
 
 _SETTLE_S = 120.0
@@ -34,7 +33,6 @@ class Guard(House):
 
     config = CONFIG
     is_full = False
-    may_stay_degraded = False
 
     def hold(self, short_s: float, full_s: float) -> None:
         """Let it last."""
@@ -88,34 +86,6 @@ def store_locked(guard: Guard) -> None:
         db.execute("BEGIN EXCLUSIVE")
         guard.hold(4, 60)
         db.execute("ROLLBACK")
-
-
-def disk_full(guard: Guard) -> None:
-    """Fill the disk of the store."""
-    filler = guard.outputs.store.parent / "filler"
-    fd = os.open(filler, os.O_WRONLY | os.O_CREAT)
-    with contextlib.suppress(OSError):
-        while True:
-            os.write(fd, bytes(4096))
-    os.close(fd)
-    guard.hold(6, 60)
-    filler.unlink()
-
-
-def read_only_state(guard: Guard) -> None:
-    """Let nothing be kept in the state directory."""
-    guard.daemon.wait_state("degraded", "memory")
-    guard.hold(3, 20)
-    # Nobody makes the directory writable again.
-    guard.may_stay_degraded = True
-
-
-def clock_stepped(guard: Guard) -> None:
-    """Set the clock on the wall back by a day, and forward by a year."""
-    offset = guard.home / "offset"
-    for step_s in (-86_400, 365 * 86_400, 0):
-        offset.write_text(str(step_s))
-        guard.goes_on(4)
 
 
 def stopped(guard: Guard) -> None:
@@ -172,36 +142,12 @@ def two_daemons(guard: Guard) -> None:
     guard.goes_on(3)
 
 
-def _deny_state(folder: Path, _stack: ExitStack) -> bool:
-    """Put a file where the state directory would be: root may write anywhere, but not below it."""
-    (folder / "radard" / "state").write_text("no folder")
-    return True
-
-
-@dataclass(frozen=True, slots=True)
-class Case:
-    """What happens, what is needed for it, and what the daemon's process runs first."""
-
-    happen: Callable[[Guard], None]
-    prepare: Callable[[Path, ExitStack], bool] = lambda _folder, _stack: True
-    before: str = ""
-
-
-CASES: Mapping[str, Case] = {
-    "broker_down": Case(broker_down),
-    "broker_slow": Case(broker_slow),
-    "broker_flapping": Case(broker_flapping),
-    "store_locked": Case(store_locked),
-    "disk_full": Case(
-        disk_full, lambda folder, stack: is_mounted(folder / "store", "400k", stack)
-    ),
-    "read_only_state": Case(read_only_state, _deny_state),
-    "clock_stepped": Case(clock_stepped, before=STEPPED),
-    "stopped": Case(stopped),
-    "starved": Case(starved),
-    "model_replaced": Case(model_replaced),
-    "reload_broken": Case(reload_broken),
-    "two_daemons": Case(two_daemons),
+CASES: Mapping[str, Callable[[Guard], None]] = {
+    case.__name__: case
+    for case in (
+        *(broker_down, broker_slow, broker_flapping, store_locked),
+        *(stopped, starved, model_replaced, reload_broken, two_daemons),
+    )
 }
 
 
@@ -218,20 +164,15 @@ def surrounded(names: Sequence[str], *, is_full: bool) -> dict[str, dict[str, An
 
 def _one(name: str, stack: ExitStack, *, is_full: bool) -> dict[str, Any]:
     """Start broker and daemon, let a case happen, and count what went wrong."""
-    case = CASES[name]
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
     guard = Guard(folder, random.Random(), stack)  # noqa: S311 - nothing is drawn
-    guard.home.mkdir()
-    if not case.prepare(folder, stack):
-        return {"skipped": "no disk can be mounted here"}
-    guard.is_full, guard.before = is_full, case.before
+    guard.is_full = is_full
     guard.start("--port", _PORT)
     try:
         guard.goes_on(1)
-        case.happen(guard)
+        CASES[name](guard)
         guard.goes_on(3)
-        if not guard.may_stay_degraded:
-            guard.daemon.wait_state("online")
+        guard.daemon.wait_state("online")
         guard.counts["events"] = len(guard.outputs.kept())
         guard.found["lost_events"] += guard.outputs.lost()
     except (TimeoutError, RuntimeError) as err:

@@ -24,7 +24,7 @@ from x2radar.sim.bodies.motion import MOTIONS
 from x2radar.sim.bodies.skins.draw import SKINS
 from x2train.commands import followed
 from x2train.judge.estimates import Ranking
-from x2train.nets.epoch import Epoch
+from x2train.nets.calibration import Epoch
 from x2train.nets.map_fit import (
     MapFitSettings,
     MapTrained,

@@ -1,4 +1,4 @@
-"""State machines of tests: a thousand steps each in every run, RADARD_STEPS in a campaign."""
+"""State machines of tests: a thousand steps each, or as many as RADARD_STEPS says."""
 
 import os
 

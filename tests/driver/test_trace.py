@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from x2radar.recording.trace import describe, read_trace
+from x2radar.commands.decode import describe, read_trace
 from x2radar.wire import framing
 from x2radar.wire import messages as msg
 from x2radar.wire.codec import decode_any, decode_command, decode_response, encode

@@ -17,7 +17,6 @@ SHORT = {
     "soak": "--minutes 0.2 --stream-hours 0.01",
     "clock": "--steps 3",
     "disk": "--faults 6",
-    "machines": "--steps 100",
     "fuzz": "--inputs 40 --keep found",
 }
 DID = {
@@ -26,7 +25,6 @@ DID = {
     "soak": lambda found: all(run["decisions"] > 3 for run in found["runs"].values()),
     "clock": lambda found: found["steps"] == 3 and found["events"] > 0,
     "disk": lambda found: len(found["faults"]) + len(found["skipped"]) == 6,
-    "machines": lambda found: len(found["seconds"]) == 5,
     "fuzz": lambda found: found["inputs"] == 40 * len(TARGETS),
 }
 """What each tells of itself in its last line when it has done so much."""

@@ -253,5 +253,5 @@ class LogMachine(RuleBasedStateMachine):
             shutil.rmtree(self.folder)
 
 
-TestLog = LogMachine.TestCase
-TestLog.settings = machine_settings()
+TestLogMachine = LogMachine.TestCase
+TestLogMachine.settings = machine_settings()

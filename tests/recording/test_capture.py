@@ -7,6 +7,7 @@ import pytest
 
 from tests.device_helpers import OnUsb, wire
 from tests.recording_helpers import assert_same_frames, content, run
+from x2radar.commands.convert import convert
 from x2radar.device.device import X2Radar
 from x2radar.device.link import Deadlines
 from x2radar.errors import RecordingError
@@ -20,7 +21,6 @@ from x2radar.recording.capture import (
     CaptureWriter,
     capturing,
 )
-from x2radar.recording.convert import convert
 from x2radar.recording.registry import open_recording
 from x2radar.sim.module.host import connect
 from x2radar.sim.module.module import SimulatedModule

@@ -15,9 +15,9 @@ from tests.recording_helpers import (
     make,
     run,
 )
+from x2radar.commands.convert import convert
 from x2radar.errors import RecordingError, SettingsError
 from x2radar.recording.about import Overrides
-from x2radar.recording.convert import convert
 from x2radar.recording.registry import open_recording
 
 NAMES = {

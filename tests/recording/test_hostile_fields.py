@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from radard.commands.detect_tables import time_of
 from radard.config.quiet_hours import recorded_clock
 from tests.recording_helpers import make, run
+from x2radar.commands.convert import convert
 from x2radar.errors import RecordingError, SettingsError
-from x2radar.recording.convert import convert
 from x2radar.recording.registry import (
     FORMATS,
     WRITABLE,

@@ -15,12 +15,12 @@ from scipy.io import loadmat, savemat
 from radard.stream.source import ReplaySource
 from tests.processes import ran
 from tests.recording_helpers import COUNTERS, LABELS, RATE_HZ, content, make
+from x2radar.commands.convert import convert
 from x2radar.commands.info import describe_recording
 from x2radar.errors import RecordingError, SettingsError
 from x2radar.extras import EXTRAS
 from x2radar.ports import parse_port
 from x2radar.recording.about import Overrides
-from x2radar.recording.convert import convert
 from x2radar.recording.registry import open_recording
 
 

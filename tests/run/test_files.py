@@ -211,7 +211,7 @@ CALIBRATION = Calibration(**NUMBERS, floor=np.full(1, 1e-6), threshold_db=np.ful
 
 
 def finetune_labels(path):
-    from x2train.finetune.labels import labelled_clips
+    from x2train.finetune.own_clips import labelled_clips
 
     return labelled_clips(path)
 

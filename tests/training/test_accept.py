@@ -16,8 +16,8 @@ from x2train.judge.acceptance import ENTRIES, SEED, SETTINGS, VERSION, AcceptSpe
 from x2train.judge.acceptance_report import alarms_by_window, document, lines
 from x2train.judge.judging import KNOWS, installed
 from x2train.judge.table import PassageTable
-from x2train.sets.known import ADULT_DB
 from x2train.sets.passages import level_db_of
+from x2train.sets.window_set import ADULT_DB
 
 pytestmark = pytest.mark.integration
 

@@ -17,8 +17,7 @@ from tests.alarm_helpers import write_recording
 from tests.radar_helpers import run_radard
 from x2train.cli import main
 from x2train.finetune.guard import Guard, Misses, load_guard
-from x2train.finetune.labels import OwnClip, labelled_clips, merged, named_clips
-from x2train.finetune.windows import judge_of
+from x2train.finetune.own_clips import OwnClip, judge_of, labelled_clips, merged, named_clips
 from x2train.nets.bundle_answers import Answers
 
 pytestmark = pytest.mark.integration

@@ -16,8 +16,7 @@ from x2train.bundle.export import exported
 from x2train.bundle.metrics import map_metrics
 from x2train.nets import map_checkpoint
 from x2train.nets.bundle_answers import outputs_of, taught_by
-from x2train.nets.epoch import Epoch
-from x2train.nets.evidence_fit import first_windows, fit_evidence, fused, log_loss
+from x2train.nets.calibration import Epoch, first_windows, fit_evidence, fused, log_loss
 from x2train.nets.map_fit import INPUTS as NAMES
 from x2train.nets.map_fit import MAPS, fit_maps, logits_of, network
 from x2train.nets.nets import start_from

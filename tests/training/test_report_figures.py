@@ -21,7 +21,7 @@ from x2train.judge.windows import (
     is_in_view,
     is_judged,
 )
-from x2train.sets.shard_run import make_shards
+from x2train.sets.shards import make_shards
 
 COLUMNS = ("n_decisions", *TEXTS, *NUMBERS, *FLAGS, *SERIES)
 

@@ -13,8 +13,7 @@ from tests.processes import started
 from tests.shard_helpers import Draws
 from tests.waiting import wait_for
 from x2radar.errors import RecordingError
-from x2train.sets.shard_run import make_shards
-from x2train.sets.shards import MANIFEST, ShardSet
+from x2train.sets.shards import MANIFEST, ShardSet, make_shards
 from x2train.sets.workers import Crew, ElementError, GenerateError
 
 ABOUT = {"set": "test", "rate": 60}
@@ -169,7 +168,7 @@ def test_progress_counts_to_the_end_and_on_from_earlier(tmp_path):
 def test_ctrl_c_ends_cleanly_and_the_run_goes_on(tmp_path, alone):
     code = (
         "import sys; from pathlib import Path; from tests.shard_helpers import Draws\n"
-        "from x2train.sets.shard_run import make_shards\n"
+        "from x2train.sets.shards import make_shards\n"
         "from x2train.sets.workers import Crew\n"
         "if __name__ == '__main__':\n"
         "    folder = Path(sys.argv[1])\n"

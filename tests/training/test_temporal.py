@@ -13,12 +13,12 @@ from radard.judge.bundle import EvidenceSettings, load_bundle
 from radard.judge.classifier import Answer, Classifier, Probabilities
 from radard.judge.evidence import Evidence
 from tests import training_helpers as small
-from x2train.bundle.joined import joined
+from x2train.bundle.export import joined
 from x2train.bundle.temporal_bundle import HUMAN_LIMIT
 from x2train.bundle.temporal_graph import n_parameters, with_head
 from x2train.cli import main
 from x2train.nets.bundle_answers import outputs_of
-from x2train.nets.epoch import Epoch
+from x2train.nets.calibration import Epoch
 from x2train.nets.graph_net import GraphNet
 from x2train.nets.temporal_head import Given, HeadSettings, HeadTrained, fit_head, logits_over
 

@@ -8,8 +8,7 @@ from tests.browser_helpers import MARKS, Tab
 from tests.radar_helpers import noise
 from tests.waiting import wait_for
 from tests.web_helpers import is_finished
-from x2train.finetune.labels import labelled_clips
-from x2train.finetune.windows import own_windows
+from x2train.finetune.own_clips import labelled_clips, own_windows
 
 pytestmark = MARKS
 PAGES = ("live", "why", "events", "setup")

@@ -12,7 +12,7 @@ from radard.judge.bundle import CLASSES, EvidenceSettings
 from x2train.judge.estimates import Ranking
 from x2train.judge.verdicts import PET_LIMIT
 from x2train.nets.bundle_answers import Answers
-from x2train.nets.evidence_fit import first_windows, fit_evidence, fused, log_loss
+from x2train.nets.calibration import first_windows, fit_evidence, fused, log_loss
 from x2train.nets.map_fit import Arrays, MapTrained, logits_of
 from x2train.nets.nets import n_parameters
 

@@ -17,8 +17,8 @@ from x2train.bundle.metrics import NOTES, gate_of, kept_out_of, rounded, window_
 from x2train.bundle.temporal_graph import GIVEN, n_parameters, with_given, with_head
 from x2train.bundle.writing import write_bundle
 from x2train.nets.bundle_answers import Answers, outputs_of
-from x2train.nets.evidence_fit import first_windows, fit_evidence, log_loss
-from x2train.nets.evidence_fit import fused as summed
+from x2train.nets.calibration import first_windows, fit_evidence, log_loss
+from x2train.nets.calibration import fused as summed
 from x2train.nets.temporal_head import Given, HeadTrained, logits_over
 from x2train.sets.window_set import Columns, check_made_for, inputs_of, load_windows
 

@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from radard.errors import UsageError
-from x2train.nets.epoch import Epoch
+from x2train.nets.calibration import Epoch
 from x2train.sets.workers import Crew, Tell
 
 Commands: TypeAlias = "argparse._SubParsersAction[Any]"

@@ -95,7 +95,7 @@ def _run(args: argparse.Namespace) -> int:
     # Late: the simulator takes a second, and --help must not.
     from x2train.motion.library import cards_of, read_library  # noqa: PLC0415
     from x2train.sets.families import CLIPS, USES, plugged_family  # noqa: PLC0415
-    from x2train.sets.shard_run import make_shards  # noqa: PLC0415
+    from x2train.sets.shards import make_shards  # noqa: PLC0415
     from x2train.sets.windows import GATE, WindowSpec  # noqa: PLC0415
 
     use, learned_from = args.families, {}

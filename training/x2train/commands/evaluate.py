@@ -71,7 +71,7 @@ def _run(args: argparse.Namespace) -> int:
     from x2train.judge.plots import passage_png  # noqa: PLC0415
     from x2train.judge.report import write  # noqa: PLC0415
     from x2train.judge.suites import n_more_pets  # noqa: PLC0415
-    from x2train.sets.shard_run import make_shards  # noqa: PLC0415
+    from x2train.sets.shards import make_shards  # noqa: PLC0415
     from x2train.sets.sites import ONE_RADAR  # noqa: PLC0415
     from x2train.sets.windows import GATE  # noqa: PLC0415
 

@@ -50,8 +50,13 @@ def _run(args: argparse.Namespace) -> int:
     # Late: torch takes seconds, and --help must not.
     from x2train.finetune.finetune import Tuned, rows_of, tune, write_finetuned  # noqa: PLC0415
     from x2train.finetune.guard import load_guard  # noqa: PLC0415
-    from x2train.finetune.labels import labelled_clips, merged, named_clips  # noqa: PLC0415
-    from x2train.finetune.windows import judge_of, own_windows  # noqa: PLC0415
+    from x2train.finetune.own_clips import (  # noqa: PLC0415  # noqa: PLC0415
+        judge_of,
+        labelled_clips,
+        merged,
+        named_clips,
+        own_windows,
+    )
 
     console = result_console()
     clips = list(named_clips(args.clips))

@@ -15,11 +15,11 @@ from radard.judge.bundle import Bundle
 from x2train.bundle.metrics import gate_of
 from x2train.bundle.writing import write_bundle
 from x2train.finetune.guard import MAX_RISE, Guard, Misses
+from x2train.finetune.own_clips import OwnWindows, decisions_on
 from x2train.finetune.retrain import guarded_line, retrain
-from x2train.finetune.windows import OwnWindows, decisions_on
 from x2train.judge.estimates import share
 from x2train.nets.bundle_answers import outputs_of
-from x2train.nets.epoch import Epoch
+from x2train.nets.calibration import Epoch
 from x2train.sets.window_set import inputs_of
 
 _RECIPE = (

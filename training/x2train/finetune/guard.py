@@ -19,7 +19,7 @@ from radard.judge.classifier import Answer, Probabilities
 from radard.judge.decision import Verdict, judge
 from radard.judge.evidence import Evidence
 from x2train.nets.bundle_answers import Answers
-from x2train.nets.evidence_fit import first_windows
+from x2train.nets.calibration import first_windows
 from x2train.sets.window_set import Columns, check_made_for, load_windows
 
 Array = NDArray[np.float64]

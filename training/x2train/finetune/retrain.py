@@ -15,9 +15,9 @@ from torch.nn import functional
 from radard.errors import RadardError, UsageError
 from radard.judge.bundle import Bundle
 from x2train.finetune.guard import MAX_RISE, Guard, Misses, alarms_of
-from x2train.finetune.windows import OwnWindows
+from x2train.finetune.own_clips import OwnWindows
 from x2train.nets.bundle_answers import Answers, outputs_of
-from x2train.nets.epoch import Epoch
+from x2train.nets.calibration import Epoch
 from x2train.nets.graph_net import GraphNet
 from x2train.sets.window_set import inputs_of
 

@@ -31,7 +31,7 @@ from x2train.judge.suites import SUITES
 from x2train.judge.table import PassageTable
 from x2train.sets.families import Family, families, family
 from x2train.sets.passages import BodyModel, Player, actor, play
-from x2train.sets.shard_run import make_shards
+from x2train.sets.shards import make_shards
 from x2train.sets.sites import X2, X4M03, Radar, Site, draw_site
 from x2train.sets.windows import GATE
 from x2train.sets.workers import Crew

@@ -24,9 +24,9 @@ from x2radar.frame import FastTimeAxis, Frame, StreamInfo
 from x2radar.recording.blocks import BlockReader
 from x2train.judge.suites import SUITES, Suite, check_suites, suite_of
 from x2train.judge.table import Columns, passage_columns
-from x2train.sets.known import ADULT_DB, LEVEL_ERROR_DB
 from x2train.sets.passages import Passage, level_db_of, play
 from x2train.sets.sites import ONE_RADAR, Radar, Site
+from x2train.sets.window_set import ADULT_DB, LEVEL_ERROR_DB
 
 _IN_VIEW_DB = 10.0
 _MIN_S = 0.5  # so long over a bin's noise somebody has come in: not at the swath's edge

@@ -14,12 +14,12 @@ from torch.nn import functional
 from radard.errors import UsageError
 from radard.judge.bundle import Bundle
 from radard.judge.installation import INSTALLATION, N_INSTALLATION
-from x2train.nets.epoch import Epoch, cross_entropy, temperature_of
+from x2train.nets.calibration import Epoch, cross_entropy, temperature_of
 from x2train.nets.map_checkpoint import Checkpoints, fingerprint
 from x2train.nets.nets import MapNet, Widths, start_from
 from x2train.nets.optimizer import MuonAdamW
 from x2train.sets.augment import augmented
-from x2train.sets.known import hidden_more
+from x2train.sets.window_set import hidden_more
 
 Arrays = Mapping[str, NDArray[Any]]
 MAPS = ("velocity_time", "range_time", "velocity_time_medium", "velocity_time_long")

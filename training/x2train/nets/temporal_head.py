@@ -17,7 +17,7 @@ from torch import nn
 from torch.nn import functional
 from torch.nn.utils.rnn import pad_sequence
 
-from x2train.nets.epoch import Epoch, cross_entropy, temperature_of
+from x2train.nets.calibration import Epoch, cross_entropy, temperature_of
 
 _N_CLASSES = 3
 _IGNORED = -100  # torch's label for what does not count

@@ -24,7 +24,7 @@ from x2train.bundle.export import DIFFERENCE, exported
 from x2train.bundle.writing import write_bundle
 from x2train.judge.judging import dwells
 from x2train.judge.verdicts import PET_LIMIT
-from x2train.nets.epoch import temperature_of
+from x2train.nets.calibration import temperature_of
 from x2train.thesis.cells import Cell
 from x2train.thesis.fit import Fitted
 from x2train.thesis.mlp import ACTIVATIONS

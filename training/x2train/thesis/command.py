@@ -209,9 +209,12 @@ def _jobs(
     args: argparse.Namespace, recipe: "StudyRecipe", parts: tuple[str, ...]
 ) -> Iterator["KeptJob"]:
     from x2train.thesis.fit import fit_settings  # noqa: PLC0415
-    from x2train.thesis.own import OwnJob, OwnSettings  # noqa: PLC0415
-    from x2train.thesis.raw import LABEL as RAW  # noqa: PLC0415
-    from x2train.thesis.raw import RawJob  # noqa: PLC0415
+    from x2train.thesis.own import (  # noqa: PLC0415
+        RAW,
+        OwnJob,
+        OwnSettings,
+        RawJob,
+    )
     from x2train.thesis.recipe import Job, variants, wanted_cells  # noqa: PLC0415
     from x2train.thesis.sets import load_recordings  # noqa: PLC0415
 

@@ -1,8 +1,12 @@
-"""The project's own features and a small network on the thesis' own elements.
+"""What else was tried on the thesis' elements: the project's own features, and raw frames.
 
 The thesis sums power over range before its network sees anything. Here the network gets two
 maps of the same frames, as the daemon makes them: the micro-Doppler spectrogram in decibels,
 and the range-time map, each set against its own level (`radard.judge.velocity_map`).
+
+Raw frames have no features between (5.2.4): an element's baseband frames, every 16th bin of them,
+which is about the pulse's width; real and imaginary parts, scaled together to unit norm, as the
+vectors are.
 """
 
 from collections.abc import Callable
@@ -15,12 +19,15 @@ from numpy.typing import NDArray
 from torch import nn
 from torch.nn import functional
 
-from x2train.thesis.recipe import FRESH_FROM, KeptJob, Tell
+from x2train.thesis.cells import Cell
+from x2train.thesis.elements import ElementSpec, dwell
+from x2train.thesis.fit import FitSettings, fit
+from x2train.thesis.recipe import FRESH_FROM, KeptJob, Tell, last_of, with_stop
 from x2train.thesis.results import CellResult, judged, seen
-from x2train.thesis.sets import load_maps
+from x2train.thesis.sets import CellData, load_maps
 
 Maps = dict[str, NDArray[np.float32]]
-LABEL = "own"
+OWN = "own"
 _AT_ONCE = 500  # maps: some megabytes between the layers
 
 
@@ -132,7 +139,7 @@ class OwnJob(KeptJob):
             "data_seed": self.recipe.seed,
             "n_cpi": self.recipe.n_cpi,
         }
-        return self.cell.name[2:], LABEL, settings  # without its vector: D60
+        return self.cell.name[2:], OWN, settings  # without its vector: D60
 
     def _train(self, tell: Tell) -> CellResult:
         recipe, s = self.recipe, self.settings
@@ -165,3 +172,48 @@ class OwnJob(KeptJob):
             stopped_by="nothing: a fixed number of epochs",
             settings=settings,
         )
+
+
+RAW = "raw frames"
+_DECIMATION = 16
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RawJob(KeptJob):
+    """The thesis' network on the frames of one set, whatever its vector."""
+
+    fit: FitSettings
+
+    @property
+    def _key(self) -> tuple[str, str, dict[str, Any]]:
+        recipe = self.recipe
+        sizes = {"elements": recipe.n_elements, "fresh": recipe.n_fresh, "data_seed": recipe.seed}
+        settings = {"fit": asdict(self.fit), "decimation": _DECIMATION, **sizes}
+        return self.cell.name, RAW, settings
+
+    def _train(self, tell: Tell) -> CellResult:
+        recipe = self.recipe
+        spec = recipe.spec(self.cell.frame_rate_hz)
+        whole = raw_frames(spec, self.cell, 0, recipe.n_elements, tell)
+        n_train = recipe.n_elements - recipe.n_evaluate
+        train, stop, stopped_by = with_stop(whole.part(0, n_train))
+        fitted = last_of(fit(train, stop, self.fit), self.cell, tell)
+        evaluate = whole.part(n_train, recipe.n_elements)
+        fresh = raw_frames(spec, self.cell, FRESH_FROM, recipe.n_fresh, tell)
+        return self._reached(fitted, self.fit.look_every, evaluate, fresh, stopped_by=stopped_by)
+
+
+def raw_frames(spec: ElementSpec, cell: Cell, first: int, n: int, tell: Tell) -> CellData:
+    """Return frames of `n` elements of a set, animal and person in turn, a row each."""
+    rows: list[NDArray[np.float32]] = []
+    in_view: list[float] = []
+    for k in range(n // 2):
+        for body in (cell.bodies[k % len(cell.bodies)], "human"):
+            made, share = dwell(spec, body, first + k)
+            bins = made.frames[:, ::_DECIMATION]
+            row = np.concatenate([bins.real, bins.imag]).astype(np.float32).ravel()
+            rows.append(row / max(float(np.linalg.norm(row)), 1e-30))
+            in_view.append(share)
+        tell(f"frames of {cell.name[2:]}", k + 1, n // 2)
+    y = np.tile(np.array([0, 1], np.int64), n // 2)
+    return CellData(np.stack(rows), y, np.array(in_view, np.float32))

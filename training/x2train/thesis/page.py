@@ -8,8 +8,7 @@ from typing import Any
 
 from x2train.thesis.cells import PRINTED
 from x2train.thesis.fit import FitSettings
-from x2train.thesis.own import LABEL as OWN
-from x2train.thesis.raw import LABEL as RAW
+from x2train.thesis.own import OWN, RAW
 from x2train.thesis.recipe import variants
 from x2train.thesis.results import IN_VIEW, CellResult
 

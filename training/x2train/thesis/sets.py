@@ -18,8 +18,7 @@ from radard.stream.ring import Dwell
 from x2radar.frame import FastTimeAxis
 from x2radar.recording.blocks import Label
 from x2radar.recording.registry import open_recording
-from x2train.sets.shard_run import fill
-from x2train.sets.shards import ShardSet
+from x2train.sets.shards import ShardSet, fill
 from x2train.sets.workers import Crew, Rows
 from x2train.thesis.cells import Cell
 from x2train.thesis.elements import PROFILE, ElementSpec, element
