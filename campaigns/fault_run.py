@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.alarm.state_store import StateStore
+from radard.alarm.sensor_state import StateStore
 from radard.config.config import load_config
 from radard.config.quiet_hours import wall_clock
 from radard.health.health import STALE_S, Health

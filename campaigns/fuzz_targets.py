@@ -22,7 +22,7 @@ import scipy.io
 
 from campaigns import fuzz_network
 from campaigns.fuzz_mutate import BORDER
-from radard.alarm.state_store import StateStore
+from radard.alarm.sensor_state import StateStore
 from radard.config.config import load_config
 from radard.detect.calibration import load_calibration
 from radard.errors import RadardError

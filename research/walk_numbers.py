@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
 from radard.detect.clutter_map import ClutterRemover
-from radard.dsp.doppler import unambiguous_velocity_mps
 from radard.dsp.gram import gaussian_taper
 from radard.dsp.range_time import RangeTimeMap
 from radard.dsp.velocity import CPI_S
@@ -315,7 +314,7 @@ def _velocities(walk: Walk, frames: Frames) -> tuple[Array, Array, int]:
     the trunk that was made to stand still.
     """
     rate_hz = walk.frame_rate_hz
-    n_side = int(unambiguous_velocity_mps(rate_hz, walk.axis.carrier_hz) / _STEP_MPS)
+    n_side = int(SPEED_OF_LIGHT_MPS / walk.axis.carrier_hz * rate_hz / 4 / _STEP_MPS)
     v = np.arange(-n_side, n_side + 1) * _STEP_MPS
     n_cpi = max(4, round(_LINE_CPI_S * rate_hz))
     frequency_hz = range_frequencies(walk.axis)

@@ -55,7 +55,8 @@ class EventLog:
         # The lock of the log and of its cursors.
         self._changed = threading.Condition(threading.RLock())
         self._entries: deque[Entry] = deque()
-        self._last = self._told = self._written = 0
+        self._last = self._written = 0
+        self.told = 0  # number of the last entry that outputs heard of
         self._cursors: dict[str, Cursor] = {}
         self._places: dict[str, Place] = {}
         self._kept: dict[str, str] = {}
@@ -93,19 +94,14 @@ class EventLog:
             n = self._ask() if self._keeps_events else 0
         self._wait(n, _WAIT_S)
         with self._changed:
-            newest = itertools.takewhile(lambda e: e.n > self._told, reversed(self._entries))
+            newest = itertools.takewhile(lambda e: e.n > self.told, reversed(self._entries))
             fresh = [each for each in newest if each.n <= entry.n][::-1]
-            self._told = max(self._told, entry.n)
+            self.told = max(self.told, entry.n)
             wanting = [cursor for cursor in self._cursors.values() if cursor.offer(fresh)]
             self._bound()
         for cursor in wanting:
             cursor.on_put()
         return entry
-
-    @property
-    def last(self) -> int:
-        """Number of the last entry that outputs heard of."""
-        return self._told
 
     def cursor(self, name: str, wants: Wants, after: int | None = None) -> Cursor:
         """Return an output's cursor over what it `wants`, from where it was, or behind `after`."""
@@ -117,9 +113,9 @@ class EventLog:
             else:
                 place = self._places.get(name)
                 if place is None or not place.owes:
-                    begin = self._told if after is None else after
+                    begin = self.told if after is None else after
                     place = Place(begin, begin)
-                cursor.resume(place, [each for each in self._entries if each.n <= self._told])
+                cursor.resume(place, [each for each in self._entries if each.n <= self.told])
             self._has_moved(name)
             return cursor
 
@@ -130,14 +126,11 @@ class EventLog:
             self._places.pop(name, None)
             self._has_moved(name)
 
-    def events(
-        self, *, since_s: float | None = None, kinds: Sequence[str] = (), limit: int | None = None
-    ) -> list[StoredEvent]:
-        """Return the events that the log holds, see `radard.log_file.fold_events`."""
+    def events(self) -> list[StoredEvent]:
+        """Return the events that the log holds, the oldest first."""
         with self._changed:
             entries = list(self._entries)
-        records = [entry.record for entry in entries]
-        return fold_events(records, since_s=since_s, kinds=kinds, limit=limit)
+        return fold_events(entry.record for entry in entries)
 
     def keep(self, name: str, text: str) -> None:
         """Keep a text over restarts in place of an earlier one; returns as `append` does."""
@@ -330,7 +323,7 @@ class EventLog:
                     cursor.resume(place, entries)
             self._written = last
             self._last += last
-            self._told += last
+            self.told += last
             self._entries.extendleft(reversed(entries))
             self._places = places
             self._held = dict(kept)
@@ -353,7 +346,7 @@ class EventLog:
             moved, self._moved = self._moved, set()
             # What is appended is seen by every cursor that there is.
             places = {
-                name: self._cursors[name].place(self._told, last)
+                name: self._cursors[name].place(self.told, last)
                 if name in self._cursors
                 else self._places.get(name)
                 for name in moved.union(self._cursors if entries else ())

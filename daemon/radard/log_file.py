@@ -208,17 +208,11 @@ class StoredEvent:
     lasted_s: float | None = None
 
 
-def fold_events(
-    records: Iterable[Mapping[str, Any]],
-    *,
-    since_s: float | None = None,
-    kinds: Sequence[str] = (),
-    limit: int | None = None,
-) -> list[StoredEvent]:
+def fold_events(records: Iterable[Mapping[str, Any]]) -> list[StoredEvent]:
     """Return one event for all records of its phases, in the order of their beginnings."""
     found: dict[str, StoredEvent] = {}
     for record in records:
-        if record["type"] != "event" or (kinds and record["kind"] not in kinds):
+        if record["type"] != "event":
             continue
         is_over, first = record["phase"] == "end", found.get(record["id"])
         found[record["id"]] = StoredEvent(
@@ -236,8 +230,27 @@ def fold_events(
             mark=next((mark for mark in MARKS if record.get(mark)), None),
             lasted_s=_lasted(first, record) if is_over else None,
         )
-    events = [e for e in found.values() if since_s is None or _seconds(e.start_time) >= since_s]
-    return events[-limit:] if limit else events
+    return list(found.values())
+
+
+def newest_events(
+    events: Iterable[StoredEvent],
+    *,
+    since_s: float | None = None,
+    kinds: Sequence[str] = (),
+    limit: int | None = None,
+) -> list[StoredEvent]:
+    """Return those that began at `since_s` (wall clock, seconds since 1970) or later, of `kinds`.
+
+    No kinds are all of them; of the rest the newest `limit`, the oldest first.
+    """
+    chosen = [
+        each
+        for each in events
+        if (since_s is None or _seconds(each.start_time) >= since_s)
+        and (not kinds or each.kind in kinds)
+    ]
+    return chosen[-limit:] if limit else chosen
 
 
 def _lasted(first: StoredEvent | None, last: Mapping[str, Any]) -> float | None:
@@ -247,17 +260,10 @@ def _lasted(first: StoredEvent | None, last: Mapping[str, Any]) -> float | None:
     return lasted_s if lasted_s >= 0 else None
 
 
-def read_events(
-    path: Path,
-    *,
-    since_s: float | None = None,
-    kinds: Sequence[str] = (),
-    limit: int | None = None,
-) -> list[StoredEvent]:
+def read_events(path: Path) -> list[StoredEvent]:
     """Return the events of a log, the oldest first; a daemon may be writing it meanwhile.
 
-    Only those that began at `since_s` (wall clock, seconds since 1970) or later, of `kinds` (none
-    means all), and the newest `limit`. Raises StoreError if it is missing, no log, or unreadable.
+    Raises StoreError if it is missing, no log, or unreadable.
     """
     if not path.is_file():
         raise StoreError(f"{path}: no such store")
@@ -268,8 +274,7 @@ def read_events(
             rows = db.execute("SELECT CAST(record AS BLOB) FROM log ORDER BY n").fetchall()
     except (sqlite3.Error, ForeignDatabase) as err:
         raise StoreError(f"{path}: cannot be read as a store: {err}") from err
-    records = (parse_record(text) for (text,) in rows)
-    return fold_events(filter(None, records), since_s=since_s, kinds=kinds, limit=limit)
+    return fold_events(filter(None, (parse_record(text) for (text,) in rows)))
 
 
 def parse_record(text: str | bytes) -> dict[str, Any] | None:

@@ -8,7 +8,7 @@ import pytest
 
 from radard.alarm.events import EventTracker, trial_alarm
 from radard.alarm.panel import AlarmPanel, AlarmPolicy
-from radard.alarm.state_store import KeptState, StateStore
+from radard.alarm.sensor_state import KeptState, StateStore
 from radard.alarm.zones import heeds, sight_of, zone_fault
 from radard.config.sections import ZonesSection
 from radard.detect.tamper import Finding

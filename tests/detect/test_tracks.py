@@ -140,7 +140,7 @@ def test_a_gap_anywhere_leaves_the_track_alone(position):
 def test_gates_follow_their_tracks_and_share_what_they_overlap():
     paths = np.array([np.linspace(1.0, 1.6, 50), np.linspace(2.6, 1.8, 50), np.full(50, 3.2)])
     range_m = AXIS.range_m
-    gates = range_gates(paths, range_m, half_width_m=0.5, taper_m=0.2)
+    gates = range_gates(paths, range_m)
     assert gates.shape == (3, 50, 96)
     assert gates.dtype == np.float32
     assert gates.min() >= 0

@@ -8,7 +8,7 @@ from contextlib import closing
 
 import pytest
 
-from radard.alarm.state_store import KeptState
+from radard.alarm.sensor_state import KeptState
 from radard.config.config import load_config
 from radard.log_file import read_events
 from radard.outputs.fanout import Outputs

@@ -23,8 +23,8 @@ pytestmark = [
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
-    monkeypatch.setattr("radard.run.sink_watch.GRACE_S", 0.2)
-    monkeypatch.setattr("radard.run.sink_watch.STUCK_S", 0.6)
+    monkeypatch.setattr("radard.outputs.registry.GRACE_S", 0.2)
+    monkeypatch.setattr("radard.outputs.registry.STUCK_S", 0.6)
     monkeypatch.setattr("radard.outputs.mqtt.sink._HANGS_S", 1.2)
 
 

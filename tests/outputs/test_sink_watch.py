@@ -3,7 +3,7 @@
 import pytest
 
 from radard.outputs.base import SinkState
-from radard.run.sink_watch import DROPPED_S, GRACE_S, STUCK_S, SinkWatch
+from radard.outputs.registry import DROPPED_S, GRACE_S, STUCK_S, SinkWatch
 
 
 class Spy:

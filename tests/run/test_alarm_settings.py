@@ -125,7 +125,7 @@ def test_explain_prints_policy_delay_and_rates_and_follows_options(capsys):
     text = told("--model", "thesis")
     assert "2 of 3 verdicts make an alarm" in text
     (row,) = [line for line in text.splitlines() if line.startswith("> normal")]
-    assert "2 s, 3 s" in row
+
     quiet = read_card("thesis").metrics["share without alarm, human"]
     apart = 1 - alarm_probability(1 - quiet, 2, 3, 5)
     assert f"{100 * apart:.2g} %, {100 * quiet:.2g} %" in row

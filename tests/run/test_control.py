@@ -13,8 +13,7 @@ import time
 import numpy as np
 import pytest
 
-from radard.alarm.sensor_state import SensorState
-from radard.alarm.state_store import KeptState, StateStore
+from radard.alarm.sensor_state import KeptState, SensorState, StateStore
 from radard.cli import main
 from radard.log import EventLog
 from radard.run import control

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from radard.alarm.state_store import KeptState, StateStore
+from radard.alarm.sensor_state import KeptState, StateStore
 from radard.cli import main
 from radard.config.config import load_config
 from radard.config.directories import clip_dir, demo_state, log_path, own_folder, saved_file

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from radard.alarm.state_store import StateStore
+from radard.alarm.sensor_state import StateStore
 from radard.alarm.zones import zone_fault, zone_warnings
 from radard.config.config import load_config
 from radard.config.sections import ZonesSection

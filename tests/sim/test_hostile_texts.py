@@ -5,7 +5,7 @@ import pickle
 import pytest
 
 from campaigns.fuzz_targets import TARGETS
-from radard.alarm.state_store import StateStore
+from radard.alarm.sensor_state import StateStore
 from radard.config.config import load_config
 from radard.detect.calibration import load_calibration
 from radard.errors import ConfigError, RadardError

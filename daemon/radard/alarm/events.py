@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from radard.alarm.panel import ARM_MODES, AlarmPanel, PanelChange
-from radard.alarm.state_store import KeptState
+from radard.alarm.sensor_state import KeptState
 from radard.alarm.zones import armed_zones, sight_of
 from radard.config.sections import ZonesSection
 from radard.config.sink_table import EventKind, Phase

@@ -3,7 +3,6 @@
 import json
 import os
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from radard.config.config import Config, load_config
@@ -111,7 +110,7 @@ def asked(config: Config, sensor: str, command: str) -> Mapping[str, Any]:
         try:
             answer = ask(path, command)
         except PermissionError as err:
-            msg = f"{path}: belongs to another user; try sudo -u {_owner(path)} radard {command}"
+            msg = f"{path}: belongs to another user; try sudo radard {command}"
             raise NotAllowed(msg) from err
         except FileNotFoundError:
             continue
@@ -139,13 +138,6 @@ def _lines(name: str, answer: Mapping[str, Any]) -> list[str]:
     how = "armed at home" if answer["mode"] == "home" else "armed"
     wait = f" in {answer['delay_left_s']:.0f} s" if answer["panel"] == "exit" else ""
     return [f"{how}{wait}{lost}" if armed else f"disarmed{lost}"]
-
-
-def _owner(path: Path) -> str:
-    try:
-        return path.owner()
-    except (OSError, KeyError):
-        return "radard"
 
 
 def _report(config: Config, sensor: str | None, *, as_json: bool, is_status: bool) -> int:

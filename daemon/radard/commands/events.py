@@ -9,7 +9,7 @@ from radard.config.config import load_config
 from radard.config.directories import log_path
 from radard.config.sink_table import KINDS, named_file
 from radard.errors import UsageError
-from radard.log_file import StoredEvent, parse_since, read_events
+from radard.log_file import StoredEvent, newest_events, parse_since, read_events
 from x2radar import wall_clock
 from x2radar.command import Parser, new_parser
 
@@ -27,7 +27,8 @@ def run(argv: Sequence[str]) -> int:
         raise UsageError(f"--limit {args.limit}: must be above 0")
     path = args.store or _configured(args.config)
     since_s = parse_since(args.since, wall_clock.now_s()) if args.since else None
-    events = read_events(path, since_s=since_s, kinds=args.kind or (), limit=args.limit)
+    kinds = args.kind or ()
+    events = newest_events(read_events(path), since_s=since_s, kinds=kinds, limit=args.limit)
     for line in (json.dumps(asdict(e)) for e in events) if args.json else _table(events):
         print(line)
     return 0

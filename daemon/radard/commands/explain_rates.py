@@ -7,7 +7,6 @@ of one pass fare alike. Real windows overlap and lie in between.
 from collections.abc import Iterable, Iterator
 from itertools import islice
 
-from radard.alarm.panel import AlarmPolicy
 from radard.alarm.sensitivity import SENSITIVITIES, alarm_policy
 from radard.config.config import Config
 from radard.config.sections import DecisionSection, GateSection
@@ -17,7 +16,7 @@ from radard.judge.card import Card, Three
 _SHARE = "share without alarm, "
 _PEOPLE = ("human", "person", "people", "adult", "child", "walker")
 _COLUMNS = (13, 24, 24, 24, 20)
-_MAX_WINDOWS = 120  # two minutes at a hop of a second
+
 _NUMBERS = ("confirm_k", "confirm_n", "p_on")
 
 
@@ -91,9 +90,6 @@ def window_rates(config: Config, card: Card, decides: str, n_windows: int) -> It
         for name, value in card.metrics.items()
         if name.startswith(_SHARE) and isinstance(value, int | float) and 0 <= value <= 1
     }
-    for name, value in card.metrics.items():
-        if any(word in name for word in ("per crossing", "per hour", "per day", "per night")):
-            yield f"the card says: {name} = {value}"
     if not quiet:
         yield f"the card has no line '{_SHARE}...': miss and false-alarm rates are unknown"
         return
@@ -103,33 +99,29 @@ def window_rates(config: Config, card: Card, decides: str, n_windows: int) -> It
     yield "first figure: every window a draw of its own, second: all windows fare alike"
     yield ""
     titles = [f"{who} {'missed' if _is_person(who) else 'false alarm'}" for who in quiet]
-    yield _row(" ", "sensitivity", "k of n", "alarm after (half, 95 %)", titles)
+    yield _row(" ", "sensitivity", "k of n", titles)
     for level in SENSITIVITIES[decides]:
         chosen = level == config.alarm.sensitivity
         # Another level has the numbers of its name alone.
         own = {} if chosen else dict.fromkeys(("confirm_k", "confirm_n", "p_on", "p_off"))
         section = config.alarm.model_copy(update={"sensitivity": level, **own})
         policy = alarm_policy(section, decides)
-        people = [1 - share for name, share in quiet.items() if _is_person(name)]
-        delay = _delay(min(people), policy, hop_s) if people else "-"
         cells = [
             _rate(1 - share, policy.k, policy.n, n_windows, is_person=_is_person(name))
             for name, share in quiet.items()
         ]
         mark = ">" if chosen else " "
-        yield _row(mark, level, f"{policy.k} of {policy.n}", delay, cells)
+        yield _row(mark, level, f"{policy.k} of {policy.n}", cells)
     yield ""
-    yield f"add up to {hop_s:g} s until the next decision; p_on is left out: the card's rates are"
-    yield "those of the verdict alone"
+    yield "p_on is left out: the card's rates are those of the verdict alone"
     if decides == "fused":
         within = f"{config.decision.decide_within_s:g} s"
         yield f"policy fused weighs windows together and waits up to {within}: slower than this,"
         yield "and surer than one window; the card lacks its rates: train-export evaluate --card"
 
 
-def _row(mark: str, level: str, of: str, delay: str, cells: Iterable[str]) -> str:
-    columns = "".join(f"{cell:<24}" for cell in cells)
-    return f"{mark} {level:<13}{of:<8}{delay:<27}{columns}".rstrip()
+def _row(mark: str, level: str, of: str, cells: Iterable[str]) -> str:
+    return f"{mark} {level:<13}{of:<8}{''.join(f'{cell:<24}' for cell in cells)}".rstrip()
 
 
 def _rate(p_alarm: float, k: int, n: int, n_windows: int, *, is_person: bool) -> str:
@@ -140,24 +132,16 @@ def _rate(p_alarm: float, k: int, n: int, n_windows: int, *, is_person: bool) ->
     return f"{100 * apart:.2g} %, {100 * alike:.2g} %"
 
 
-def _delay(p_hit: float, policy: AlarmPolicy, hop_s: float) -> str:
-    half, most = (windows_until(share, p_hit, policy.k, policy.n) for share in (0.5, 0.95))
-    return ", ".join(
-        "over 2 min" if count is None else f"{count * hop_s + policy.entry_delay_s:g} s"
-        for count in (half, most)
-    )
-
-
 def _is_person(name: str) -> bool:
     return any(word in name.lower() for word in _PEOPLE)
 
 
-def alarm_by_window(p_hit: float, k: int, n: int) -> Iterator[float]:
-    """Yield the probability that K of N have been hits by the first, second, ... window."""
+def alarm_probability(p_hit: float, k: int, n: int, n_windows: int) -> float:
+    """Return the probability of an alarm, K of N hits, within `n_windows` independent windows."""
     keep = (1 << (n - 1)) - 1
     pending = {0: 1.0}
     done = 0.0
-    while True:
+    for _ in range(n_windows):
         following: dict[int, float] = {}
         for history, p in pending.items():
             with_hit = history << 1 | 1
@@ -168,17 +152,4 @@ def alarm_by_window(p_hit: float, k: int, n: int) -> Iterator[float]:
             without = history << 1 & keep
             following[without] = following.get(without, 0.0) + p * (1 - p_hit)
         pending = following
-        yield min(done, 1.0)
-
-
-def alarm_probability(p_hit: float, k: int, n: int, n_windows: int) -> float:
-    """Return the probability of an alarm within `n_windows` independent windows."""
-    return next(islice(alarm_by_window(p_hit, k, n), n_windows - 1, None))
-
-
-def windows_until(share: float, p_hit: float, k: int, n: int) -> int | None:
-    """Return after how many windows a share of all passes has alarmed; None beyond two minutes."""
-    for count, p in enumerate(islice(alarm_by_window(p_hit, k, n), _MAX_WINDOWS), 1):
-        if p >= share:
-            return count
-    return None
+    return min(done, 1.0)

@@ -33,10 +33,9 @@ class Fleet:
         self._prefix = prefix
         self._told: dict[str, dict[str, Any]] = {}
         self._stated_s: dict[str, float] = {}
-        self.n_ignored = 0  # messages on those topics that are none of ours
 
     def take(self, topic: str, payload: bytes, now_s: float) -> None:
-        """Take a message that came at a monotonic time; what is none of ours is counted."""
+        """Take a message that came at a monotonic time; what is none of ours is left out."""
         head, _, kind = topic.rpartition("/")
         name = head.removeprefix(f"{self._prefix}/")
         if kind not in _TOPICS or not name or "/" in name or name != _plain(name):
@@ -50,7 +49,6 @@ class Fleet:
         except (ValueError, RecursionError):
             content = None
         if not isinstance(content, str if kind == "availability" else dict):
-            self.n_ignored += 1
             return
         self._told.setdefault(name, {})[kind] = content
         if kind == "state":
@@ -94,8 +92,7 @@ def run(argv: Sequence[str]) -> int:
         while True:
             rows = fleet.rows(time.monotonic())
             lines = [json.dumps(row) for row in rows] if args.json else list(table(rows))
-            if fleet.n_ignored and not args.json:
-                lines.append(f"{fleet.n_ignored} messages there are no radar's")
+
             if not args.once and sys.stdout.isatty():
                 # To the top left, and nothing below.
                 print("\x1b[H\x1b[2J", end="")

@@ -48,7 +48,7 @@ class RoomSurvey:
         self._peak: list[Array] = []
         self._residue: list[Array] = []
         self._noise: list[Array] = []
-        self._seen: list[tuple[float, float]] = []  # stream time and range
+        self._seen_m: list[float] = []
         self._paths: dict[int, tuple[float, float]] = {}
         self._n_skipped = 0
         self._dwell_s = 0.0
@@ -76,40 +76,26 @@ class RoomSurvey:
         for track in tracks:
             low, high = self._paths.get(track.id, (track.range_m, track.range_m))
             self._paths[track.id] = min(low, track.range_m), max(high, track.range_m)
-        seen = [(dwell.t_s, track.range_m) for track in tracks]
-        if reading.is_open:
-            seen.append((dwell.t_s, reading.range_m))
-        self._seen += seen
-        return bool(seen)
+        seen_m = [track.range_m for track in tracks]
+        seen_m += [reading.range_m] if reading.is_open else []
+        self._seen_m += seen_m
+        return bool(seen_m)
 
     def check_empty(self, *, takes_machines: bool = False) -> None:
         """Raise RoomNotEmpty if something moved; `takes_machines` lets what stays in place."""
-        axis, seen = self._axis, self._seen
-        noise = np.mean(self._noise, axis=0)
+        range_m, noise = self._axis.range_m, np.mean(self._noise, axis=0)
         over_db = decibels(np.mean(self._power, axis=0)) - decibels(noise)
-        excess_db = np.where(noise > 0, over_db, 0.0)
-        worst = int(np.argmax(excess_db))
-        cure = "leave it empty and try again; --with-machines takes what stays in its place"
+        # Breath or a fan may stir without ever opening the gate.
+        stirs = (noise > 0) & (over_db > _UNREST_DB)
+        found_m = [*self._seen_m, *range_m[stirs].tolist()]
         if takes_machines:
-            ends = [span for span in self._paths.values() if span[1] - span[0] > _PLACE_M]
-            if ends:
-                low, high = ends[0]
-                raise RoomNotEmpty(
-                    f"the room is not empty: something went from {low:.1f} to "
-                    f"{high:.1f} m; leave it empty and try again"
-                )
-            return
-        if seen:
-            times_s, ranges_m = np.array(seen).T
-            n_seen = len(set(times_s))
+            spans = self._paths.values()
+            found_m = [m for span in spans if span[1] - span[0] > _PLACE_M for m in span]
+        if found_m:
             raise RoomNotEmpty(
-                f"the room is not empty: something moves at {ranges_m.min():.1f} to "
-                f"{ranges_m.max():.1f} m, in {n_seen} of {self.n_dwells} windows; {cure}"
-            )
-        if excess_db[worst] > _UNREST_DB:
-            raise RoomNotEmpty(
-                f"the room is not empty: something stirs at {axis.range_m[worst]:.1f} m, "
-                f"{excess_db[worst]:.0f} dB over the noise, perhaps breath or a fan; {cure}"
+                f"the room is not empty: something moves at {min(found_m):.1f} to "
+                f"{max(found_m):.1f} m; leave it empty and try again; --with-machines takes what "
+                "stays in its place"
             )
 
     def calibration(self, origin: Provenance, *, false_gates_per_day: float = 1.0) -> Calibration:

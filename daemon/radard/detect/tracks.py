@@ -33,6 +33,7 @@ _SAME_RATE_MPS = 0.4  # tracks closer in speed move together
 _REACH = 4.0  # sigmas within which a peak may be a body's
 _POWER_SPREAD_DB = 6.0  # sigma of a peak's power about its track's
 _MERGE_S = 1.0  # a track dies after so long beside an older one
+_HALF_WIDTH_M, _TAPER_M = 0.5, 0.2  # of a track's gate, and of its edges
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -238,26 +239,20 @@ class Tracker:
         return tuple(tracks)
 
 
-def range_gates(
-    paths_m: NDArray[np.float64],
-    range_m: NDArray[np.float64],
-    *,
-    half_width_m: float = 0.5,
-    taper_m: float = 0.2,
-) -> NDArray[np.float32]:
+def range_gates(paths_m: NDArray[np.float64], range_m: NDArray[np.float64]) -> NDArray[np.float32]:
     """Return every track's share of each cell, 0 to 1, (n_tracks, n_slow, n_range), float32.
 
     `paths_m` is the range of every track at every frame, shape (n_tracks, n_slow), `range_m` the
-    range axis. `half_width_m` from a track its weight is one half; edges are raised cosines of
-    `taper_m`. The weights of a cell sum to at most one, to 1e-6.
+    range axis. `_HALF_WIDTH_M` from a track its weight is one half; edges are raised cosines of
+    `_TAPER_M`. The weights of a cell sum to at most one, to 1e-6.
     """
     paths = paths_m.astype(np.float32)
     off = np.abs(range_m.astype(np.float32) - paths[..., None])
-    gates = _edge((half_width_m - off) / taper_m)
+    gates = _edge((_HALF_WIDTH_M - off) / _TAPER_M)
     for i in range(len(paths)):
         for j in range(i):
-            if np.any(np.abs(paths[i] - paths[j]) < 2 * half_width_m + taper_m):
-                share = _edge((off[j] - off[i]) / (2 * taper_m))
+            if np.any(np.abs(paths[i] - paths[j]) < 2 * _HALF_WIDTH_M + _TAPER_M):
+                share = _edge((off[j] - off[i]) / (2 * _TAPER_M))
                 gates[i] *= share
                 gates[j] *= 1 - share
     return gates

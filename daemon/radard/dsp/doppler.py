@@ -83,11 +83,6 @@ def velocity_mps(n_cpi: int, frame_rate_hz: float, carrier_hz: float) -> NDArray
     """Return the radial velocity of every Doppler line, approaching positive (2.25).
 
     Shape (n_cpi,), ascending, zero at n_cpi // 2. Faster motion folds back by whole multiples
-    of twice `unambiguous_velocity_mps`.
+    of lambda fp / 2.
     """
     return doppler_hz(n_cpi, frame_rate_hz) * (SPEED_OF_LIGHT_MPS / (2 * carrier_hz))
-
-
-def unambiguous_velocity_mps(frame_rate_hz: float, carrier_hz: float) -> float:
-    """Return the speed from which Doppler folds, lambda fp / 4, in metres per second."""
-    return SPEED_OF_LIGHT_MPS / carrier_hz * frame_rate_hz / 4

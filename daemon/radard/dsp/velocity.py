@@ -22,6 +22,7 @@ from x2radar.frame import FastTimeAxis
 
 CPI_S = 28 / 60  # the thesis' CPI: 28 frames at 60 Hz (2.29)
 _MIN_CPI = 4  # frames: fewer show no Doppler beside the removed mean
+_FLATTEN = 1.5  # see `VelocityTransform`
 _BLOCK = 64  # frames at once: a hop at 60 Hz
 _LOW, _HIGH = 1e-15, 1e15  # of parts: their squares stay well inside float32
 
@@ -76,27 +77,18 @@ class VelocityTransform(ColumnStream):
     it; a CPI of 0.47 s resolves 0.07 m/s. Columns lie `stride` whole frames apart,
     `column_rate_hz` a second, as near as may be to the rate that is asked for; a CPI has at least
     four frames. `n_mean` frames in a row are one, their mean (`FrameMeans`): CPI, stride and
-    columns count these. Of `n_frequencies` at most, see `range_frequencies`. Raises FeatureError
-    if a setting makes no sense.
+    columns count these. Raises FeatureError if a setting makes no sense.
 
     Relative error (norm) against the definition in float64 (tests/dsp_reference.py): at most
     1e-5 with static clutter of 0 to 140 dB under the motion, at amplitudes from 1e-36 to
     1e33. One push of all frames and any cut into smaller ones agree to 1e-6. Per column one
     real matrix product (n_velocity x n_cpi) for each frequency: 0.3 MFLOP at 60 Hz.
 
-    `flatten` is the exponent of the pulse's amplitude spectrum that is divided out of X. Behind a
-    matched filter, 0 leaves its narrow band, 1 makes the noise white again, 2 makes the echo's
-    spectrum flat. For one point of an X2 with CPIs of 0.47 s (its strongest alias, measured, at
-    0.6 to 3.6 m/s; signal to white noise, computed):
-
-    ======= ============= ============= =========
-    flatten alias, 60 Hz  alias, 30 Hz  noise
-    ======= ============= ============= =========
-    0       -4.4 to -4.9  -1.6 to -2.9  0 dB
-    1       -5.5 to -6.3  -2.4 to -3.9  -1.6 dB
-    1.5     -6.5 to -7.4  -3.2 to -4.6  -3.1 dB
-    2       -8.1 to -8.6  -4.6 to -5.5  -5.0 dB
-    ======= ============= ============= =========
+    The pulse's amplitude spectrum to the power `_FLATTEN` is divided out of X. Behind a matched
+    filter, 0 would leave its narrow band, 1 makes the noise white again, 2 the echo's spectrum
+    flat. With 1.5 the strongest alias of one point of an X2, in CPIs of 0.47 s at 0.6 to 3.6 m/s,
+    is 6.5 to 7.4 dB down at 60 Hz and 3.2 to 4.6 at 30 (measured; 8.1 to 8.6 and 4.6 to 5.5 with
+    2), for 3.1 dB of signal to white noise (computed; 5.0 with 2).
     """
 
     def __init__(
@@ -108,8 +100,6 @@ class VelocityTransform(ColumnStream):
         step_mps: float = 0.1,
         cpi_s: float = CPI_S,
         column_rate_hz: float = 30.0,
-        n_frequencies: int = 64,
-        flatten: float = 1.5,
         n_keep: int = 256,
         n_mean: int = 1,
     ) -> None:
@@ -125,9 +115,9 @@ class VelocityTransform(ColumnStream):
         self.column_rate_hz = rate_hz / self.stride
         n_side = int(max_mps / step_mps + 1e-9)
         self.frequency_hz, self.velocity_mps, *self._lines = _design(
-            axis, rate_hz, grid=(n_side, step_mps), n_frequencies=n_frequencies, n_cpi=self.n_cpi
+            axis, rate_hz, grid=(n_side, step_mps), n_cpi=self.n_cpi
         )
-        self._dft = _planar_dft(axis, n_frequencies, flatten)
+        self._dft = _planar_dft(axis)
         n_block = max(_BLOCK, self.n_cpi)
         super().__init__(0, n_block, n_keep, len(self.velocity_mps))
         self._means = FrameMeans(n_mean)
@@ -168,12 +158,7 @@ class VelocityTransform(ColumnStream):
 
 @lru_cache(maxsize=24)
 def _design(
-    axis: FastTimeAxis,
-    frame_rate_hz: float,
-    *,
-    grid: tuple[int, float],
-    n_frequencies: int,
-    n_cpi: int,
+    axis: FastTimeAxis, frame_rate_hz: float, *, grid: tuple[int, float], n_cpi: int
 ) -> tuple[Reals, Reals, NDArray[np.float32], NDArray[np.float32]]:
     """Return frequencies, velocities and lines, read-only: they cost more than a dwell's columns.
 
@@ -182,7 +167,7 @@ def _design(
     shape (n_freq, n_side + 1, (n_cpi + 1) // 2) from velocity 0 up.
     """
     n_side, step_mps = grid
-    frequency_hz = range_frequencies(axis, n_frequencies)
+    frequency_hz = range_frequencies(axis)
     velocity_mps = np.arange(-n_side, n_side + 1, dtype=np.float64) * step_mps
     taper = gaussian_taper(n_cpi)
     operator = velocity_operator(frequency_hz, velocity_mps[n_side:], frame_rate_hz, taper)
@@ -197,9 +182,9 @@ def _design(
 
 
 @lru_cache(maxsize=8)
-def _planar_dft(axis: FastTimeAxis, n_frequencies: int, flatten: float) -> NDArray[np.float32]:
+def _planar_dft(axis: FastTimeAxis) -> NDArray[np.float32]:
     """Return planar steps to planar spectra, [[C S], [-S C]]; one object for all maps."""
-    dft = range_dft(axis, range_frequencies(axis, n_frequencies), flatten)
+    dft = range_dft(axis, range_frequencies(axis), _FLATTEN)
     planar = np.block([[dft.real, dft.imag], [-dft.imag, dft.real]]).astype(np.float32)
     planar.flags.writeable = False
     return planar

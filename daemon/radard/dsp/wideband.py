@@ -36,9 +36,7 @@ def range_frequencies(axis: FastTimeAxis, n_most: int = 64) -> Reals:
     return np.asarray(axis.carrier_hz + np.arange(-n_side, n_side + 1) * (thin * spacing_hz))
 
 
-def range_dft(
-    axis: FastTimeAxis, frequency_hz: Reals, flatten: float = 0.0
-) -> NDArray[np.complex128]:
+def range_dft(axis: FastTimeAxis, frequency_hz: Reals, flatten: float) -> NDArray[np.complex128]:
     """Return the DFT over range, and the weights of the frequencies, as one matrix.
 
     Shape (n_range, n_freq), complex128: frames times this are X. `flatten` is the exponent of the

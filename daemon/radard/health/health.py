@@ -195,5 +195,5 @@ def overall(healths: Mapping[str, Health]) -> Status:
 
 def may_feed_all(healths: Iterable[Health]) -> bool:
     """Whether the watchdog may be fed for every sensor whose run goes on, if there is one."""
-    going = [health for health in healths if not health.is_over]
-    return bool(going) and all(health.may_feed for health in going)
+    going = [health.may_feed for health in healths if not health.is_over]
+    return bool(going) and all(going)

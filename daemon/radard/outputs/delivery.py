@@ -12,19 +12,18 @@ import uuid
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Self
 
 from radard.config.sink_table import LogSection
 from radard.log_cursor import Cursor, Entry, Wants
 from radard.outputs.base import DeliveryError, Record, SinkContext, SinkState, StateKeeper
-from radard.outputs.thread_sink import CLOSE_S
+from radard.outputs.thread_sink import ThreadSink
 from x2radar.backoff import Backoff
 
 log = logging.getLogger("radard")
 _TRANSIENT = 100  # of states and decisions only the newest matter
 
 
-class Delivery:
+class Delivery(ThreadSink):
     """A sink that hands on what its cursor owes; `start` it once it is built.
 
     `target` is what tells this far end from others, and may be secret; `wants` says whether a
@@ -32,8 +31,6 @@ class Delivery:
     has confirmed it. Records that are no events wait in memory, the newest hundred; their number
     is 0.
     """
-
-    waits = False
 
     def __init__(  # noqa: PLR0917 - all are what it is made of
         self,
@@ -45,33 +42,28 @@ class Delivery:
         send: Callable[[Entry], None],
         keeper: StateKeeper | None = None,
     ) -> None:
-        self.name = name
+        super().__init__(name)
         self._target = target
         self._options = options
         self._context = context
         self._wants = wants
         self._send = send
-        self._keeper = keeper or StateKeeper(name)
+        self._keeper = keeper or self._keeper
         self._backoff = Backoff(options.first_retry_s, options.longest_retry_s, name)
         self.cursor: Cursor | None = None  # what it has still to deliver, once at work
         self._transient: deque[Entry] = deque(maxlen=_TRANSIENT)
-        self._has_work = threading.Event()
         self._skips_wait = threading.Event()
-        self._is_last_round = self._is_over = False
-        self._deadline_s = float("inf")
+        self._is_over = False
         self._n_refused = 0
         self._begun_s: float | None = None
-        self._thread = threading.Thread(target=self._run, name=f"delivery {name}", daemon=True)
 
-    def start(self) -> Self:
-        """Begin, with what an earlier run has left; return the sink."""
+    def _begin(self) -> None:
         scheme = self.name.partition(":")[0]
         self.cursor = cursor = self._context.cursor(scheme, self._target, self._wants)
+        cursor.on_put = self._queue.wake
         if len(cursor):
             log.info("%s: %d events of an earlier run wait", self.name, len(cursor))
-        cursor.on_put = self._has_work.set
-        self._thread.start()
-        return self
+            self._queue.wake()
 
     @property
     def state(self) -> SinkState:
@@ -85,13 +77,13 @@ class Delivery:
     def write(self, record: Record) -> None:
         """Put a state or decision into the queue; events come by the log."""
         if record["type"] != "event" and self._wants(record):
-            if self._is_last_round:
+            if self._queue.is_ended:
                 self._keeper.dropped(1, "it has ended")
                 return
             self._keeper.dropped(len(self._transient) == _TRANSIENT, "too many wait")
             text = json.dumps(dict(record))
             self._transient.append(Entry(0, uuid.uuid4().hex, time.monotonic(), text))
-            self._has_work.set()
+            self._queue.wake()
 
     def retry_now(self) -> None:
         """Deliver at once: something has changed for the better."""
@@ -100,38 +92,25 @@ class Delivery:
 
     def finish(self, timeout_s: float | None = None) -> None:
         """Take no more records; try everything that is left once more, within `timeout_s`."""
-        limit_s = CLOSE_S if timeout_s is None else timeout_s
-        self._deadline_s = min(self._deadline_s, time.monotonic() + limit_s)
-        self._is_last_round = True
-        self._has_work.set()
+        super().finish(timeout_s)
         self._skips_wait.set()
 
     def close(self, timeout_s: float | None = None) -> None:
         """Finish, and wait for the end; what is not delivered by then is so in the next run."""
-        self.finish(timeout_s)
-        if self._thread.ident is not None:
-            self._thread.join(max(0.0, self._deadline_s - time.monotonic()))
+        super().close(timeout_s)
         self._is_over = True
-        if self._thread.is_alive():
-            # A thread that waits for its far end cannot be ended, only left behind.
-            n = self.state.n_waiting
-            log.warning("%s: did not end in time, %d records left", self.name, n)
-        self._keeper.end()
 
-    def _run(self) -> None:
-        while not self._is_over:
-            is_last_round = self._is_last_round
-            self._has_work.clear()
-            wait_s = self._deliver_all()
-            if is_last_round:
-                return
-            if wait_s is None:
-                self._has_work.wait()
-            else:
-                # New events do not shorten the wait, and a last round needs none.
-                self._skips_wait.clear()
-                if not self._is_last_round:
-                    self._skips_wait.wait(wait_s)
+    def _tick(self) -> None:
+        if (wait_s := self._deliver_all()) is not None:
+            self._queue.wake()
+            # New events do not shorten the wait, and a last round needs none.
+            self._skips_wait.clear()
+            if not self._queue.is_ended:
+                self._skips_wait.wait(wait_s)
+
+    def _shut(self) -> None:
+        if self.cursor is not None:
+            self._deliver_all()
 
     def _deliver_all(self) -> float | None:
         """Deliver until nothing is left; return how long to wait after a failure."""

@@ -7,7 +7,7 @@ that needs more than records has a method `attach(host)` and gets every sensor's
 import logging
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from radard.config.config import Config
@@ -18,7 +18,7 @@ from radard.errors import UsageError
 from radard.log import EventLog
 from radard.outputs.base import Host, Sink, SinkContext
 from radard.outputs.records import Record
-from radard.outputs.registry import check_output, close_sinks, make_output, start_sink, tried
+from radard.outputs.registry import check_output, close_sinks, make_output, start_sink
 from radard.outputs.thread_sink import RecordQueue
 from x2radar.errors import BriefError
 
@@ -98,12 +98,6 @@ class Outputs:
         """All sinks, each with its sensor or None if it gets all records; for any thread."""
         return [(each.sensor, each.sink) for each in self._open if each.sink is not None]
 
-    def try_alarm(
-        self, sensor: str, send: Callable[[], None], halt: threading.Event | None = None
-    ) -> list[dict[str, str]]:
-        """Send a sensor's test alarm; return what became of it, see `radard.outputs.registry`."""
-        return tried([sink for of, sink in self.sinks if of in {None, sensor}], send, halt)
-
     @property
     def faults(self) -> dict[tuple[str | None, str], str]:
         """Why outputs cannot be opened as a reload asked for, by sensor and name; see `retry`."""
@@ -171,7 +165,7 @@ class Outputs:
             kept = [each for each in self._open if each not in gone]
             known = [(each.name, each.sensor) for each in kept]
             new = [
-                _Open(*key, config, held=RecordQueue(), after=self.log.last)
+                _Open(*key, config, held=RecordQueue(), after=self.log.told)
                 for key in wanted
                 if key not in known
             ]

@@ -1,10 +1,11 @@
-"""From the values of -o/--output to sinks, and what is done with several: a test, their end."""
+"""From the values of -o/--output to sinks; for several of them a test, a watch and their end."""
 
 import importlib
 import logging
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 
 from radard.config.sink_table import FORMS, SCHEMES, SinkOptions, find_row
 from radard.errors import OutputError, UsageError
@@ -13,6 +14,7 @@ from radard.outputs.thread_sink import CLOSE_S
 from x2radar.plugins import Plugin, find_plugin
 
 log = logging.getLogger("radard")
+Key = tuple[str | None, str]
 Opener = Callable[[str, SinkOptions, SinkContext], Sink]
 """Takes all of -o, the configuration's sections and the run; returns a sink.
 
@@ -24,6 +26,9 @@ once when that one is closed.
 """
 ANSWERED_S = 8.0  # above what a webhook may take
 _LOOK_S = 0.1  # a person waits
+GRACE_S = 5.0  # a retry that helps within that is no trouble; a connection takes a moment, too
+STUCK_S = 20.0  # records wait and nothing moves: the sink's thread hangs, or its far end does
+DROPPED_S = 60.0  # how long it is said that records were dropped: long enough to be read
 _OF_A_SINK = ("name", "state", "waits", "write", "finish", "close")
 
 
@@ -105,3 +110,56 @@ def _answer(sink: Sink, was: SinkState) -> str:
     if now.n_told > was.n_told:
         return "taken"
     return "no answer yet" if now.n_waiting else "not wanted there"
+
+
+@dataclass(slots=True)
+class _Seen:
+    """What was seen of a sink, and when it was last well in one respect or the other."""
+
+    ok_s: float
+    moved_s: float
+    dropped_s: float = float("-inf")
+    counts: tuple[int, int, int] = (0, 0, 0)
+    n_dropped: int = 0
+
+
+class SinkWatch:
+    """Look at sinks again and again, by the host's monotonic clock."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._seen: dict[Key, _Seen] = {}
+
+    def look(self, sinks: Iterable[tuple[str | None, Sink]]) -> dict[Key, str]:
+        """Return what is wrong with sinks, by their only sensor, if any, and name."""
+        found: dict[Key, str] = {}
+        now_s = self._clock()
+        known, self._seen = self._seen, {}
+        for sensor, sink in sinks:
+            key = (sensor, sink.name)
+            seen = self._seen[key] = known.get(key) or _Seen(now_s, now_s)
+            reason = _reason(sink.state, seen, now_s)
+            if reason:
+                found[key] = reason
+        return found
+
+
+def _reason(state: SinkState, seen: _Seen, now_s: float) -> str:
+    counts = (state.n_sent, state.n_dropped, state.n_failures)
+    if counts != seen.counts or not state.n_waiting:
+        seen.counts, seen.moved_s = counts, now_s
+    if state.is_ok:
+        seen.ok_s = now_s
+    if state.n_dropped > seen.n_dropped:
+        seen.dropped_s = now_s
+    seen.n_dropped = state.n_dropped
+    reasons = []
+    if now_s - seen.ok_s >= GRACE_S:
+        reasons.append(state.reason or "does not work")
+    elif max(now_s - seen.moved_s, state.busy_s) >= STUCK_S:
+        reasons.append(f"stands still, {state.n_waiting} records wait")
+    if state.remark:
+        reasons.append(state.remark)
+    if now_s - seen.dropped_s < DROPPED_S:
+        reasons.append("drops records")
+    return ", ".join(reasons)

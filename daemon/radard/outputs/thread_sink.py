@@ -1,7 +1,7 @@
 """Sinks with a bounded queue and a thread that empties it.
 
-A `DirectSink` hands every record on in the order in which they came. What only delivers events
-over the network needs no queue: it is a `radard.outputs.delivery.Delivery`.
+A `DirectSink` hands every record on in the order in which they came; what delivers events over the
+network, and what else there is behind them, is a `radard.outputs.delivery.Delivery`.
 """
 
 import logging
@@ -85,7 +85,7 @@ class RecordQueue:
             self._changed.notify_all()
 
 
-class ThreadSink(ABC):
+class ThreadSink:
     """A queue and a thread; `start` it once it is built."""
 
     tick_s: float | None = None  # how often `_tick` is called when nothing comes; None is never
@@ -133,7 +133,8 @@ class ThreadSink(ABC):
             self._thread.join(timeout_s)
         if self._thread.is_alive():
             # A thread that waits for its far end cannot be ended, only left behind.
-            log.warning("%s: did not end in time, %d records left", self.name, len(self._queue))
+            n = self.state.n_waiting
+            log.warning("%s: did not end in time, %d records left", self.name, n)
         self._raise()
 
     def _raise(self) -> None:
@@ -163,8 +164,8 @@ class ThreadSink(ABC):
                 except Exception as err:  # noqa: BLE001 - logged there
                     self._cannot(err, record is not None)
         finally:
-            self._keeper.end()
             self._shut()
+            self._keeper.end()
 
     def _cannot(self, err: Exception, n_records: int) -> None:
         """Log what is wrong with this program: one record must not cost all others."""
@@ -172,21 +173,20 @@ class ThreadSink(ABC):
         self._keeper.failed(f"internal error: {err!r}")
         self._keeper.dropped(n_records, "cannot be handled")
 
-    def _begin(self) -> None:  # noqa: B027 - a hook that few need
+    def _begin(self) -> None:
         """Begin what works beside the sink's own thread."""
 
-    @abstractmethod
     def _take(self, record: Record) -> None:
         """Handle one record; in the sink's thread."""
 
-    def _tick(self) -> None:  # noqa: B027 - a hook that few need
+    def _tick(self) -> None:
         """Do what no record asks for; in the sink's thread."""
 
-    def _shut(self) -> None:  # noqa: B027 - likewise
+    def _shut(self) -> None:
         """Release everything, within `_left_s()`; in the sink's thread if it was started."""
 
 
-class DirectSink(ThreadSink):
+class DirectSink(ThreadSink, ABC):
     """A sink whose thread hands on every record itself, and repeats it until that works.
 
     `context` says whether the stream waits. With `target`, which tells this far end from others,

@@ -9,7 +9,7 @@ from weakref import WeakSet
 
 from radard.alarm.panel import AlarmPolicy
 from radard.alarm.sensitivity import alarm_policy
-from radard.alarm.state_store import StateStore
+from radard.alarm.sensor_state import StateStore
 from radard.alarm.zones import zone_fault, zone_warnings
 from radard.clips.keeper import ClipKeeper
 from radard.config.config import Config

@@ -18,12 +18,12 @@ from radard.errors import RadardError, UsageError
 from radard.health.heartbeat import Heartbeat, Notifier, Watched
 from radard.health.status_file import status_path
 from radard.outputs.fanout import Outputs
+from radard.outputs.registry import SinkWatch
 from radard.run.control import ControlServer
 from radard.run.keeper import MAX_AT_ONCE, Keeper
 from radard.run.os_signals import Signals, force_after, stacks
 from radard.run.pool import WorkerPool
 from radard.run.sensor import RunOptions, Sensor
-from radard.run.sink_watch import SinkWatch
 from x2radar.errors import X2RadarError
 
 log = logging.getLogger("radard")

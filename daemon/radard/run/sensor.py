@@ -14,8 +14,7 @@ from pathlib import Path
 
 from radard.alarm.events import EventTracker, trial_alarm
 from radard.alarm.panel import AlarmPanel, AlarmPolicy
-from radard.alarm.sensor_state import SensorState
-from radard.alarm.state_store import StateStore
+from radard.alarm.sensor_state import SensorState, StateStore
 from radard.config.config import Config
 from radard.config.quiet_hours import recorded_clock, wall_clock
 from radard.errors import UsageError
@@ -23,6 +22,7 @@ from radard.health.health import STALE_S, Health, Status
 from radard.outputs.base import COMMANDS, Sink
 from radard.outputs.fanout import Outputs
 from radard.outputs.records import Record, event_record, hello_record, marked, status_record
+from radard.outputs.registry import tried
 from radard.pipeline import Pipeline
 from radard.run.components import (
     Parts,
@@ -133,7 +133,8 @@ class Sensor:
 
     def test_alarm(self, halt: threading.Event | None = None) -> list[dict[str, str]]:
         """Send a test alarm; return what every output made of it. `halt` ends the wait."""
-        return self._outputs.try_alarm(self.sensor, self._try_alarm, halt)
+        sinks = [sink for of, sink in self._outputs.sinks if of in {None, self.sensor}]
+        return tried(sinks, self._try_alarm, halt)
 
     @property
     def why_lost(self) -> str | None:

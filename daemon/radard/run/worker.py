@@ -11,8 +11,7 @@ from functools import partial
 
 from radard.alarm.events import Event, EventTracker, trial_alarm
 from radard.alarm.panel import ARM_MODES, AlarmPanel
-from radard.alarm.sensor_state import SensorState
-from radard.alarm.state_store import StateStore
+from radard.alarm.sensor_state import SensorState, StateStore
 from radard.detect.calibration import Calibration
 from radard.errors import ConfigError
 from radard.health.health import Health, Status

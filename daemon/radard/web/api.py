@@ -24,6 +24,7 @@ from radard.config.credentials import redact_value
 from radard.config.directories import kept_calibration, saved_file
 from radard.config.saved import KINDS
 from radard.config.sections import AUTO_MODEL
+from radard.config.sink_table import named_file
 from radard.detect.calibration import load_calibration, restless_spans
 from radard.errors import ConfigError, ModelMismatch
 from radard.health.health import Status, overall
@@ -103,6 +104,7 @@ class Api:
         """Return what a page needs to begin with."""
         view, config, hello = self._view, self._view.config, self._view.history.hello
         policy = alarm_policy(config.alarm, hello.get("policy", "window"))
+        store = config.named_output("store")
         others = [v.sensor for v in self._all_views() if v is not view and v.host is not None]
         return {
             **view.now(),
@@ -113,7 +115,7 @@ class Api:
             "latch_s": policy.latch_s,
             **{f"has_saved_{kind}": saved_file(config, kind).is_file() for kind in KINDS},
             "sensors": {**{n: f"/sensor/{n}/" for n in others}, **view.section.sensors},
-            "has_store": view.store is not None,
+            "has_store": store is not None and named_file(store).is_file(),
             "outputs": [
                 {"name": s.name, "status": now.status, "reason": now.reason or now.remark}
                 for s in self._sinks()

@@ -19,7 +19,7 @@ from starlette.routing import Route
 from radard.clips.spectrogram_png import decode_png, encode_png
 from radard.config.sink_table import KINDS
 from radard.errors import RadardError, UsageError
-from radard.log_file import MARKS, StoredEvent, parse_since
+from radard.log_file import MARKS, StoredEvent, newest_events, parse_since
 from radard.web.guard import Guard, attached, query_number, refusal
 from radard.web.labels import LABELS, add_label, read_labels
 from radard.web.pictures.clip_process import ClipTimeoutError, read_clip
@@ -29,7 +29,7 @@ from x2radar import wall_clock
 _NO_CLIP = "there is no clip of this event"
 _ULID = re.compile(r"[0-9A-HJKMNP-TV-Z]{26}")
 _MAX_EVENTS = 2000  # of an answer: some hundred kilobytes
-_MAX_PICTURE = 20_000_000  # bytes of a file: ten minutes take a third of that
+
 _MAX_WAITING = 4  # requests for a clip's pictures: each takes seconds
 _FIELDS = ("id", "sensor", "kind", "began", "ended", "peak", "reason", "label", "clip", *MARKS)
 _SAME = ("id", "kind", "phase", "start_t_s", "end_t_s", "peak", "clip", "reason")
@@ -117,7 +117,7 @@ class EventRoutes:
         view, labels = self._view, read_labels(self._view.label_file)
         found = (
             each
-            for each in reversed(view.log.events(**of_log, limit=_MAX_EVENTS))
+            for each in reversed(newest_events(view.log.events(), **of_log, limit=_MAX_EVENTS))
             if not view.sensor or each.sensor == view.sensor
             if not label or labels.get(each.id, "none") == label
             if text.lower() in f"{each.reason} {each.id}".lower()
@@ -173,8 +173,6 @@ def _filter(request: Request) -> dict[str, Any]:
 
 def _thumbnail(path: Path) -> dict[str, Any]:
     """Return a quarter of a clip's `png`, as data: URL, and `axes`; OSError or ValueError."""
-    if path.stat().st_size > _MAX_PICTURE:
-        raise ValueError("it is too large")
     picture, axes = decode_png(path.read_bytes())
     small = base64.b64encode(encode_png(picture[::2, ::2])).decode()
     return {"png": f"data:image/png;base64,{small}", "axes": axes}

@@ -15,7 +15,6 @@ from radard.errors import OutputError
 
 LABELS = ("human", "pet", "other", "wrong")
 FORMAT, VERSION = "radard-label", 1
-_MAX_BYTES = 20_000_000  # a hundred thousand labels
 
 
 def read_labels(path: Path) -> dict[str, str]:
@@ -42,8 +41,6 @@ def add_label(path: Path, line: Mapping[str, Any]) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         size = path.stat().st_size if path.exists() else 0
-        if size > _MAX_BYTES:
-            raise OutputError(f"{path}: larger than {_MAX_BYTES / 1e6:g} MB; move it away")
         # What a power cut has left of a line must not take this one along.
         begin = b"\n" if size and path.read_bytes()[-1:] != b"\n" else b""
         try:

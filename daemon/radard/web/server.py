@@ -19,7 +19,6 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from radard.web.auth import is_loopback
 from radard.web.hub import MAX_MESSAGE
-from radard.web.port_holder import port_holder
 
 log = logging.getLogger("radard")
 # Limits for a home's browsers and scrapers, not for the internet.
@@ -184,9 +183,7 @@ class WebServer:
         except OSError as err:
             if sock is not None:
                 sock.close()
-            holder = port_holder(self._port) if err.errno == errno.EADDRINUSE else ""
-            by = f" by {holder}" if holder else ""
-            self._on_trouble(f"cannot listen: {err.strerror or err}{by}")
+            self._on_trouble(f"cannot listen: {err.strerror or err}")
             return None
         self.address = sock.getsockname()[:2]
         self._on_trouble("")

@@ -126,15 +126,6 @@ class View:
         """Path of the file that labels are appended to."""
         return self.section.labels_file or state_dir(self.config) / "labels.jsonl"
 
-    @property
-    def store(self) -> Path | None:
-        """The file of an output `store:` that is there."""
-        for output in self.config.output:
-            scheme, _, rest = output.partition(":")
-            if scheme == "store" and Path(rest).is_file():
-                return Path(rest)
-        return None
-
     def take(self, record: Record) -> None:
         """Take a record; returns at once."""
         self.history.take(record)
