@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
 from importlib import resources
+from pathlib import Path
 
 import jsonschema
 import numpy as np
@@ -106,6 +107,25 @@ def run_radard(*argv: str) -> tuple[int, list[dict], str]:
     lines = out.getvalue().splitlines()
     records = [json.loads(line) for line in lines if line.startswith("{")]
     return code, records, err.getvalue()
+
+
+def decisions(records: Sequence[dict]) -> list[dict]:
+    return [r for r in records if r["type"] == "decision"]
+
+
+def events(records: Sequence[dict], *kinds: str) -> list[dict]:
+    """Records of events, of these kinds or all."""
+    return [r for r in records if r["type"] == "event" and (not kinds or r["kind"] in kinds)]
+
+
+def states(records: Sequence[dict]) -> list[tuple[str, str]]:
+    """What the records of status say, each with its reason."""
+    return [(r["state"], r["reason"]) for r in records if r["type"] == "status"]
+
+
+def records_in(path: Path) -> list[dict]:
+    """The records of a file of JSON Lines."""
+    return [json.loads(line) for line in path.read_text().splitlines()]
 
 
 def stable(records: Sequence[dict]) -> list[dict]:

@@ -22,8 +22,8 @@ import yaml
 
 from radard.cli import main as radard
 from radard.config.config import Config
-from tests.docs_helpers import PAGES, PROGRAMS, ROOT, blocks_of, inline_commands
 from tests.processes import environ
+from tools.pages import PAGES, PROGRAMS, ROOT, blocks_of, inline_commands
 from x2radar.cli import main as x2radar
 from x2radar.command import Parser
 from x2radar.sim.scene.scene import parse_scene

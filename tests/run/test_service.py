@@ -1,6 +1,5 @@
 """The daemon as a user runs it: live, replayed, over a terminal, and with wrong input."""
 
-import json
 import signal
 from pathlib import Path
 
@@ -9,23 +8,17 @@ import numpy as np
 import pytest
 
 from radard import cli
-from radard.cli import main
-from radard.config.config import Config
 from radard.stream.source import open_source
 from tests.alarm_helpers import write_recording
 from tests.device_helpers import plugged
 from tests.processes import ran, started
-from tests.radar_helpers import faults, noise, run_radard, stable
+from tests.radar_helpers import decisions, events, faults, noise, run_radard, stable
 from x2radar.errors import TransportClosed
 from x2radar.sim.module.module import SimulatedModule
 from x2radar.sim.scene.scene import load_scene
 
 REAL = Path(__file__).parents[3] / "shared" / "data" / "x4m03_recording"
 FAST = ("--speed", "max", "-o", "json")
-
-
-def decisions(records):
-    return [r for r in records if r["type"] == "decision"]
 
 
 def test_every_record_keeps_the_contract():
@@ -66,14 +59,11 @@ def test_a_foreign_recording_in_any_unit_with_somebody_there_from_the_start(tmp_
     axis_m = 0.6 + np.arange(768) * 299_792_458 / 82e9
     body = np.exp(-0.5 * ((axis_m - range_m[:, None]) / 0.05) ** 2)
     body = 30 * body * np.exp(-4j * np.pi * range_m[:, None] * 6.8e9 / 299_792_458)
-    frames = body + rng.standard_normal((n, 768)) + 1j * rng.standard_normal((n, 768)) + 300
-    write_recording(tmp_path / "r.h5", (frames * unit).astype(np.complex64))
-    _, records, _ = run_radard("--port", f"replay:{tmp_path / 'r.h5'}", "-o", "json")
-    assert {d["gate"] for d in decisions(records)} == {"open"}
-    empty = frames - body
-    write_recording(tmp_path / "e.h5", (empty * unit).astype(np.complex64))
-    _, records, _ = run_radard("--port", f"replay:{tmp_path / 'e.h5'}", "-o", "json")
-    assert {d["gate"] for d in decisions(records)} == {"closed"}
+    empty = rng.standard_normal((n, 768)) + 1j * rng.standard_normal((n, 768)) + 300
+    for frames, gate in ((empty + body, "open"), (empty, "closed")):
+        write_recording(tmp_path / f"{gate}.h5", (frames * unit).astype(np.complex64))
+        _, records, _ = run_radard("--port", f"replay:{tmp_path / gate}.h5", "-o", "json")
+        assert {d["gate"] for d in decisions(records)} == {gate}
 
 
 def test_start_keeps_file_time_and_loop_goes_on(tmp_path):
@@ -120,7 +110,7 @@ def test_a_real_recording_opens_the_gate_and_raises_the_alarm(bundle, share):
     assert any(d["alarm"] for d in made if d["t_s"] <= 6)
     # The body moves until 22 s, then the head alone (docs/evaluation.md). `accurate` takes it for
     # a pet for six seconds of that, which are too few to end the alarm.
-    alarms = [r for r in records if r["type"] == "event" and r["kind"] == "alarm"]
+    alarms = events(records, "alarm")
     assert alarms[0]["t_s"] <= 6
     assert not any(r["phase"] == "end" and r["t_s"] <= 22 for r in alarms)
     assert np.mean([d["alarm"] for d in made if 6 <= d["t_s"] <= 22]) >= share
@@ -165,13 +155,6 @@ def test_wrong_input_is_one_line_with_its_exit_code(argv, code, words, tmp_path,
     assert "Traceback" not in err
     assert records == []
     assert list(tmp_path.iterdir()) == []
-
-
-def test_config_subcommands(capsys):
-    assert main(["config", "show"]) == 0
-    assert f"false_alarms_per_day: {Config().gate.false_alarms_per_day}" in capsys.readouterr().out
-    assert main(["config", "schema"]) == 0
-    assert json.loads(capsys.readouterr().out)["title"] == "Config"
 
 
 def start(*argv):
@@ -259,8 +242,8 @@ def test_motion_in_one_place_becomes_background(empty_s, closed_s, tmp_path):
     argv = ["--port", f"sim:{scene}", "--duration", str(began_s + closed_s + 20)]
     code, records, _ = run_radard(*argv, "--speed", "max", "-o", "json")
     assert code == 0
-    open_s = [r["t_s"] for r in records if r["type"] == "decision" and r["gate"] == "open"]
+    open_s = [d["t_s"] for d in decisions(records) if d["gate"] == "open"]
     assert max(open_s) == pytest.approx(began_s + closed_s, abs=1.6)
-    events = [r for r in records if r["type"] == "event"]
-    assert [e["phase"] for e in events] == ["new", "update", "end"]
-    assert events[-1]["reason"] == "nobody seen for 15 s"
+    made = events(records)
+    assert [e["phase"] for e in made] == ["new", "update", "end"]
+    assert made[-1]["reason"] == "nobody seen for 15 s"

@@ -9,20 +9,12 @@ from radard.errors import ModelMismatch
 from radard.judge.classifier import Classifier
 from radard.pipeline import Pipeline
 from tests.alarm_helpers import write_recording
-from tests.radar_helpers import noise, run_radard, stable
+from tests.radar_helpers import decisions, events, noise, run_radard, stable, states
 from x2radar.device.link import Deadlines
 from x2radar.recording.registry import open_recording
 
 FAST = ("--speed", "max", "-o", "json")
 GATE = ("--model", "none", "-o", "json")
-
-
-def events(records, kind):
-    return [r for r in records if r["type"] == "event" and r["kind"] == kind]
-
-
-def states(records):
-    return [(r["state"], r["reason"]) for r in records if r["type"] == "status"]
 
 
 def test_invalid_windows_are_a_fault_within_three_seconds_of_the_first_frame():
@@ -52,7 +44,7 @@ def test_a_model_error_is_a_fault_and_not_the_end(monkeypatch, error):
     monkeypatch.setattr(Classifier, "answer", failing)
     code, records, _ = run_radard("--port", "sim:human", *FAST, "--duration", "15")
     assert code == 0
-    made = [r for r in records if r["type"] == "decision"]
+    made = decisions(records)
     assert [d["seq"] for d in made] == list(range(1, 14))
     assert [d["seq"] for d in made if d["label"] == "invalid"] == [3, 4]
     assert [e["phase"] for e in events(records, "fault")] == ["new", "end"]

@@ -19,6 +19,7 @@ from tests.alarm_helpers import NotifySocket
 from tests.daemon_helpers import Gate
 from tests.device_helpers import plugged
 from tests.processes import environ, started
+from tests.radar_helpers import decisions, events, records_in
 from tests.waiting import wait_for
 
 pytestmark = pytest.mark.integration
@@ -91,9 +92,9 @@ def test_hup_reloads_without_losing_the_stream_and_usr1_dumps(tmp_path, far):
     after = records_until(process, '"decision"')
     process.send_signal(signal.SIGTERM)
     out, err = finish(process)
-    records = before + between + after + [json.loads(line) for line in out.splitlines()]
-    made = [r for r in records if r["type"] == "decision"]
     assert process.returncode == 0
+    records = before + between + after + [json.loads(line) for line in out.splitlines()]
+    made = decisions(records)
     assert [d["seq"] for d in made] == list(range(1, len(made) + 1))
     assert [d["t_s"] for d in made] == [round(2.45 + k, 3) for k in range(len(made))]
     over = [over_floor_db(d) for d in made]
@@ -179,13 +180,12 @@ def test_an_alarm_and_an_entry_delay_outlive_a_restart_until_acknowledged(
     daemon.radar.command("ack")
     panel_of(daemon, "panel", "armed")
     assert daemon.stop() == 0
-    records = map(json.loads, out.read_text().splitlines())
-    events = [r for r in records if r["type"] == "event" and r["kind"] == "alarm"]
-    assert [e["phase"] for e in events] == phases
-    assert events[-1]["reason"] == "acknowledged"
+    alarms = events(records_in(out), "alarm")
+    assert [e["phase"] for e in alarms] == phases
+    assert alarms[-1]["reason"] == "acknowledged"
     if panel == "entry":
-        assert "restarted during the entry delay" in events[0]["reason"]
-        assert Path(events[0]["clip"]).is_file()
+        assert "restarted during the entry delay" in alarms[0]["reason"]
+        assert Path(alarms[0]["clip"]).is_file()
 
 
 def test_reload_changes_the_policy_the_outputs_and_the_clips(tmp_path, launch):
@@ -194,44 +194,29 @@ def test_reload_changes_the_policy_the_outputs_and_the_clips(tmp_path, launch):
     daemon = launch(reload=configs.pop, output=[f"json:{first}"], alarm={"armed": True})
     panel_of(daemon, "gate", "closed")
     assert daemon.radar.parts.clips is not None
-    clips = daemon.config.clips.model_copy(update={"enabled": False})
-    alarm = daemon.config.alarm.model_copy(update={"sensitivity": "low"})
+    changes = {
+        "clips": daemon.config.clips.model_copy(update={"enabled": False}),
+        "alarm": daemon.config.alarm.model_copy(update={"sensitivity": "low"}),
+        "model": daemon.config.model.model_copy(update={"name": "thesis"}),
+        "output": (f"json:{first}", f"json:{second}", "json:/nowhere/x"),
+    }
     rotated = tmp_path / "a.old"
     first.rename(rotated)
-    configs.append(
-        daemon.config.model_copy(
-            update={
-                "clips": clips,
-                "alarm": alarm,
-                "output": (f"json:{first}", f"json:{second}", "json:/nowhere/x"),
-            }
-        )
-    )
+    configs.append(daemon.config.model_copy(update=changes))
     daemon.ask("reload")
     wait_for(lambda: second.exists() and daemon.radar.parts.clips is None)
     seq = daemon.panel()["seq"]
     wait_for(lambda: daemon.panel()["seq"] >= seq + 2)
     assert daemon.stop() == 0
     assert daemon.radar.parts.policy.k == 3
+    assert daemon.radar.parts.pipeline.classifier is not None
     for path in (first, second):
-        records = [json.loads(line) for line in path.read_text().splitlines()]
+        records = records_in(path)
         assert records[0]["type"] == "hello"
         hellos = [r for r in records if r["type"] == "hello"]
         assert hellos[-1]["sensitivity"] == "low"
         assert "decision" in {r["type"] for r in records}
     assert "hello" in rotated.read_text()
-
-
-def test_a_reload_takes_another_model(launch):
-    choices = []
-    daemon = launch(reload=lambda: choices[0])
-    panel_of(daemon, "gate", "closed")
-    model = daemon.config.model.model_copy(update={"name": "thesis"})
-    choices.append(daemon.config.model_copy(update={"model": model}))
-    daemon.ask("reload")
-    wait_for(lambda: daemon.radar.parts.config.model.name == "thesis")
-    assert daemon.radar.parts.pipeline.classifier is not None
-    assert daemon.stop() == 0
 
 
 STALE_S = 1.5
@@ -265,17 +250,6 @@ def test_a_thread_that_stands_still_stops_the_notification(
         assert status(tmp_path).content["state"] == "offline"
     gate.open()
     assert daemon.far.wait_for("WATCHDOG")
-
-
-def test_a_daemon_that_is_well_is_fed_and_says_its_end(tmp_path, launch):
-    daemon = launch()
-    daemon.far.wait_for("READY")
-    for _ in range(5):
-        daemon.far.wait_for("WATCHDOG")
-    daemon.ask("stop")
-    assert daemon.far.wait_for("STOPPING")["STATUS"] == "stopped"
-    assert daemon.stop() == 0
-    assert status(tmp_path).line == "offline: stopped"
 
 
 def test_a_thread_that_never_comes_back_does_not_hold_up_the_end(monkeypatch, launch):

@@ -12,7 +12,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
-from tests.docs_helpers import FIRST_WORDS, PAGES  # noqa: E402 - the path comes first
+from tools.pages import FIRST_WORDS, PAGES  # noqa: E402 - the path comes first
 
 USER = (
     "index install mounting home-assistant troubleshooting how-it-decides what-stops-an-alarm "

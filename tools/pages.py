@@ -2,6 +2,7 @@
 
 import re
 import shlex
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -41,11 +42,12 @@ class Block:
     reason: str
 
     @property
-    def name(self):
+    def name(self) -> str:
+        """Where it stands."""
         return f"{self.page}:{self.line}"
 
-    def tried(self):
-        """Commands with what makes them short; none if the reason names nothing."""
+    def tried(self) -> Iterator[str]:
+        """Yield commands with what makes them short; none if the reason names nothing."""
         _, _, how = self.reason.partition("; tried with ")
         options = dict(part.split(": ", 1) for part in how.split("; ")) if how else {}
         for command in self.commands():
@@ -53,15 +55,15 @@ class Block:
             if more:
                 yield " ".join([command, *more])
 
-    def commands(self):
-        """Commands of a shell block: continued lines joined, comments left out."""
+    def commands(self) -> list[str]:
+        """Return commands of a shell block: continued lines joined, comments left out."""
         joined = re.sub(r"\\\n\s*", " ", self.text)
         lines = (re.sub(r"(^|\s+)#\s.*$", "", line).strip() for line in joined.splitlines())
         return [line for line in lines if line]
 
 
-def blocks_of(path):
-    """Every block of code of a page: fenced ones, and indented ones that begin with a command."""
+def blocks_of(path: Path) -> Iterator[Block]:
+    """Yield every block of code of a page: fenced, or indented and begun with a command."""
     lines = path.read_text("utf-8").splitlines()
     page = str(path.relative_to(ROOT))
     reason, k = "", 0
@@ -89,8 +91,8 @@ def blocks_of(path):
         k += 1
 
 
-def inline_commands(path):
-    """Commands of our programs that stand within a sentence or a table, as lists of words."""
+def inline_commands(path: Path) -> Iterator[list[str]]:
+    """Yield commands of our programs within a sentence or a table, as lists of words."""
     text = re.sub(r"^ *```.*?^ *```", "", path.read_text("utf-8"), flags=re.DOTALL | re.MULTILINE)
     for quoted in re.findall(r"`([^`]+)`", text):
         flat = " ".join(quoted.replace("\\|", "|").split())
