@@ -1,77 +1,33 @@
-"""Every command, block of code and `>>>` of pages and packages runs, or at least parses.
+"""Every command and block of code of the documentation runs, and every `>>>` of the packages.
 
 A block that needs a module, other people's files or minutes has a comment before it, with the
-reason: `<!-- not run: needs a module -->`. Such commands still go through the real parsers."""
+reason: `<!-- not run: needs a module -->`. tools/checks/blocks.py parses those.
+"""
 
-import argparse
 import contextlib
 import doctest
 import importlib
-import json
 import os
 import re
 import shlex
 import shutil
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 
 import pytest
-import yaml
 
 from radard.cli import main as radard
-from radard.config.config import Config
 from tests.processes import environ
-from tools.pages import PAGES, PROGRAMS, ROOT, blocks_of, inline_commands
+from tools.pages import PAGES, PROGRAMS, ROOT, blocks_of
 from x2radar.cli import main as x2radar
-from x2radar.command import Parser
-from x2radar.sim.scene.scene import parse_scene
 from x2train.cli import main as train_export
 
 MAINS = {"radard": radard, "x2radar": x2radar, "train-export": train_export}
 BLOCKS = {path: list(blocks_of(path)) for path in PAGES}
-ALL = [block for blocks in BLOCKS.values() for block in blocks]
 ELSEWHERE = {"docs/research/extending.md": "house/test_extending.py"}
 """Pages whose blocks need more than a place to run: which test runs them."""
 SHELL = re.compile(r"[|&;<>$`]|^\w+=")
-
-
-class Parsed(BaseException):
-    """A command's arguments were taken; no Exception, which the commands turn into a line."""
-
-
-@pytest.fixture
-def parsing(monkeypatch):
-    """A function that gives a command to the real parsers, and does nothing else."""
-    parse = argparse.ArgumentParser.parse_args
-
-    def parse_only(self, args=None, namespace=None):
-        parse(self, args, namespace)
-        raise Parsed
-
-    def check(words, *, is_whole=True):
-        def error(self, message):
-            told = "arguments are required" in message or "expected " in message
-            raise Parsed if told and not is_whole else AssertionError((words, message))
-
-        with monkeypatch.context() as patch:
-            patch.setattr(argparse.ArgumentParser, "parse_args", parse_only)
-            patch.setattr(Parser, "error", error)
-            try:
-                code = MAINS[words[0]](words[1:])
-            except Parsed:
-                return
-            except SystemExit as end:
-                code = end.code
-            # As --help does.
-            assert code == 0, words
-
-    return check
-
-
-def ids(block):
-    return block.name
 
 
 @pytest.mark.integration
@@ -142,12 +98,6 @@ def test_what_takes_long_runs_when_it_is_made_short(path, tmp_path, monkeypatch,
                 assert run(command) == 0, (block.name, command, capfd.readouterr().err)
 
 
-def test_what_takes_long_says_how_it_is_tried():
-    """Nothing is passed over for its length alone."""
-    long = [b for b in ALL if re.search(r"minute|hour|a while", b.reason)]
-    assert [b.name for b in long if not any(b.tried())] == []
-
-
 def run(command):
     """Run a command, in this process where it is one of ours alone; return its exit code."""
     words = shlex.split(command)
@@ -158,49 +108,6 @@ def run(command):
     folder = str(Path(sys.executable).parent)
     env = environ(PATH=f"{folder}:{os.environ['PATH']}")
     return subprocess.run(["bash", "-c", command], env=env, check=False).returncode  # noqa: S607
-
-
-@pytest.mark.integration
-@pytest.mark.parametrize("block", [b for b in ALL if b.reason and b.kind == "sh"], ids=ids)
-def test_what_is_not_run_parses(block, parsing):
-    done = subprocess.run(["bash", "-n"], input=block.text.encode(), check=False)  # noqa: S607
-    assert done.returncode == 0
-    for command in block.commands():
-        for each in re.split(r" (?:&&|\|\|?) ", command):
-            words = shlex.split(each)
-            if words[0] == "./run":
-                words[0] = "radard"
-            if words[0] == "sudo":
-                words = words[words.index("radard") :] if "radard" in words else words[1:]
-            if words[0] in PROGRAMS:
-                parsing(words)
-
-
-@pytest.mark.parametrize("block", [b for b in ALL if b.reason and b.kind == "python"], ids=ids)
-def test_python_that_is_not_run_compiles(block):
-    compile(block.text, block.name, "exec")
-
-
-@pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_commands_within_sentences_parse(path, parsing):
-    """Arguments may be left out there, but none may be wrong."""
-    for words in inline_commands(path):
-        parsing([re.sub(r"^(S|K|N|NAME)$", "1", word) for word in words], is_whole=False)
-
-
-@pytest.mark.parametrize("block", [b for b in ALL if b.kind in {"yaml", "json", "toml"}], ids=ids)
-def test_data_is_what_the_program_takes(block):
-    if block.kind == "toml":
-        assert tomllib.loads(block.text)
-    elif block.kind == "json":
-        for line in block.text.splitlines() if block.text.count("\n{") else [block.text]:
-            json.loads(line)
-    else:
-        tree = yaml.safe_load(block.text)
-        if set(tree) <= set(Config.model_fields):
-            Config.model_validate(tree)
-        elif "steps" in tree and block.page not in ELSEWHERE:
-            parse_scene(block.text, block.name, block.name)
 
 
 PACKAGES = {"x2radar": ROOT, "radard": ROOT / "daemon", "x2train": ROOT / "training"}

@@ -107,6 +107,13 @@ def test_order_file_environment_options():
         ),
         ("outbox:\n  attempts: 3\n", "config.yaml:1: outbox: is the section 'log' now"),
         ("alarm: {}\ngate: {}\nalarm: {}\n", "the key 'alarm' stands twice, in lines 1 and 3"),
+        ("sensors: {a: {port: x, gate: {adapt: 3}}}", "did you mean 'adapt_db'"),
+        ("sensors: {a: {port: x, prt: y}}", "unknown key 'sensors.a.prt'; did you mean 'port'"),
+        ("sensors: {a: {}}", "sensors.a.port"),
+        ("sensors: {'a b': {port: x}}", "sensors.a b"),
+        ("sensors: {a: {port: x}}\nsensor: {port: y}", "one radar or several"),
+        ("sensors: {a: 3}", "sensors.a"),
+        ("sensors: {a: {port: x, alarm: {confirm_n: 2}}}\nalarm: {confirm_k: 3}", "confirm_k"),
         # All at once.
         ("gate: {false_alarm_per_day: 1}\nmodle: {}\n", "gate.false_alarm_per_day"),
         ("gate: {false_alarm_per_day: 1}\nmodle: {}\n", "unknown key 'modle'"),
@@ -141,18 +148,18 @@ def test_faults_name_the_variable_or_the_file(name, environ, words):
 WORDS = ["on", "no", "null", "007", "1", "1.5e3", "0x10", "12_000", "2026-11-21", "~x"]
 
 
-@pytest.mark.parametrize("word", WORDS)
+@pytest.mark.parametrize("word", [*WORDS, "{x}", "[a]", '{"a": 1}', "[", "# x", "*a", "'"])
 def test_a_text_field_takes_what_is_written(word):
-    write(f"mqtt: {{discovery_prefix: {word}, commands: off}}\nsensor: {{speed: {word}}}\n")
-    config = load_config(environ={"RADARD_MQTT__USERNAME": word, "RADARD_MODEL__NAME": word})
-    assert (config.mqtt.discovery_prefix, config.sensor.speed, config.model.name) == (word,) * 3
-    assert config.mqtt.username == (None if word == "null" else word)
-    assert config.mqtt.commands == "off"
-
-
-@pytest.mark.parametrize("text", ["{x}", "[a]", '{"a": 1}', "[", "# x", "*a", "'"])
-def test_a_variable_of_a_text_field_is_no_yaml(text):
-    assert load_config(environ={"RADARD_MQTT__USERNAME": text}).mqtt.username == text
+    """A variable's text is no YAML."""
+    assert load_config(environ={"RADARD_MQTT__USERNAME": word}).mqtt.username == (
+        None if word == "null" else word
+    )
+    if word in WORDS:
+        write(f"mqtt: {{discovery_prefix: {word}, commands: off}}\nsensor: {{speed: {word}}}\n")
+        config = load_config(environ={"RADARD_MODEL__NAME": word})
+        texts = (config.mqtt.discovery_prefix, config.sensor.speed, config.model.name)
+        assert texts == (word,) * 3
+        assert config.mqtt.commands == "off"
 
 
 @pytest.mark.parametrize("name", [word for word in WORDS if word.isalnum()])

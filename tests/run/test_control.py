@@ -22,7 +22,7 @@ from radard.run.look import range_time
 from tests.daemon_helpers import told
 from tests.host_helpers import FakeHost
 from tests.processes import environ, started
-from tests.radar_helpers import copy_ring, faults, frames_of, noise, walker
+from tests.radar_helpers import copy_ring, events, faults, frames_of, noise, records_in, walker
 from tests.sink_helpers import WebServer
 from tests.waiting import free_port, wait_for
 
@@ -110,8 +110,8 @@ def test_a_test_alarm_goes_through_every_output_and_says_what_each_answered(
     assert json.loads(server.posts[0][2])["test"] is True
     assert daemon.panel()["panel"] == "armed"
     assert daemon.stop() == 0
-    records = [json.loads(line) for line in out.read_text().splitlines()]
-    new, end = [r for r in records if r["type"] == "event" and r["kind"] == "alarm"]
+    records = records_in(out)
+    new, end = events(records, "alarm")
     assert (new["phase"], end["phase"], new["id"]) == ("new", "end", end["id"])
     assert new["test"] is end["test"] is new["simulated"] is True
     assert faults(records) == []

@@ -63,25 +63,18 @@ def test_two_processes_with_three_radars_are_one_fleet(tmp_path, launch, broker,
         (("mqtt://",), 2, "no host"),
         (("mqtt://me:secret@host",), 2, "no password in the URL"),
         (("mqtt://127.0.0.1:{free}", "--wait", "nan"), 2, "must be above 0"),
+        (("mqtt://127.0.0.1:{silent}", "--config", "{config}"), 1, "no answer"),
     ],
 )
-def test_what_cannot_be_watched_is_one_line(argv, code, word, capsys):
-    argv = [each.format(free=free_port()) for each in argv]
+def test_what_cannot_be_watched_is_one_line(argv, code, word, capsys, tmp_path):
+    config, silent = tmp_path / "radard.yaml", Silent()
+    config.write_text("mqtt: {keepalive_s: 1}\n")
+    argv = [a.format(free=free_port(), silent=silent.port, config=config) for a in argv]
     assert main(["fleet", *argv, "--once"]) == code
+    silent.close()
     (line,) = capsys.readouterr().err.splitlines()
     assert word in line
     assert "secret" not in line.replace("me:secret@host", "")
-
-
-@pytest.mark.integration
-def test_a_broker_that_says_nothing_is_no_endless_wait(capsys, tmp_path):
-    silent = Silent()
-    config = tmp_path / "radard.yaml"
-    config.write_text("mqtt: {keepalive_s: 1}\n")
-    url = f"mqtt://127.0.0.1:{silent.port}"
-    assert main(["fleet", url, "--once", "--config", str(config)]) == 1
-    silent.close()
-    assert "no answer" in capsys.readouterr().err
 
 
 def test_a_stranger_at_the_broker_changes_nothing_and_does_not_steer_the_terminal():

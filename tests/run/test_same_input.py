@@ -16,7 +16,7 @@ from radard.pipeline import Pipeline
 from radard.run.listening import listen
 from tests.alarm_helpers import write_recording
 from tests.processes import environ, ran
-from tests.radar_helpers import noise, run_radard, stable
+from tests.radar_helpers import decisions, events, noise, run_radard, stable
 from tests.waiting import free_port
 
 PORT = "sim:thesis_human?run=test"
@@ -62,7 +62,7 @@ def test_a_state_directory_changes_nothing_of_what_is(what, state, tmp_path):
         port = f"replay:{tmp_path / 'r.h5'}"
     hello, before, err = told("--port", port, *COMMON)
     assert (hello["taken"], err) == ([], "")
-    assert any(r["type"] == "event" and r["kind"] == "alarm" for r in before)
+    assert events(before, "alarm")
     yesterday(state)
     hello, after, err = told("--port", port, *COMMON)
     assert (hello["taken"], err) == ([], "")
@@ -74,7 +74,7 @@ def test_what_is_asked_for_is_taken_and_said(state, tmp_path):
     yesterday(tmp_path / "mine")
     hello, lines, err = told("--port", PORT, *COMMON, "--state", str(tmp_path / "mine"))
     assert hello["sensitivity"] == "low"
-    assert not any(r["type"] == "event" and r["kind"] == "alarm" for r in lines)
+    assert not events(lines, "alarm")
     names = {line.partition(":")[0].rpartition("/")[2] for line in hello["taken"]}
     expected = {"radar.sim.settings.yaml", "radar.sim.zones.yaml", "log.db"}
     assert names == {*expected, "radar.sim.room.json"}
@@ -154,7 +154,7 @@ def test_decisions_are_those_of_before(scene, model, golden):
     argv = ("--port", f"sim:{scene}?seed=5", "--model", model, "--duration", "14")
     code, records, err = run_radard(*argv, "--speed", "max", "-o", "json")
     assert (code, err) == (0, "")
-    made = [{k: r[k] for k in KEPT} for r in records if r["type"] == "decision"]
+    made = [{k: d[k] for k in KEPT} for d in decisions(records)]
     wanted = golden(f"decisions_{scene}.jsonl", made)
     assert len(made) == len(wanted) == 12
     for now, before in zip(made, wanted, strict=True):
@@ -192,13 +192,12 @@ def test_the_alarm_ends_before_the_next_dog_and_its_clip_with_the_demo(tmp_path)
     home = environ(HOME=str(tmp_path / "home"), TMPDIR=str(tmp_path / "tmp"))
     done = ran(*command, env=home, cwd=tmp_path, check=True)
     assert "clips, labels and settings end with it; --state DIR keeps them" in done.stderr
-    records = [json.loads(line) for line in done.stdout.splitlines()]
-    events = [r for r in records if r["type"] == "event" and r["kind"] == "alarm"]
-    assert (events[0]["phase"], events[-1]["phase"]) == ("new", "end")
-    assert len({e["id"] for e in events}) == 1
-    assert events[0]["reason"].startswith("human")
-    assert events[-1]["end_t_s"] < NEXT_DOG_S
-    clip = Path(events[0]["clip"])
+    alarms = events([json.loads(line) for line in done.stdout.splitlines()], "alarm")
+    assert (alarms[0]["phase"], alarms[-1]["phase"]) == ("new", "end")
+    assert len({e["id"] for e in alarms}) == 1
+    assert alarms[0]["reason"].startswith("human")
+    assert alarms[-1]["end_t_s"] < NEXT_DOG_S
+    clip = Path(alarms[0]["clip"])
     assert clip.is_relative_to(tmp_path / "tmp")
     assert not clip.parent.parent.exists()
     assert not (tmp_path / "home").exists()

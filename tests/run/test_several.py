@@ -7,13 +7,13 @@ import pytest
 import yaml
 
 from radard.config.config import load_config, load_with_origins
-from radard.errors import ConfigError, UsageError
+from radard.errors import UsageError
 from radard.health.status_file import read_status, status_path
 from radard.run.sensor import Sensor
 from radard.stream.source import LiveSource
 from tests.daemon_helpers import told
 from tests.device_helpers import plugged
-from tests.radar_helpers import run_radard, stable
+from tests.radar_helpers import decisions, records_in, run_radard, stable, states
 from tests.waiting import free_port, wait_for
 from tests.web_helpers import HEADERS, ask, wait
 
@@ -64,7 +64,7 @@ def test_two_decide_as_each_alone(tmp_path, monkeypatch):
     assert all("sensor" in r for r in both)
 
 
-def states(tmp_path, *names):
+def states_of(tmp_path, *names):
     return {n: read_status(status_path(tmp_path, n)).content.get("state") for n in names}
 
 
@@ -81,10 +81,10 @@ def test_one_that_cannot_work_is_named_and_leaves_the_others_alone(tmp_path, lau
     assert "cellar: offline: device absent" in text
     assert "hall" not in text
     wanted = {"hall": "online", "attic": "offline", "cellar": "offline"}
-    wait_for(lambda: states(tmp_path, *wanted) == wanted)
+    wait_for(lambda: states_of(tmp_path, *wanted) == wanted)
     assert daemon.stop() == 0
-    records = [json.loads(line) for line in out.read_text().splitlines()]
-    assert "decision" in {r["type"] for r in of(records, "hall")}
+    records = records_in(out)
+    assert decisions(of(records, "hall"))
     assert [r["state"] for r in of(records, "attic")] == ["offline"]
     assert "radard.attic" in {r.name for r in caplog.records}
 
@@ -115,17 +115,17 @@ def test_work_that_breaks_off_is_begun_anew(tmp_path, launch, monkeypatch):
     sensors = {"hall": {"port": "sim:empty"}, "attic": {"port": "sim:dog"}}
     daemon = launch(sensors=sensors, output=[f"json:{out}"])
     wait_for(lambda: out.exists() and out.read_text().count('"hello"') == 3)
-    wait_for(lambda: states(tmp_path, "attic") == {"attic": "online"})
+    wait_for(lambda: states_of(tmp_path, "attic") == {"attic": "online"})
     assert daemon.stop() == 0
-    records = [json.loads(line) for line in out.read_text().splitlines()]
-    told = [(r["state"], r["reason"]) for r in of(records, "attic") if r["type"] == "status"]
+    records = records_in(out)
+    told = states(of(records, "attic"))
     assert ("offline", "the cable is on fire") in told
     assert [s for s, _ in told if s == "online"] == ["online", "online"]
-    hall = [r["state"] for r in of(records, "hall") if r["type"] == "status"]
+    hall = [state for state, _ in states(of(records, "hall"))]
     assert hall == ["starting", "online", "offline"]
     # Also of the one that began again: a number is of one decision, whatever asks for it.
     for sensor in sensors:
-        seqs = [r["seq"] for r in of(records, sensor) if r["type"] == "decision"]
+        seqs = [d["seq"] for d in decisions(of(records, sensor))]
         assert seqs == list(range(1, len(seqs) + 1))
 
 
@@ -181,26 +181,6 @@ def test_sections_of_an_entry_complete_the_common_ones(tmp_path):
     for name in ("c", None):
         with pytest.raises(UsageError, match="known are a, b"):
             loaded.config.of_sensor(name)
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("sensors: {a: {port: x, gate: {adapt: 3}}}", "did you mean 'adapt_db'"),
-        ("sensors: {a: {port: x, prt: y}}", "unknown key 'sensors.a.prt'; did you mean 'port'"),
-        ("sensors: {a: {}}", "sensors.a.port"),
-        ("sensors: {'a b': {port: x}}", "sensors.a b"),
-        ("sensors: {a: {port: x}}\nsensor: {port: y}", "one radar or several"),
-        ("sensors: {a: 3}", "sensors.a"),
-        ("sensors: {a: {port: x, alarm: {confirm_n: 2}}}\nalarm: {confirm_k: 3}", "confirm_k"),
-    ],
-)
-def test_faults_of_entries_name_their_place(tmp_path, text, words):
-    path = tmp_path / "c.yaml"
-    path.write_text(text)
-    with pytest.raises(ConfigError) as caught:
-        load_config(path, environ={})
-    assert words in str(caught.value)
 
 
 def test_what_only_one_can_have(tmp_path):
@@ -274,16 +254,25 @@ def with_others(daemon, sensors):
     return load_config(environ={}, options={**options, "sensors": sensors})
 
 
-def test_a_reload_adds_and_removes_radars_and_leaves_the_others(tmp_path, launch):
-    out = tmp_path / "out.jsonl"
-    daemon, choices, hall, _ = two_rooms(launch, output=[f"json:{out}"])
+def test_a_reload_adds_and_removes_radars_and_leaves_the_others(tmp_path, launch, broker, listen):
+    out, base, listener = tmp_path / "out.jsonl", f"http://127.0.0.1:{free_port()}", listen()
+    outputs = [f"json:{out}", f"mqtt://127.0.0.1:{broker.port}", base]
+    daemon, choices, hall, _ = two_rooms(launch, output=outputs)
+    wait_for(lambda: b"online" in listener.on("radard/attic-simulated/availability"))
+    assert ask(base + "/sensor/attic/healthz")[0] == 200
     more = {"shed": {"port": "sim:empty?seed=4"}, "cellar": {"port": str(tmp_path / "absent")}}
     choices.append({"hall": ROOMS["hall"], **more})
     daemon.ask("reload")
     wait_for(lambda: [radar.sensor for radar in daemon.run.sensors] == ["hall", "shed", "cellar"])
     shed = daemon.run.sensors[1]
     wait_for(lambda: told(shed).get("seq", 0) > 2)
-    # Its status, its socket and its threads are gone; another's have come.
+    # So have its topics and pages; its status, its socket and its threads are gone.
+    wait_for(lambda: b"online" in listener.on("radard/shed-simulated/availability"))
+    wait_for(lambda: listener.on("radard/attic-simulated/availability")[-1] == b"offline")
+    wait_for(lambda: ask(base + "/sensor/shed/healthz")[0] == 200)
+    assert ask(base + "/sensor/attic/healthz")[0] == 404
+    others = {name: f"/sensor/{name}/" for name in ("shed", "cellar")}
+    assert ask(base + "/api/v1/status")[1]["sensors"] == others
     wait_for(lambda: not status_path(tmp_path, "attic").exists())
     assert not (tmp_path / "attic.sock").exists()
     assert (tmp_path / "shed.sock").exists()
@@ -294,27 +283,11 @@ def test_a_reload_adds_and_removes_radars_and_leaves_the_others(tmp_path, launch
     seq = told(hall)["seq"]
     wait_for(lambda: told(hall)["seq"] > seq + 1)
     assert daemon.stop() == 0
-    records = [json.loads(line) for line in out.read_text().splitlines()]
-    seqs = [r["seq"] for r in of(records, "shed") if r["type"] == "decision"]
+    records = records_in(out)
+    seqs = [d["seq"] for d in decisions(of(records, "shed"))]
     assert seqs == list(range(1, len(seqs) + 1))
     assert next(r for r in of(records, "shed") if r["type"] != "status")["type"] == "hello"
-    last = [r for r in of(records, "attic") if r["type"] == "status"][-1]
-    assert (last["state"], last["reason"]) == ("offline", "stopped")
-
-
-def test_radars_that_a_reload_adds_have_topics_and_pages(launch, broker, listen):
-    base, listener = f"http://127.0.0.1:{free_port()}", listen()
-    daemon, choices, *_ = two_rooms(launch, output=[f"mqtt://127.0.0.1:{broker.port}", base])
-    wait_for(lambda: b"online" in listener.on("radard/attic-simulated/availability"))
-    assert ask(base + "/sensor/attic/healthz")[0] == 200
-    more = {"shed": {"port": "sim:empty?seed=4"}}
-    choices.append({"hall": ROOMS["hall"], **more})
-    daemon.ask("reload")
-    wait_for(lambda: b"online" in listener.on("radard/shed-simulated/availability"))
-    wait_for(lambda: listener.on("radard/attic-simulated/availability")[-1] == b"offline")
-    wait_for(lambda: ask(base + "/sensor/shed/healthz")[0] == 200)
-    assert ask(base + "/sensor/attic/healthz")[0] == 404
-    assert ask(base + "/api/v1/status")[1]["sensors"] == {"shed": "/sensor/shed/"}
+    assert states(of(records, "attic"))[-1] == ("offline", "stopped")
 
 
 def test_a_reload_begins_a_radar_again_whose_port_is_another(launch, broker, listen):

@@ -129,21 +129,15 @@ def test_a_walk_measures_the_level_and_a_glance_does_not(capsys):
         assert (said in capsys.readouterr().out) is is_measured
 
 
+GOOD = RangeCell(
+    near_m=0, far_m=0, windows=10, seen=10, alarms=10, visits=2, missed=0, first_seen_s=0.0
+)
+
+
 def walked(n_seen, n_alarms, cells=(2, 3, 4, 5)):
     """Cells of a walk from 1 m to 3 m, of which each but the one in the middle is good."""
-    return [
-        RangeCell(
-            near_m=k / 2,
-            far_m=(k + 1) / 2,
-            windows=10,
-            seen=n_seen if k == 4 else 10,
-            alarms=n_alarms if k == 4 else 10,
-            visits=2,
-            missed=0,
-            first_seen_s=0.0,
-        )
-        for k in cells
-    ]
+    walk = [replace(GOOD, near_m=k / 2, far_m=(k + 1) / 2) for k in cells]
+    return [replace(c, seen=n_seen, alarms=n_alarms) if c.near_m == 2 else c for c in walk]
 
 
 @pytest.mark.parametrize(

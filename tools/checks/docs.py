@@ -1,7 +1,7 @@
 """What the documentation says of the program holds: `python tools/checks/docs.py`.
 
 Each check yields one line for what does not hold. Links and anchors of the site are checked by
-`mkdocs build --strict`, blocks of code by tests/house/test_docs_blocks.py.
+`mkdocs build --strict`, blocks of code by blocks.py, and run by tests/house/test_docs_blocks.py.
 """
 
 import ast
