@@ -25,6 +25,11 @@ from tests import alarm_helpers
 from tests.host_helpers import FakeHost
 from tests.waiting import free_port
 
+MQTT_MARKS = [
+    pytest.mark.integration,
+    # paho leaves the socket of a connection that ended, or failed, to the collector.
+    pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
+]
 QUICK = LogSection(first_retry_s=0.02, longest_retry_s=0.05, attempts=3)
 USER, PASSWORD = "hall", "correct horse"
 

@@ -17,7 +17,8 @@ from radard.clips.keeper import ClipKeeper
 from radard.clips.spectrogram_png import PictureMaker, decode_png, encode_png
 from radard.config.sections import ClipsSection
 from tests.processes import ran
-from tests.radar_helpers import BASEBAND, noise, run_radard
+from tests.radar_helpers import BASEBAND, decisions, events, noise, run_radard
+from tests.sink_helpers import decision, event, ulid
 from x2radar.frame import Frame, StreamInfo
 from x2radar.recording.registry import open_recording
 
@@ -38,20 +39,12 @@ def run_with_clips(folder, port, seconds, *argv, env=()):
     return records, sorted((folder / "clips").glob("*.h5")), err
 
 
-def decisions(records):
-    return [r for r in records if r["type"] == "decision"]
-
-
-def alarms(records):
-    return [r for r in records if r["type"] == "event" and r["kind"] == "alarm"]
-
-
 @pytest.mark.parametrize(
     ("port", "seconds"), [("sim:demo", 60), ("sim:demo?kind=baseband", 40), ("sim:human", 30)]
 )
 def test_a_clip_replays_to_the_same_decisions(tmp_path, port, seconds):
     records, (clip, *_), _ = run_with_clips(tmp_path, port, seconds)
-    new, *_ = alarms(records)
+    new, *_ = events(records, "alarm")
     assert new["clip"] == str(clip)
     live = {d["seq"]: d for d in decisions(records)}
     with h5py.File(clip) as file:
@@ -111,7 +104,7 @@ def test_what_a_clip_holds(tmp_path):
 )
 def test_off_nothing_is_kept(tmp_path, argv):
     records, clips, _ = run_with_clips(tmp_path, "sim:human", 20, env=[argv])
-    assert ({e["clip"] for e in alarms(records)}, clips) == ({None}, [])
+    assert ({e["clip"] for e in events(records, "alarm")}, clips) == ({None}, [])
 
 
 def test_a_simulated_stream_that_begins_again_keeps_its_clips(tmp_path):
@@ -126,26 +119,13 @@ def test_a_simulated_stream_that_begins_again_keeps_its_clips(tmp_path):
     (tmp_path / "log.db").unlink()
     records, _, err = run_with_clips(tmp_path, "sim:human?run=again", 6)
     assert "clip" not in err
-    assert {r["clip"] for r in records if r["type"] == "event"} == {str(clip)}
+    assert {e["clip"] for e in events(records)} == {str(clip)}
     assert clip.read_bytes() == before
     assert clip.stat().st_mtime_ns > later_ns
 
 
 def frame(index, *, lost=0):
     return Frame(SAMPLES[index % len(SAMPLES)], index + 1, index, lost, False, BASEBAND)
-
-
-def record(seq, t_s):
-    numbers = dict.fromkeys(
-        ("power_db", "noise_floor_db", "threshold_db", "p_human", "p_pet", "p_other", "range_m")
-    )
-    fused = dict.fromkeys(("fused_p_human", "fused_p_pet", "fused_p_other"), 0.5)
-    rest = {"gate": "closed", "label": None, "alarm": False, "frames": N_SLOW, "dropped": 0}
-    return {"type": "decision", "seq": seq, "t_s": round(t_s, 3), **numbers, **fused, **rest}
-
-
-def event(name="0" * 26):
-    return {"type": "event", "id": name, "phase": "new"}
 
 
 class Feeder:
@@ -163,7 +143,8 @@ class Feeder:
                 self.pushed += 1
             self.hops += 1
             self.t_s = end / RATE_HZ
-            self.keeper.on_decision(record(self.hops, self.t_s), self.t_s)
+            made = decision(self.hops, t_s=round(self.t_s, 3), gate="closed", alarm=False)
+            self.keeper.on_decision(made, self.t_s)
 
     def after(self, *, is_seen, n=1):
         for _ in range(n):
@@ -189,7 +170,7 @@ def test_the_frames_of_a_clip_do_not_depend_on_who_is_faster(tmp_path, ahead):
     keeper, feeder = make_keeper(tmp_path)
     feeder.ahead = ahead
     feeder.hop(20)
-    path = keeper.begin(event(), feeder.t_s)
+    path = keeper.begin(event(0), feeder.t_s)
     feeder.after(is_seen=True, n=3)
     feeder.after(is_seen=False, n=4)
     assert keeper.close(60.0)
@@ -203,10 +184,10 @@ def test_the_frames_of_a_clip_do_not_depend_on_who_is_faster(tmp_path, ahead):
 def test_early_alarms_long_alarms_and_one_clip_at_a_time(tmp_path):
     keeper, feeder = make_keeper(tmp_path, longest_s=10.0)
     feeder.hop(2)
-    path = keeper.begin(event(), feeder.t_s)
-    assert keeper.begin(event("1" * 26), feeder.t_s) is None
+    path = keeper.begin(event(0), feeder.t_s)
+    assert keeper.begin(event(1), feeder.t_s) is None
     feeder.after(is_seen=True, n=30)
-    other = keeper.begin(event("2" * 26), feeder.t_s)
+    other = keeper.begin(event(2), feeder.t_s)
     keeper.after(feeder.t_s, is_seen=True)
     assert keeper.close(60.0)
     assert span(path)[:2] == (1, 600)
@@ -219,7 +200,7 @@ def test_no_clip_reaches_back_over_a_restart(tmp_path):
     feeder.hop(10)
     keeper.restart()
     feeder.hop(1)
-    path = keeper.begin(event(), feeder.t_s)
+    path = keeper.begin(event(0), feeder.t_s)
     assert keeper.close(60.0)
     assert span(path)[0] == 1 + 60 * 10
 
@@ -230,12 +211,12 @@ def test_without_room_there_is_no_clip_and_a_complaint_and_the_next_is_tried(tmp
         (tmp_path / "clips").write_text("a file")
     keeper, feeder = make_keeper(tmp_path, free_mb=1e12 if is_full else 0.0)
     feeder.hop(3)
-    assert keeper.begin(event(), feeder.t_s) is None
+    assert keeper.begin(event(0), feeder.t_s) is None
     assert ("MB are free" if is_full else "File exists") in keeper.complaint
     keeper._settings = keeper._settings.model_copy(update={"free_mb": 0.0})
     if not is_full:
         (tmp_path / "clips").unlink()
-    path = keeper.begin(event(), feeder.t_s)
+    path = keeper.begin(event(0), feeder.t_s)
     feeder.after(is_seen=False, n=5)
     assert keeper.close(60.0)
     assert Path(path).is_file()
@@ -248,7 +229,7 @@ def test_a_run_whose_clips_fail_goes_on_degraded(tmp_path):
     assert "clip:" in err
     degraded, *_ = [r for r in records if r.get("state") == "degraded"]
     assert degraded["reason"].startswith("clips: ")
-    assert {alarm["clip"] for alarm in alarms(records)} == {None}
+    assert {alarm["clip"] for alarm in events(records, "alarm")} == {None}
 
 
 def begun(path):
@@ -263,7 +244,7 @@ def test_a_reader_keeps_no_decision_out_of_a_clip(tmp_path):
     clip = begun(path)
     with path.open("rb") as reader:
         fcntl.flock(reader, fcntl.LOCK_SH)
-        clip.finish([record(1, 2.0)], event())
+        clip.finish([decision(t_s=2.0)], event(0))
     with h5py.File(path) as file:
         assert "event" in file.attrs
         assert list(file["decisions/t_s"]) == [2.0]
@@ -280,7 +261,7 @@ for extra in range(0, 40_000, 1_000):
     limit = path.stat().st_size + extra
     resource.setrlimit(resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
     with contextlib.suppress(OutputError):
-        clip.finish([record(1, 2.0)] * (1 + extra // 500), event())
+        clip.finish([decision(t_s=2.0)] * (1 + extra // 500), event(0))
     resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
     del clip
     gc.collect()
@@ -349,13 +330,13 @@ def test_a_clip_is_named_by_its_path_once_a_slow_disk_answers(tmp_path):
     feeder.hop(3)
     disk = threading.Event()
     keeper._do(disk.wait)
-    assert keeper.begin(event(), feeder.t_s) is None
-    keeper.after(feeder.t_s, is_seen=True, event={**event(), "clip": None})
-    assert keeper.named_of("0" * 26) is None
+    assert keeper.begin(event(0), feeder.t_s) is None
+    keeper.after(feeder.t_s, is_seen=True, event={**event(0), "clip": None})
+    assert keeper.named_of(ulid(0)) is None
     disk.set()
     assert keeper._room.wait(60)
-    path = tmp_path / "clips" / f"{'0' * 26}.h5"
-    assert keeper.named_of("0" * 26) == str(path)
+    path = tmp_path / "clips" / f"{ulid(0)}.h5"
+    assert keeper.named_of(ulid(0)) == str(path)
     feeder.hop()
     assert keeper.close(60.0)
     with h5py.File(path) as file:

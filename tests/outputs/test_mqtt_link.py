@@ -11,15 +11,11 @@ from radard.config.sink_table import MqttSection, SinkOptions
 from radard.outputs.base import DeliveryError
 from radard.outputs.mqtt.link import Broker, MqttLink, Publication
 from radard.outputs.registry import tried
-from tests.sink_helpers import QUICK, decision, event, hello, open_sink
+from tests.sink_helpers import MQTT_MARKS, QUICK, decision, event, hello, open_sink
 from tests.waiting import wait_for
 from x2radar.backoff import Backoff
 
-# paho leaves the socket of a connection that ended to the collector.
-pytestmark = [
-    pytest.mark.integration,
-    pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
-]
+pytestmark = MQTT_MARKS
 STATE = Publication("radard/hall/state", "{}")
 PICTURE = Publication("radard/hall/picture", b"x" * 20_000)
 

@@ -12,13 +12,10 @@ from radard.outputs.jsonl import JsonLinesSink
 from radard.outputs.mqtt.link import MqttLink
 from radard.outputs.mqtt.sink import MqttSink
 from radard.outputs.store import StoreSink
-from tests.sink_helpers import MqttBroker
+from tests.sink_helpers import MQTT_MARKS, MqttBroker
 from tests.waiting import free_port, wait_for
 
-pytestmark = [
-    pytest.mark.integration,
-    pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
-]
+pytestmark = MQTT_MARKS
 
 
 @pytest.fixture(autouse=True)

@@ -10,9 +10,9 @@ from radard.config.sink_table import MqttSection, SinkOptions
 from radard.outputs.base import SinkContext
 from radard.outputs.mqtt import link as link_module
 from radard.outputs.mqtt.link import MqttLink, PacketLimits, Publication
-from radard.outputs.mqtt.sink import CommandReader
 from radard.outputs.registry import make_output
 from tests.sink_helpers import (
+    MQTT_MARKS,
     PASSWORD,
     QUICK,
     USER,
@@ -32,11 +32,7 @@ from tests.waiting import wait_for
 
 BASE = "radard/hall"
 PLATFORMS = ("alarm_control_panel", "event", "image", "select")
-# paho leaves the socket of a failed handshake to the collector.
-pytestmark = [
-    pytest.mark.integration,
-    pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
-]
+pytestmark = MQTT_MARKS
 
 
 def last(listener, topic):
@@ -100,15 +96,6 @@ def test_commands_and_what_is_none(publish, listen, caplog):
     lines = [r.getMessage() for r in caplog.records if " command " in r.getMessage()]
     (line,) = [line for line in lines if "ignored" in line or "no command" in line]
     assert len(line) < 200
-
-
-@pytest.mark.parametrize(
-    ("name", "payload", "words"),
-    [("explode", b"", "no command 'explode'"), ("arm", b"1", "payload must be empty")],
-)
-def test_what_is_no_command_is_told(name, payload, words):
-    with pytest.raises(ValueError, match=words):
-        CommandReader("b", MqttSection()).read(f"b/command/{name}", payload, is_retained=False)
 
 
 def test_a_stranger_cannot_disarm_where_nothing_is_said_of_commands(publish, listen, caplog):
