@@ -187,7 +187,8 @@ def test_early_alarms_long_alarms_and_one_clip_at_a_time(tmp_path):
     path = keeper.begin(event(0), feeder.t_s)
     assert keeper.begin(event(1), feeder.t_s) is None
     feeder.after(is_seen=True, n=30)
-    other = keeper.begin(event(2), feeder.t_s)
+    keeper.begin(event(2), feeder.t_s)
+    other = tmp_path / "clips" / f"{ulid(2)}.h5"
     keeper.after(feeder.t_s, is_seen=True)
     assert keeper.close(60.0)
     assert span(path)[:2] == (1, 600)
