@@ -1,12 +1,15 @@
 """The campaigns in their short forms, and that each would say what harm it found."""
 
 import json
+import random
 import re
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 
 from campaigns.fuzz_targets import TARGETS
+from campaigns.kept import House
 from campaigns.processes import HARM, end_with
 from tests.processes import ran
 
@@ -28,6 +31,23 @@ DID = {
     "fuzz": lambda found: found["inputs"] == 40 * len(TARGETS),
 }
 """What each tells of itself in its last line when it has done so much."""
+
+
+def test_a_reset_of_a_module_that_a_busy_machine_kept_waiting_is_no_other_decision(tmp_path):
+    """Before, what came behind it was held against a run that had no reset."""
+    with ExitStack() as stack:
+        house = House(tmp_path, random.Random(0), stack)  # noqa: S311 - no secret
+    reference = [{"type": "decision", "dropped": 0, "t_s": t_s} for t_s in (2.45, 3.45)]
+    late = {"type": "decision", "dropped": 0, "t_s": 5.1}
+    fault = {"type": "event", "kind": "fault", "reason": "no frame for 1.5 s"}
+
+    def told(*rows):
+        house.outputs.out.write_text("".join(json.dumps(row) + "\n" for row in rows))
+        return house.look_at_decisions(reference), house.found["decisions_differ"]
+
+    hello = {"type": "hello"}
+    assert told(hello, reference[0], fault, late, hello, *reference) == (3, 0)
+    assert told(hello, reference[0], late) == (2, 1)
 
 
 @pytest.mark.integration
