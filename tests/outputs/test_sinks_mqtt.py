@@ -10,6 +10,7 @@ from radard.config.sink_table import MqttSection, SinkOptions
 from radard.outputs.base import SinkContext
 from radard.outputs.mqtt import link as link_module
 from radard.outputs.mqtt.link import MqttLink, PacketLimits, Publication
+from radard.outputs.mqtt.topics import MqttTopics
 from radard.outputs.registry import make_output
 from tests.sink_helpers import (
     MQTT_MARKS,
@@ -63,6 +64,17 @@ def test_topics_of_a_run_and_their_clean_end(publish, listen):
     wait_for(lambda: last(late, "availability") == "offline" and last(late, "health"))
     kept = {topic for topic, _, is_retained in late.messages if is_retained}
     assert kept == {f"{BASE}/{name}" for name in ("availability", "state", "health")}
+
+
+def test_that_it_is_there_is_said_again_and_again():
+    """Before, the will of a connection that was replaced, or of another daemon, was the last."""
+    topics = MqttTopics("hall", "radard", MqttSection(), takes_commands=False)
+    told = []
+    for k in range(30):
+        for record in (hello(), status("online"), decision(k + 1)) if k == 0 else (decision(k),):
+            found = topics.on_record(record, float(k))
+            told += [k for each in found if each.topic.endswith("/availability")]
+    assert sorted(set(told)) == [0, 9, 18, 27]
 
 
 def test_health_is_asked_for_and_not_only_heard_of(publish, listen):

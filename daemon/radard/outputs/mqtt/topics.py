@@ -225,9 +225,11 @@ class MqttTopics:
         self._label, self._gate, self._t_s = record["label"], record["gate"], record["t_s"]
         self._decided_s = now_s
         # The state is published every third of its expiry; the next decision would be too late.
+        # So is that it is there: a broker may publish the will of a connection that was replaced.
         hop_s = max(_HOP_S, (self._hello or {}).get("hop_s", _HOP_S))
         if now_s - self._stated_s >= self._options.expire_after_s / 3 - hop_s:
-            self._published.pop("state", None)
+            for name in ("state", "availability"):
+                self._published.pop(name, None)
         messages = self._changes(now_s)
         if self._options.decisions:
             topic = f"{self.base}/decision"
