@@ -17,7 +17,8 @@ from tests.host_helpers import FakeHost
 from tests.processes import started
 from tests.run.test_tamper_commands import Room
 from tests.sink_helpers import event, hello, ulid
-from tests.waiting import wait_for
+from tests.waiting import free_port, wait_for
+from tests.web_helpers import ask
 
 pytestmark = pytest.mark.integration
 
@@ -90,6 +91,27 @@ def test_changed_options_hold_after_a_reload_and_no_event_is_lost(out, configure
     wait_for(lambda: ulid(3) in posted(server))
     out.close()
     assert set(posted(server)) == {ulid(1), ulid(3)}
+
+
+@pytest.mark.parametrize("is_webhook", [True, False])
+def test_a_secret_that_was_renewed_holds_after_a_reload(out, server, tmp_path, is_webhook):
+    """Before, one that was read at the start, as a page's token, held until a restart."""
+    secret, base = tmp_path / "secret", f"http://127.0.0.1:{free_port()}"
+    url = f"http://127.0.0.1:{server.port}"
+    sections = {} if is_webhook else {"web": {"token_file": secret}}
+    config = config_of(tmp_path, f"webhook:@{secret}" if is_webhook else base, **sections)
+    secret.write_text(f"{url}/old" if is_webhook else "old token of it")
+    out.open(config)
+    secret.write_text(f"{url}/renewed" if is_webhook else "a renewed one")
+    out.reload(config, [hello()])
+    if is_webhook:
+        out.put(event(1))
+        wait_for(lambda: server.posts)
+        assert server.posts[0][0] == "/renewed"
+        return
+    old, renewed = ({"Authorization": f"Bearer {t}"} for t in ("old token of it", "a renewed one"))
+    wait_for(lambda: ask(f"{base}/api/v1/config", headers=renewed)[0] == 200)
+    assert ask(f"{base}/api/v1/config", headers=old)[0] == 401
 
 
 def test_a_sink_goes_on_until_the_one_that_replaces_it_can_be_opened(

@@ -8,7 +8,8 @@ import logging
 import threading
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 
 from radard.config.config import Config
 from radard.config.credentials import redact
@@ -25,6 +26,7 @@ from x2radar.errors import BriefError
 log = logging.getLogger("radard")
 SHARED = "radard"  # stands for all sensors of a process, where a sink needs one name
 _RETRY_S = 10.0  # how soon an output is tried again that could not be opened
+_LABELS = "labels_file"
 _LOCK_S = 1.0  # a sink takes far less for a record; a thread that holds the lock for longer hangs
 
 
@@ -32,12 +34,13 @@ _LOCK_S = 1.0  # a sink takes far less for a record; a thread that holds the loc
 class _Open:
     """An output, and what is `held` until there is a sink for it, behind `after`; its `fault`.
 
-    `is_left`: its own sensor has gone, and one of that name may have come.
+    `read` is what it read when it was opened, see `_read_by`. `is_left`: its own sensor has gone,
+    and one of that name may have come.
     """
 
     name: str
     sensor: str | None
-    options: SinkOptions
+    read: list[object] = field(default_factory=list)
     sink: Sink | None = None
     held: RecordQueue | None = None
     fault: str = ""
@@ -52,13 +55,7 @@ class _Open:
 
     def is_outdated(self, options: SinkOptions) -> bool:
         """Return whether the sink must be opened, or opened again, for these options."""
-        before, row = self.options, find_row(self.name)
-        fields = SinkOptions.model_fields
-        changed = {n for n in fields if getattr(options, n) != getattr(before, n)}
-        if row is not None:
-            changed.intersection_update(row.sections)
-        # A plug-in may read any of them; no output at all is stdout.
-        return self.sink is None or self.is_left or bool(self.name and changed)
+        return self.sink is None or self.is_left or self.read != _read_by(self.name, options)
 
 
 class Outputs:
@@ -124,7 +121,8 @@ class Outputs:
         self.log = EventLog(path, max_events=most, keeps_events=not can_wait)
         try:
             for name, sensor in wanted:
-                self._open.append(_Open(name, sensor, config, self._make(name, sensor)))
+                read, sink = _read_by(name, config), self._make(name, sensor)
+                self._open.append(_Open(name, sensor, read, sink))
             for sensor, sink in self.sinks:
                 start_sink(sink)
                 self._attach(sink, sensor)
@@ -165,7 +163,7 @@ class Outputs:
             kept = [each for each in self._open if each not in gone]
             known = [(each.name, each.sensor) for each in kept]
             new = [
-                _Open(*key, config, held=RecordQueue(), after=self.log.told)
+                _Open(*key, held=RecordQueue(), after=self.log.told)
                 for key in wanted
                 if key not in known
             ]
@@ -206,6 +204,7 @@ class Outputs:
 
     def _reopen(self, each: _Open) -> None:
         """Replace a sink by one of the options that hold now, or note why that cannot be."""
+        read = _read_by(each.name, self._config)
         try:
             sink = self._make(each.name, each.sensor, each.after)
         except (BriefError, OSError) as err:
@@ -225,8 +224,7 @@ class Outputs:
         self._attach(sink, each.sensor)
         with self._lock:
             held, each.held = each.held, None
-            each.sink, each.options, each.fault = sink, self._config, ""
-            each.is_left = False
+            each.sink, each.read, each.fault, each.is_left = sink, read, "", False
             _write_hellos(each, self._hellos)
             while (record := held.take(0)) is not None:
                 sink.write(record)
@@ -260,6 +258,28 @@ class Outputs:
             after=after,
         )
         return make_output(self._meant_by(name), self._config, context)
+
+
+def _read_by(name: str, options: SinkOptions) -> list[object]:
+    """Return what an output reads when it is opened: options, and which files those name."""
+    row = find_row(name)
+    # A plug-in may read any of them; no output at all is stdout.
+    of_plugin = tuple(SinkOptions.model_fields) if name else ()
+    sections = [getattr(options, each) for each in (row.sections if row else of_plugin)]
+    # Labels are written, by the page.
+    files = [v for section in sections for k, v in section if k.endswith("_file") and k != _LABELS]
+    if (rest := name.partition(":")[2]).startswith("@"):
+        files.append(Path(rest[1:]))
+    return [*sections, *(_version_of(path) for path in files if path is not None)]
+
+
+def _version_of(path: Path) -> tuple[int, ...] | None:
+    """Return what differs once a file is another; None if it is not there."""
+    try:
+        about = path.stat()
+    except OSError:
+        return None
+    return about.st_ino, about.st_size, about.st_mtime_ns
 
 
 def _write_hellos(each: _Open, hellos: Sequence[Record]) -> None:
