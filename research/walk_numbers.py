@@ -20,8 +20,7 @@ from scipy.signal import savgol_filter
 from radard.detect.clutter_map import ClutterRemover
 from radard.dsp.gram import gaussian_taper
 from radard.dsp.range_time import RangeTimeMap
-from radard.dsp.velocity import CPI_S
-from radard.dsp.wideband import range_dft, range_frequencies
+from radard.dsp.velocity import CPI_S, range_dft, range_frequencies
 from radard.errors import FeatureError
 from radard.stream.ring import Dwell
 from x2radar.frame import FastTimeAxis

@@ -49,7 +49,7 @@ from radard.judge.decision import (
 )
 from radard.judge.evidence import Evidence
 from radard.judge.features import FeatureSettings, FeatureStream, extract
-from radard.judge.installation import INSTALLATION, Mount, echo_at_1m_db, installation
+from radard.judge.installation import echo_at_1m_db, installation
 from radard.stream.ring import Dwell, DwellShape, FrameRing
 from x2radar.frame import StreamInfo
 
@@ -103,9 +103,7 @@ class Pipeline:
             frame_rate_hz=stream.frame_rate_hz,
             n_cpi=self._features.n_cpi,
         )
-        # How strong an echo is counts once, in the evidence: networks hardly learned from it.
-        self._mount = Mount(config.mount.height_m, config.mount.tilt_deg)
-        self._level_db = config.mount.level_db
+
         self.gate = Gate(config.gate, hop_s)  # the gate, with what it saw of the last dwell
         self.calibration: Calibration | None = None
         self._remover = ClutterRemover()
@@ -224,18 +222,18 @@ class Pipeline:
         """Return what the network says of a dwell; None without one."""
         if self.classifier is None:
             return None
-        known = None
-        if INSTALLATION in self._feature_names:
-            known = installation(dwell.frame_rate_hz, self._mount)
+        # How strong an echo is counts once, in the evidence: networks hardly learned from it.
+        mount = self._config.mount
+        known = installation(dwell.frame_rate_hz, mount.height_m, mount.tilt_deg)
         features = self._stream.extract(dwell, known)
         return self.classifier.answer(features, self._evidence.hidden)
 
     def _strength_db(self, gate: Gate, dwell: Dwell) -> float | None:
         """Return how strong what moves is over an adult; None where that is not known."""
-        if self._level_db is None:
+        if (level_db := self._config.mount.level_db) is None:
             return None
         echo_db = echo_at_1m_db(gate.power, gate.noise, dwell.axis.range_m)
-        return None if echo_db is None else echo_db - self._level_db
+        return None if echo_db is None else echo_db - level_db
 
     def _judge_tracks(
         self, moving: Dwell, tracks: tuple[Track, ...], answer: Answer | None

@@ -7,8 +7,7 @@ import pytest
 
 from radard.config.sections import GateSettings
 from radard.detect.calibration import Calibration
-from radard.detect.gate import Gate, level_over
-from radard.detect.noise_floor import NoiseFloor
+from radard.detect.gate import Gate, NoiseFloor, level_over
 from radard.dsp.clutter import centre_spread_m, second_differences, sound_rows
 from radard.dsp.range_doppler import MAX_RESIDUE, cell_factor, usual_peak
 from tests.radar_helpers import BASEBAND, dwell_of, noise

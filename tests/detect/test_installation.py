@@ -14,7 +14,6 @@ from radard.judge.features import FEATURES, FeatureSettings, FeatureStream, feat
 from radard.judge.installation import (
     INSTALLATION,
     N_INSTALLATION,
-    Mount,
     echo_at_1m_db,
     installation,
     size_nats,
@@ -63,28 +62,21 @@ def test_the_feature_is_what_is_known_or_the_rate_alone():
     assert feature_shape(INSTALLATION, settings) == (N_INSTALLATION,)
     stream = FeatureStream(settings, (INSTALLATION,))
     assert stream.extract(dwell)[INSTALLATION].tolist() == [-1.0] + [0.0] * 6
-    known = installation(30.0, Mount(height_m=2.0))
+    known = installation(30.0, height_m=2.0)
     again = FeatureStream(settings, (INSTALLATION,)).extract(dwell, known)
     assert again[INSTALLATION].tolist() == known.tolist()
 
 
 @pytest.mark.parametrize(
-    ("rate_hz", "mount", "echo_db", "made"),
+    ("known", "made"),
     [
-        (60.0, Mount(), None, [0, 0, 0, 0, 0, 0, 0]),
-        (60.0, Mount(level_db=50.0), None, [0, 0, 0, 0, 0, 0, 0]),
-        (60.0, Mount(), 40.0, [0, 0, 0, 0, 0, 0, 0]),
-        (
-            120.0,
-            Mount(height_m=3.0, tilt_deg=-15.0, level_db=50.0),
-            40.0,
-            [1, 1, 1, 1, -0.5, 1, -1],
-        ),
-        (1e-9, Mount(level_db=-1e9), 1e9, [-4, 0, 0, 0, 0, 1, 4]),
+        ((60.0,), [0, 0, 0, 0, 0, 0, 0]),
+        ((120.0, 3.0, -15.0, -10.0), [1, 1, 1, 1, -0.5, 1, -1]),
+        ((1e-9, None, None, 2e9), [-4, 0, 0, 0, 0, 1, 4]),
     ],
 )
-def test_what_is_known_is_told_within_bounds_and_the_rest_is_zero(rate_hz, mount, echo_db, made):
-    found = installation(rate_hz, mount, echo_db)
+def test_what_is_known_is_told_within_bounds_and_the_rest_is_zero(known, made):
+    found = installation(*known)
     assert found.dtype == np.float32
     assert found.tolist() == made
 

@@ -13,8 +13,7 @@ from radard.dsp.columns import ColumnStore, SharedSteps
 from radard.dsp.doppler import StreamingDoppler
 from radard.dsp.gram import gaussian_taper
 from radard.dsp.range_time import RangeTimeMap
-from radard.dsp.velocity import VelocityTransform
-from radard.dsp.wideband import range_dft
+from radard.dsp.velocity import VelocityTransform, range_dft
 from radard.errors import FeatureError
 from tests.dsp_helpers import X2, error, point, under_clutter
 from tests.dsp_reference import micro_doppler_direct, velocity_transform_direct

@@ -3,8 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from radard.dsp.velocity import VelocityTransform
-from radard.dsp.wideband import range_frequencies
+from radard.dsp.velocity import VelocityTransform, range_frequencies
 from radard.errors import FeatureError
 from tests.dsp_helpers import P4XX, X2, X4, error, point
 

@@ -17,8 +17,7 @@ from radard.alarm.sensor_state import KeptState, SensorState, StateStore
 from radard.cli import main
 from radard.log import EventLog
 from radard.run import control
-from radard.run.control import ask, control_path
-from radard.run.look import range_time
+from radard.run.control import ask, control_path, range_time
 from tests.daemon_helpers import told
 from tests.host_helpers import FakeHost
 from tests.processes import environ, started

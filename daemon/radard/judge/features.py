@@ -195,7 +195,7 @@ class FeatureStream:
             n_new = n_slow
         streams.push(dwell.frames[-n_new:], dwell.valid[-n_new:])
         self._end_frame = dwell.end_frame
-        inputs: dict[str, NDArray[np.float32]] = {}
+        inputs = {INSTALLATION: installation(dwell.frame_rate_hz) if known is None else known}
         if streams.doppler is not None:
             diagram = cadence_velocity_diagram(_spectrogram(streams.doppler, n_columns))
             inputs["thesis_type1"] = type1 = type1_vector(diagram, settings.n_cadence)
@@ -211,9 +211,6 @@ class FeatureStream:
             if settings.range_window == "target":
                 power = busiest_rows(power, settings.n_range_cells)
             inputs["range_time"] = shown(power, valid, settings.range_depth_db)
-        if INSTALLATION in self._names:
-            nothing = installation(dwell.frame_rate_hz)
-            inputs[INSTALLATION] = nothing if known is None else known
         for name, plugin in self._plugged.items():
             inputs[name] = _plugged_feature(plugin, dwell, settings)
         return {name: inputs[name] for name in self._names}

@@ -5,8 +5,6 @@ The strength is that of the whole body, compared with an adult before the same r
 (`mount.level_db`): for a radar whose level is known, size is evidence (`size_nats`).
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,15 +18,6 @@ _HUMAN_DB, _PET_DB, _SIGMA_DB = 2.6, -3.4, 6.2
 leave before simulated radars, of generators and recorded, and half of the middle 68 %."""
 _LEVEL_DB = 2.0  # sigma: what a walk test repeats to
 _FOR_HUMAN, _FOR_PET = 0.5, 2.0  # at most so many nats: a person may be half hidden
-
-
-@dataclass(frozen=True, slots=True)
-class Mount:
-    """Height, tilt and level of a radar; None where it is not known."""
-
-    height_m: float | None = None  # over the floor
-    tilt_deg: float | None = None  # down from level
-    level_db: float | None = None  # `echo_at_1m_db` of an adult who walks
 
 
 def echo_at_1m_db(
@@ -51,15 +40,20 @@ def echo_at_1m_db(
 
 
 def installation(
-    frame_rate_hz: float, mount: Mount = Mount(), echo_db: float | None = None
+    frame_rate_hz: float,
+    height_m: float | None = None,
+    tilt_deg: float | None = None,
+    strength_db: float | None = None,
 ) -> NDArray[np.float32]:
-    """Return the input, shape (`N_INSTALLATION`,), float32; zeros for what is not known."""
-    level_db = mount.level_db
-    strength_db = None if level_db is None or echo_db is None else echo_db - level_db
+    """Return the input, shape (`N_INSTALLATION`,), float32; zeros for what is not known.
+
+    The radar hangs `height_m` over the floor, `tilt_deg` down from level; its echo is
+    `strength_db` over an adult's.
+    """
     values = [np.log2(frame_rate_hz / _RATE_HZ)]
     for value, unit, middle in (
-        (mount.height_m, _HEIGHT_M, _HEIGHT_M),
-        (mount.tilt_deg, _TILT_DEG, 0.0),
+        (height_m, _HEIGHT_M, _HEIGHT_M),
+        (tilt_deg, _TILT_DEG, 0.0),
         (strength_db, _STRENGTH_DB, 0.0),
     ):
         values += [0.0, 0.0] if value is None else [1.0, (value - middle) / unit]

@@ -15,12 +15,16 @@ import stat
 import struct
 import threading
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from radard.alarm.panel import ARM_MODES
 from radard.alarm.sensor_state import SensorState
 from radard.outputs.registry import ANSWERED_S, wait_until
+from radard.stream.ring import FrameRing
 
 if TYPE_CHECKING:
     # Not for the other end of the line, which must answer at once.
@@ -35,6 +39,10 @@ _TAKEN_UP_S = 5.0  # a worker is never so long in one dwell
 _SLOW = "the disk has not taken it so far"
 _MAX_ADDRESS = 107  # bytes of a Unix socket's path, unix(7)
 _LOOK_S = 0.1  # a person waits
+_COLUMN_S = 0.25  # a ring holds some seventeen of them
+_MAX_ROWS = 16  # of range: a third of a screen
+_STEP_DB = 4.0  # from one level to the next; noise alone stays within the first
+_MAX_LEVEL = 4
 
 
 def control_path(folder: Path, sensor: str) -> Path:
@@ -134,9 +142,6 @@ class ControlServer:
         if name not in COMMANDS:
             raise ValueError(f"no command '{name}'; known are {', '.join(COMMANDS)}")
         if name == "look":
-            # Late: who is never looked at needs none of it.
-            from radard.run.look import look  # noqa: PLC0415
-
             return {"ok": True, **look(radar)}
         log.warning("%s: asked for on the command line", name)
         if name == "test-alarm":
@@ -229,3 +234,36 @@ def _user_of(line: socket.socket) -> int:
     size = struct.calcsize("3i")
     credentials = line.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, size)
     return int(struct.unpack("3i", credentials)[1])
+
+
+def look(sensor: "Sensor") -> dict[str, Any]:
+    """Return what holds at this moment, as JSON has it; for any thread."""
+    state, ring = sensor.panel(), sensor.ring()
+    return {
+        "status": asdict(sensor.health.status),
+        "panel": None if state is None else state.as_record(sensor.mark()),
+        "records": sensor.recent,
+        "outputs": [{"name": sink.name, **asdict(sink.state)} for sink in sensor.sinks()],
+        "picture": None if ring is None else range_time(ring),
+    }
+
+
+def range_time(ring: FrameRing) -> dict[str, Any]:
+    """Return where something moved: columns of digits 0 to 4, near to far, in steps of 4 dB."""
+    recent, range_m = ring.recent(), ring.axis.range_m
+    begin = recent.end_frame - len(recent.frames)
+    stride = max(1, round(_COLUMN_S * ring.frame_rate_hz))
+    first = -(-begin // stride)
+    n = max(0, recent.end_frame // stride - first)
+    told = {"first": first, "column_s": stride / ring.frame_rate_hz, "columns": []}
+    told["range_m"] = [float(range_m[0]), float(range_m[-1])]
+    if not n:
+        return told
+    moving = recent.frames - recent.frames.mean(axis=0)
+    at = first * stride - begin
+    power = (np.abs(moving[at : at + n * stride]) ** 2).reshape(n, stride, -1).mean(axis=1)
+    n_rows = min(_MAX_ROWS, power.shape[1])
+    rows = np.maximum.reduceat(power, np.arange(n_rows) * power.shape[1] // n_rows, axis=1)
+    over_db = 10 * np.log10(np.maximum(rows, 1e-300) / max(float(np.median(power)), 1e-300))
+    levels = np.clip(over_db // _STEP_DB, 0, _MAX_LEVEL).astype(int)
+    return {**told, "columns": ["".join(map(str, column)) for column in levels.tolist()]}

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from radard.errors import UsageError
 from radard.judge.bundle import CLASSES, Bundle
 from radard.judge.features import MAP_FEATURES, FeatureSettings
-from radard.judge.installation import INSTALLATION, N_INSTALLATION, Mount, installation
+from radard.judge.installation import INSTALLATION, N_INSTALLATION, installation
 from x2train.sets.shards import read_all
 
 Columns = Mapping[str, NDArray[Any]]
@@ -122,12 +122,9 @@ def known_of(windows: Mapping[str, NDArray[Any]]) -> NDArray[np.float32]:
         echo_db = float(windows["echo_db"][k])
         made[k] = installation(
             float(windows["frame_rate_hz"][k]),
-            Mount(
-                float(windows["height_m"][k]) if has_mount else None,
-                float(windows["tilt_deg"][k]) if has_mount else None,
-                level_db if has_level else None,
-            ),
-            echo_db if np.isfinite(echo_db) else None,
+            float(windows["height_m"][k]) if has_mount else None,
+            float(windows["tilt_deg"][k]) if has_mount else None,
+            echo_db - level_db if has_level and np.isfinite(echo_db) else None,
         )
     return made
 
