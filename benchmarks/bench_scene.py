@@ -18,7 +18,7 @@ os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
 import numpy as np
 
 from x2radar.modules.x2 import RadarSettings
-from x2radar.sim.bodies.skins.draw import SKINS
+from x2radar.sim.bodies.skins import SKINS
 from x2radar.sim.module.cost import cpu_ms, echoes
 from x2radar.sim.scene.cast import BODIES
 from x2radar.sim.scene.scene import parse_scene

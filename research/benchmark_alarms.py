@@ -23,7 +23,7 @@ from radard.judge.decision import Decision
 from radard.pipeline import Pipeline
 from radard.stream.ring import Dwell
 from study import Marks
-from x2train.judge.acceptance import SETTINGS, VERSION, AcceptSpec, Setting, accept, stream_of
+from x2train.judge.acceptance import SETTINGS, VERSION, AcceptSpec, Setting, accept
 from x2train.judge.acceptance_report import write_acceptance
 from x2train.judge.estimates import per_hour, share
 from x2train.sets.sites import Radar
@@ -58,7 +58,7 @@ class FunctionSpec(AcceptSpec):
         """Return the daemon's gate, and decisions whose alarm is the function's."""
         alarms: Any = function_of(self.model, "alarms")
         function = AlarmFunction(alarms, self.model)
-        gate_alone = Pipeline(stream_of(radar), config)
+        gate_alone = Pipeline(radar.stream(), config)
 
         def decide(dwell: Dwell) -> Decision:
             return replace(gate_alone.decide(dwell), alarm=function.is_alarm(dwell))

@@ -21,7 +21,7 @@ from radard.errors import UsageError
 from study import check_within, run_script, say, script_parser
 from x2radar.atomic import write_atomically
 from x2radar.sim.bodies.motion import MOTIONS
-from x2radar.sim.bodies.skins.draw import SKINS
+from x2radar.sim.bodies.skins import SKINS
 from x2train.commands import followed
 from x2train.judge.estimates import Ranking
 from x2train.nets.calibration import Epoch

@@ -20,7 +20,7 @@ from radard.judge.classifier import Classifier
 from radard.pipeline import Pipeline
 from x2radar.frame import StreamInfo
 from x2radar.sim.bodies.motion import MOTIONS
-from x2radar.sim.bodies.skins.draw import SKINS
+from x2radar.sim.bodies.skins import SKINS
 from x2radar.sim.points import Label
 from x2train.judge.acceptance import Setting, site_of
 from x2train.judge.estimates import Estimate, share

@@ -135,13 +135,8 @@ def new_parser(prog: str, description: str, examples: str) -> Parser:
     return parser
 
 
-def installed_version() -> str:
-    """Return the version of the installed distribution, or 'unknown'."""
-    return version_of(DISTRIBUTION)
-
-
-def version_of(distribution: str) -> str:
-    """Return the version of an installed distribution, or 'unknown'."""
+def installed_version(distribution: str = DISTRIBUTION) -> str:
+    """Return the version of an installed distribution, this one by default, or 'unknown'."""
     # Late: it loads much, and signals must be heard before.
     from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415
 

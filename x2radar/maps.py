@@ -14,6 +14,7 @@ from x2radar.frame import FastTimeAxis, Samples
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 
 CPI_S = 28 / 60  # length of a CPI: that of the thesis, which resolves 0.05 m/s at 6.8 GHz
+_COLUMN_RATE_HZ, _MAX_MPS = 15.0, 4.0
 CELL_M = 0.05  # range cell of `range_time`: half of what 1.75 GHz of bandwidth resolve
 _MAX_FREQUENCIES = 64  # the band of an X2 over its swath has 33 independent ones
 
@@ -21,9 +22,9 @@ Reals = NDArray[np.float64]
 
 
 def range_time(
-    samples: Samples, axis: FastTimeAxis, frame_rate_hz: float, column_rate_hz: float = 15.0
+    samples: Samples, axis: FastTimeAxis, frame_rate_hz: float
 ) -> tuple[Reals, Reals, Reals]:
-    """Return the power of what moves, by range and time.
+    """Return the power of what moves, by range and time, in about 15 columns a second.
 
     Parameters
     ----------
@@ -33,8 +34,6 @@ def range_time(
         Their axis.
     frame_rate_hz : float
         Frames per second.
-    column_rate_hz : float
-        Columns wanted per second.
 
     Returns
     -------
@@ -60,7 +59,7 @@ def range_time(
     >>> power.shape, float(range_m[power.sum(axis=1).argmax()])
     ((60, 24), 2.0)
     """
-    n_cpi, starts, t_s = _columns(len(samples), frame_rate_hz, column_rate_hz)
+    n_cpi, starts, t_s = _columns(len(samples), frame_rate_hz)
     power = np.empty((len(starts), samples.shape[1]))
     wide = np.complex128 if samples.dtype.kind == "c" else np.float64
     for k, first in enumerate(starts.tolist()):
@@ -74,14 +73,9 @@ def range_time(
 
 
 def velocity_time(
-    samples: Samples,
-    axis: FastTimeAxis,
-    frame_rate_hz: float,
-    *,
-    max_mps: float = 4.0,
-    column_rate_hz: float = 15.0,
+    samples: Samples, axis: FastTimeAxis, frame_rate_hz: float
 ) -> tuple[Reals, Reals, Reals]:
-    """Return power by radial velocity and time; approaching is positive.
+    """Return power by radial velocity, up to 4 m/s, and time; approaching is positive.
 
     The wide band tells velocities from their aliases: each frequency of the pulse is matched
     with its own Doppler shift, 2 v f / c, and the powers are summed, so that only the true
@@ -89,10 +83,8 @@ def velocity_time(
 
     Parameters
     ----------
-    samples, axis, frame_rate_hz, column_rate_hz
+    samples, axis, frame_rate_hz
         As for `range_time`.
-    max_mps : float
-        Greatest speed, in metres per second.
 
     Returns
     -------
@@ -124,9 +116,9 @@ def velocity_time(
     >>> round(float(v_mps[power.sum(axis=1).argmax()]), 1)
     1.5
     """
-    n_cpi, starts, t_s = _columns(len(samples), frame_rate_hz, column_rate_hz)
+    n_cpi, starts, t_s = _columns(len(samples), frame_rate_hz)
     step_mps = SPEED_OF_LIGHT_MPS * frame_rate_hz / (2 * axis.carrier_hz * n_cpi)
-    n_side = max(1, round(2 * max_mps / step_mps))
+    n_side = max(1, round(2 * _MAX_MPS / step_mps))
     velocity_mps: Reals = np.arange(-n_side, n_side + 1, dtype=np.float64) * (step_mps / 2)
     lines, frequency_hz = _in_band(samples, axis)
     at_s = np.arange(n_cpi) / frame_rate_hz
@@ -171,15 +163,13 @@ def spectrum(samples: Samples, axis: FastTimeAxis) -> tuple[Reals, Reals, Reals]
     return total[order], lines.var(axis=0)[order], frequency_hz[order]
 
 
-def _columns(
-    n_frames: int, frame_rate_hz: float, column_rate_hz: float
-) -> tuple[int, NDArray[np.int64], Reals]:
+def _columns(n_frames: int, frame_rate_hz: float) -> tuple[int, NDArray[np.int64], Reals]:
     """Return the frames of a CPI, where the CPIs begin, and their middles in seconds."""
     n_cpi = max(4, round(CPI_S * frame_rate_hz))
     if n_frames < n_cpi:
         msg = f"{n_frames} frames: at least {n_cpi} are needed, {CPI_S:.2f} s of them"
         raise SettingsError(msg)
-    stride = max(1, round(frame_rate_hz / column_rate_hz))
+    stride = max(1, round(frame_rate_hz / _COLUMN_RATE_HZ))
     starts: NDArray[np.int64] = np.arange(0, n_frames - n_cpi + 1, stride, dtype=np.int64)
     middles_s: Reals = (starts.astype(np.float64) + n_cpi / 2) / frame_rate_hz
     return n_cpi, starts, middles_s

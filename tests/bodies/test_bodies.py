@@ -11,7 +11,7 @@ from x2radar.errors import SceneError
 from x2radar.sim.bodies.motion import MOTIONS
 from x2radar.sim.bodies.motion.people.gait import STYLES
 from x2radar.sim.bodies.skeleton.species import SPECIES
-from x2radar.sim.bodies.skins.draw import SKINS
+from x2radar.sim.bodies.skins import SKINS
 from x2radar.sim.points import Pose
 from x2radar.sim.things import THINGS, draw_mount, draw_thing
 

@@ -9,7 +9,7 @@ from x2radar.sim.bodies.motion import recorded
 from x2radar.sim.bodies.motion.recorded import draw_recorded, read_motion
 from x2radar.sim.bodies.skeleton.people import PERSON
 from x2radar.sim.bodies.skeleton.quadrupeds import QUADRUPED
-from x2radar.sim.bodies.skins.draw import SKINS
+from x2radar.sim.bodies.skins import SKINS
 from x2radar.sim.scene.scene import parse_scene
 
 # A trunk of 50 cm on a root, with an arm of 40 cm; y is up, centimetres, 10 frames a second.

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from tests.body_helpers import ANTENNA_M
 from x2radar.sim.bodies.skeleton.people import PERSON, draw_person_build
+from x2radar.sim.bodies.skins import SKINS, draw_skin, sized
 from x2radar.sim.bodies.skins.base import SKIN_REFLECTION
-from x2radar.sim.bodies.skins.draw import SKINS, draw_skin, sized
 from x2radar.sim.bodies.skins.surface import SHADOW_DB, SPREAD_DB, AspectFluctuation, SurfaceSkin
 from x2radar.sim.place.antenna import Antenna
 from x2radar.sim.points import Pose

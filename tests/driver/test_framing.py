@@ -158,13 +158,3 @@ def test_any_packets_cut_anywhere(packets: list, places: list[int]) -> None:
     expected = [Packet(data) for data, packing in packets]
     assert decode(cut(stream, places)) == expected
     assert decode(stream[k : k + 1] for k in range(len(stream))) == expected
-
-
-@pytest.mark.parametrize("half", [encode(b"\x10\x11")[:-1], encode(b"\x01", Packing.LENGTH)[:6]])
-def test_reset_forgets_half_a_packet(half: bytes) -> None:
-    decoder = PacketDecoder()
-    assert decoder.feed(half) == []
-    assert decoder.n_buffered == len(half)
-    decoder.reset()
-    assert decoder.n_buffered == 0
-    assert decoder.feed(encode(b"\x10")) == [Packet(b"\x10")]

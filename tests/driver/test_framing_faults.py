@@ -348,20 +348,3 @@ def test_the_same_packets_come_of_a_line_byte_by_byte(pieces: list[str], told: l
     items = [item for out, _ in read(alone) for item in out if isinstance(item, Packet)]
     expected = [item for out, _ in told for item in out if isinstance(item, Packet)]
     assert items == expected
-
-
-def test_a_reset_forgets_how_far_a_packet_was_searched() -> None:
-    decoder = PacketDecoder()
-    assert decoder.feed(bytes.fromhex("7d 7c 01")) == []
-    decoder.reset()
-    assert decoder.feed(b"\x7e") == [LineFault(Fault.JUNK, 1)]
-    assert decoder.feed(bytes.fromhex(ACK)) == [SOUND]
-    decoder.feed(bytes.fromhex("7d 01 02 03 04 05 06 07"))
-    decoder.reset()
-    assert decoder.feed(bytes.fromhex(ACK)) == [SOUND]
-    assert decoder.n_buffered == 0
-    # And that a fast packet may have an end flag.
-    decoder = PacketDecoder()
-    assert decoder.feed(bytes.fromhex("7d 51 01 00 00 00 64 49")) == [Packet(b"\x64")]
-    decoder.reset()
-    assert decoder.feed(b"\x7e") == [LineFault(Fault.JUNK, 1)]

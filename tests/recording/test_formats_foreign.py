@@ -10,11 +10,11 @@ from scipy.io import savemat
 from tests.radar_helpers import noise
 from tests.recording_helpers import content, make
 from x2radar.errors import RecordingError
+from x2radar.frame import count_by_stamps
 from x2radar.recording.about import Overrides
 from x2radar.recording.formats.xethru import META, X4_BIN_LENGTH_M, XethruReader
 from x2radar.recording.formats.xethru import write as write_xethru
 from x2radar.recording.registry import open_recording
-from x2radar.recording.stamps import count_by_stamps
 
 PERIOD_S = 0.0327996
 

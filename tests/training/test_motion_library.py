@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from tests.training.motion_helpers import RATE_HZ, stander, walker, write_clip
 from x2radar.errors import SceneError
-from x2radar.sim.bodies.skins.draw import SKINS
+from x2radar.sim.bodies.skins import SKINS
 from x2train.cli import main
 from x2train.motion.clips import read_clip, read_clips
 from x2train.motion.library import cards_of, draw_recorded_body, read_library

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from x2radar import wall_clock
-from x2radar.command import installed_version, version_of
+from x2radar.command import installed_version
 from x2radar.commands import Commands, add_command, check_above_zero
 from x2radar.device.device import X2Radar
 from x2radar.errors import DeviceError, PortError, ReadTimeout, TransportClosed
@@ -94,7 +94,7 @@ def _run(args: argparse.Namespace) -> int:
             "x2radar": installed_version(),
             "python": platform.python_version(),
             "system": platform.system(),
-            **{name: version_of(name) for name in ("numpy", "pyserial", "h5py")},
+            **{name: installed_version(name) for name in ("numpy", "pyserial", "h5py")},
         },
         "port": args.port,
         "started_utc": wall_clock.utc_text(now, "seconds"),

@@ -10,6 +10,7 @@ import os
 import re
 import select
 import threading
+import tty
 from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
@@ -210,8 +211,6 @@ class PtyTransport:
     is_usb = False
 
     def __init__(self) -> None:
-        import tty  # noqa: PLC0415 - not on Windows, where everything else here works
-
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)

@@ -57,7 +57,7 @@ class CaptureWriter:
     def __init__(self, path: Path, about: Mapping[str, Any]) -> None:
         self._path = path
         head = json.dumps(dict(about), default=str).encode()
-        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | getattr(os, "O_BINARY", 0)
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND
         try:
             self._file = os.open(path, flags, 0o644)
         except FileExistsError as err:

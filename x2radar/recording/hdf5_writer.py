@@ -55,9 +55,7 @@ class RecordingWriter(Closing):
         self._first_index = first_index
         self._fsync = fsync
         self.n_frames = 0
-        # An open file cannot be renamed on Windows.
-        hidden = path.with_name(f".{path.name}.{os.getpid()}.new")
-        self._made_as = path if os.name == "nt" else hidden
+        self._made_as = path.with_name(f".{path.name}.{os.getpid()}.new")
         try:
             if path.exists():
                 raise FileExistsError(errno.EEXIST, "exists already")
@@ -74,7 +72,7 @@ class RecordingWriter(Closing):
                 self._file.close()
             self._made_as.unlink(missing_ok=True)
             raise WriteError.of(path, reason(err)) from err
-        self._published = self._made_as == path
+        self._published = False
 
     def _begin(self, stream: StreamInfo, attributes: Mapping[str, Any]) -> None:
         self._file.attrs.update(attributes)

@@ -153,14 +153,6 @@ class PacketDecoder:
         """Bytes held back because their packet is not complete; at most `MAX_PACKET` + 1 read."""
         return len(self._buffer) - self._given_out
 
-    def reset(self) -> None:
-        """Forget what is buffered, as after a reopened port."""
-        self._buffer.clear()
-        self._scanned = 0
-        self._given_out = 0
-        self._end_may_follow = False
-        self._hunting = False
-
     def feed(self, data: bytes | bytearray) -> list[Packet | LineFault]:
         """Take any piece of the stream; return what it completes, in order.
 

@@ -86,13 +86,6 @@ class Session:
         """Return the next event, or None when more bytes are needed."""
         return self._events.popleft() if self._events else None
 
-    def reset(self) -> None:
-        """Forget everything, as after the port was reopened."""
-        self._decoder.reset()
-        self._events.clear()
-        self._to_send.clear()
-        self.outstanding = None
-
     def _read(self, item: Packet | LineFault) -> Event:
         if isinstance(item, LineFault):
             return Damaged(item.fault.value, item.n_bytes)

@@ -15,16 +15,14 @@ def register(commands: Commands) -> None:
         commands,
         "accept",
         "the acceptance test of a product: what a buyer asks, entry by entry",
-        (
-            "examples:\n"
-            "  train-export accept --out accept/shipped              twenty minutes of one core\n"
-            "  train-export accept --share 0.1 --out accept/short    a tenth of every entry\n"
-            "  train-export accept --model mine.onnx --out accept/mine\n"
-            "  train-export accept --level --out accept/level        as after a walk test\n"
-            "\n"
-            "A run that was interrupted goes on where it stopped; the number of workers changes\n"
-            "nothing.\n"
-        ),
+        "examples:\n"
+        "  train-export accept --out accept/shipped              twenty minutes of one core\n"
+        "  train-export accept --share 0.1 --out accept/short    a tenth of every entry\n"
+        "  train-export accept --model mine.onnx --out accept/mine\n"
+        "  train-export accept --level --out accept/level        as after a walk test\n"
+        "\n"
+        "A run that was interrupted goes on where it stopped; the number of workers changes\n"
+        "nothing.\n",
     )
     add = parser.add_argument
     add(

@@ -10,7 +10,7 @@ from radard.judge.features import MAP_FEATURES, FeatureSettings
 from radard.judge.installation import INSTALLATION
 from x2radar.commands import add_command
 from x2radar.sim.bodies.motion import MOTIONS
-from x2radar.sim.bodies.skins.draw import SKINS
+from x2radar.sim.bodies.skins import SKINS
 from x2train.commands import Commands, add_crew, check_least, crew_of, result_console
 
 FEATURES = FeatureSettings(
@@ -38,15 +38,13 @@ def register(commands: Commands) -> None:
         commands,
         "dataset",
         "simulate passages into shards of windows",
-        (
-            "examples:\n"
-            "  train-export dataset --out sets/train --passages 24000\n"
-            "  train-export dataset --out sets/big --passages 1000000 --cluster tcp://host:8786\n"
-            "  train-export dataset --out sets/guard --families 'held out' --like accurate\n"
-            "  train-export dataset --out sets/laws --motion gait footfalls angles \\\n"
-            "      --skin surface points ellipsoids capsules --physical 0.5\n"
-            "  train-export dataset --out sets/pendulum --families pendulum --passages 2000\n"
-        ),
+        "examples:\n"
+        "  train-export dataset --out sets/train --passages 24000\n"
+        "  train-export dataset --out sets/big --passages 1000000 --cluster tcp://host:8786\n"
+        "  train-export dataset --out sets/guard --families 'held out' --like accurate\n"
+        "  train-export dataset --out sets/laws --motion gait footfalls angles \\\n"
+        "      --skin surface points ellipsoids capsules --physical 0.5\n"
+        "  train-export dataset --out sets/pendulum --families pendulum --passages 2000\n",
     )
     add = parser.add_argument
     add("--out", type=Path, required=True, help="folder of the set; what is there is kept")

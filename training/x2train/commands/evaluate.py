@@ -20,15 +20,13 @@ def register(commands: Commands) -> None:
         commands,
         "evaluate",
         "judge a bundle on simulated passages, write a report",
-        (
-            "examples:\n"
-            "  train-export evaluate --model balanced --out report/balanced\n"
-            "  train-export evaluate --model fast --against report/balanced --out report/fast\n"
-            "  train-export evaluate --model thesis --radar thesis --out report/thesis\n"
-            "  train-export evaluate --only fan 'empty room' --passages 240 --out report/quiet\n"
-            "  train-export evaluate --model mine.onnx --card --out report/mine\n"
-            "  train-export evaluate --model auto --recordings home.csv --out report/home\n"
-        ),
+        "examples:\n"
+        "  train-export evaluate --model balanced --out report/balanced\n"
+        "  train-export evaluate --model fast --against report/balanced --out report/fast\n"
+        "  train-export evaluate --model thesis --radar thesis --out report/thesis\n"
+        "  train-export evaluate --only fan 'empty room' --passages 240 --out report/quiet\n"
+        "  train-export evaluate --model mine.onnx --card --out report/mine\n"
+        "  train-export evaluate --model auto --recordings home.csv --out report/home\n",
     )
     add = parser.add_argument
     add("--model", default=DEFAULT_MODEL, help=f"bundle by name or file ({DEFAULT_MODEL})")
@@ -56,13 +54,6 @@ def register(commands: Commands) -> None:
     parser.set_defaults(run=_run)
 
 
-def _check_against(folder: Path, radar: str) -> None:
-    """Refuse a folder whose passages are before other radars."""
-    other = about_of(folder)["radar"]
-    if other != radar:
-        raise UsageError(f"--against {folder.parent}: judged with --radar {other}, not {radar}")
-
-
 def _run(args: argparse.Namespace) -> int:
     check_least(args, passages=1, seed=0, workers=1)
     # Late: the simulator takes a second, and --help must not.
@@ -88,7 +79,9 @@ def _run(args: argparse.Namespace) -> int:
     other: PassageTable | None = None
     if args.against:
         other = PassageTable.load(args.against / "passages")
-        _check_against(args.against / "passages", args.radar)
+        if (radar := about_of(args.against / "passages")["radar"]) != args.radar:
+            msg = f"--against {args.against}: judged with --radar {radar}, not {args.radar}"
+            raise UsageError(msg)
     spec = JudgeSpec(
         model=args.model,
         seed=args.seed,
@@ -99,8 +92,12 @@ def _run(args: argparse.Namespace) -> int:
     )
     spec.check(bundle)
     n_all = args.passages + n_more_pets(args.pet_hours, args.passages, args.only)
-    about = {"kind": "passages", **asdict(spec)}
-    about |= {"judges_as": bundle.judges_as, "gate": GATE.model_dump()}
+    about = {
+        "kind": "passages",
+        **asdict(spec),
+        "judges_as": bundle.judges_as,
+        "gate": GATE.model_dump(),
+    }
     with crew_of(args) as crew:
         make_shards(args.out / "passages", about, n_all, spec, crew, per_shard=200)
     table = PassageTable.load(args.out / "passages")

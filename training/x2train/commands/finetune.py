@@ -20,16 +20,14 @@ def register(commands: Commands) -> None:
         commands,
         "finetune",
         "teach a bundle one's own pet",
-        (
-            "examples:\n"
-            "  train-export dataset --out sets/guard --families 'held out' --like accurate\n"
-            "  train-export dataset --out sets/mix --families train --like accurate --seed 73\n"
-            "  train-export finetune --labels ~/.local/state/radard/labels.jsonl "
-            "--guard sets/guard --mix sets/mix\n"
-            "  train-export finetune rex1.h5=pet rex2.h5=pet me.h5=human --guard sets/guard "
-            "--mix sets/mix\n"
-            "  radard --model own.onnx\n"
-        ),
+        "examples:\n"
+        "  train-export dataset --out sets/guard --families 'held out' --like accurate\n"
+        "  train-export dataset --out sets/mix --families train --like accurate --seed 73\n"
+        "  train-export finetune --labels ~/.local/state/radard/labels.jsonl "
+        "--guard sets/guard --mix sets/mix\n"
+        "  train-export finetune rex1.h5=pet rex2.h5=pet me.h5=human --guard sets/guard "
+        "--mix sets/mix\n"
+        "  radard --model own.onnx\n",
     )
     add = parser.add_argument
     add("clips", nargs="*", metavar="FILE=LABEL", help="human, pet, other or wrong (no human)")
@@ -50,7 +48,7 @@ def _run(args: argparse.Namespace) -> int:
     # Late: torch takes seconds, and --help must not.
     from x2train.finetune.finetune import Tuned, rows_of, tune, write_finetuned  # noqa: PLC0415
     from x2train.finetune.guard import load_guard  # noqa: PLC0415
-    from x2train.finetune.own_clips import (  # noqa: PLC0415  # noqa: PLC0415
+    from x2train.finetune.own_clips import (  # noqa: PLC0415
         judge_of,
         labelled_clips,
         merged,

@@ -55,10 +55,8 @@ def register(commands: Commands) -> None:
         commands,
         "fit",
         "train a network on sets of windows, write a bundle",
-        (
-            "example:\n"
-            "  train-export fit --train sets/train --validate sets/validate --name balanced\n"
-        ),
+        "example:\n"
+        "  train-export fit --train sets/train --validate sets/validate --name balanced\n",
     )
     add = parser.add_argument
     add("--train", type=Path, nargs="+", required=True, help="sets to train on")

@@ -18,12 +18,10 @@ def register(commands: Commands) -> None:
         commands,
         "temporal",
         "teach a bundle to integrate evidence over successive windows",
-        (
-            "example:\n"
-            "  train-export dataset --out sets/long --passages 8000 --longest 18\n"
-            "  train-export temporal --model models/mine.onnx --train sets/train sets/long "
-            "--validate sets/check\n"
-        ),
+        "example:\n"
+        "  train-export dataset --out sets/long --passages 8000 --longest 18\n"
+        "  train-export temporal --model models/mine.onnx --train sets/train sets/long "
+        "--validate sets/check\n",
     )
     add = parser.add_argument
     add(

@@ -21,9 +21,8 @@ from radard.judge.decision import Decision
 from radard.judge.model_choice import model_for
 from radard.pipeline import Pipeline
 from radard.stream.ring import Dwell
-from x2radar.frame import StreamInfo
 from x2radar.sim.bodies.motion import MOTIONS
-from x2radar.sim.bodies.skins.draw import SKINS
+from x2radar.sim.bodies.skins import SKINS
 from x2radar.sim.place.antenna import Antenna
 from x2radar.sim.scene.scene import SceneStep
 from x2train.judge.judging import Knows, dwells, from_decisions, in_view, installed, pipeline_for
@@ -146,11 +145,6 @@ def _entries() -> tuple[Entry, ...]:
     return tuple(rows)
 
 
-def stream_of(radar: Radar) -> StreamInfo:
-    """Return what the daemon is told of a radar's stream."""
-    return StreamInfo(radar.axis(), radar.frame_rate_hz, radar.name)
-
-
 ENTRIES: tuple[Entry, ...] = _entries()  # every entry
 
 
@@ -180,7 +174,7 @@ class AcceptSpec:
     @property
     def files(self) -> dict[str, str]:
         """Who judges: the bundles, with what each one's decisions follow from as a hash."""
-        names = sorted({model_for(self.model, stream_of(s.radar)) for s in self.settings})
+        names = sorted({model_for(self.model, s.radar.stream()) for s in self.settings})
         return {name: load_bundle(name).judges_as for name in names}
 
     @property
@@ -256,7 +250,7 @@ class AcceptSpec:
 
     def judge(self, radar: Radar, config: Config) -> tuple[Pipeline, _Decide]:
         """Return what makes windows of a radar's frames, and what decides on each."""
-        pipeline = pipeline_for(radar, model_for(self.model, stream_of(radar)), config=config)
+        pipeline = pipeline_for(radar, model_for(self.model, radar.stream()), config=config)
         return pipeline, pipeline.decide
 
 

@@ -20,7 +20,7 @@ from radard.judge.classifier import Classifier
 from radard.judge.decision import Decision
 from radard.pipeline import Pipeline
 from radard.stream.ring import Dwell
-from x2radar.frame import FastTimeAxis, Frame, StreamInfo
+from x2radar.frame import FastTimeAxis, Frame
 from x2radar.recording.blocks import BlockReader
 from x2train.judge.suites import SUITES, Suite, check_suites, suite_of
 from x2train.judge.table import Columns, passage_columns
@@ -118,8 +118,7 @@ def pipeline_for(
 ) -> Pipeline:
     """Return the daemon's pipeline for a radar's frames."""
     config = with_policy(config or Config(), policy)
-    stream = StreamInfo(radar.axis(), radar.frame_rate_hz, radar.name)
-    return Pipeline(stream, config, _classifier(model), judges_tracks=judges_tracks)
+    return Pipeline(radar.stream(), config, _classifier(model), judges_tracks=judges_tracks)
 
 
 def with_policy(config: Config, policy: str) -> Config:

@@ -33,7 +33,6 @@ class RawMotion:
 
     name: str
     joints: tuple[str, ...]
-    parents: tuple[int, ...]
     position: Array  # (n_frames, n_joints, 3)
     frame_rate_hz: float
 
@@ -58,8 +57,8 @@ def read_motions(
 def _read(path: Path, asf: Path | None, rate_hz: float) -> Iterator[RawMotion]:
     suffix = path.suffix.lower()
     if suffix == ".bvh":
-        joints, parents, position, own_hz = read_bvh(path.read_text("utf-8-sig"))
-        yield RawMotion(path.stem, tuple(joints), tuple(parents), position, own_hz)
+        joints, _, position, own_hz = read_bvh(path.read_text("utf-8-sig"))
+        yield RawMotion(path.stem, tuple(joints), position, own_hz)
     elif suffix == ".amc":
         skeleton = _read_asf((asf or _asf_of(path)).read_text("latin-1"))
         yield _read_amc(path.read_text("latin-1"), skeleton, path.stem, rate_hz)
@@ -75,11 +74,10 @@ def _read_npz(path: Path) -> RawMotion:
     with np.load(path, allow_pickle=False) as data:
         position = np.asarray(data["positions"], np.float64)
         joints = tuple(str(name) for name in data["joints"])
-        parents = tuple(int(k) for k in data["parents"])
         rate_hz = float(data["frame_rate_hz"])
     if position.ndim != 3 or position.shape[1:] != (len(joints), 3):
         raise ValueError(f"positions of shape {position.shape} for {len(joints)} joints")
-    return RawMotion(path.stem, joints, parents, position, rate_hz)
+    return RawMotion(path.stem, joints, position, rate_hz)
 
 
 # ---------------------------------------------------------------- Acclaim
@@ -156,7 +154,7 @@ def _read_amc(text: str, bones: dict[str, _Bone], name: str, rate_hz: float) -> 
             frames.append({})
         else:
             frames[-1][words[0]] = [float(x) for x in words[1:]]
-    n, names = len(frames), list(bones)
+    n = len(frames)
     if not 1 <= n <= _MAX_FRAMES:
         raise ValueError(f"{n} frames; 1 to {_MAX_FRAMES} can be read")
     place = np.zeros((n, len(bones), 3))
@@ -177,8 +175,7 @@ def _read_amc(text: str, bones: dict[str, _Bone], name: str, rate_hz: float) -> 
         turn = turns[bone.parent] * (bone.axes * local * bone.axes.inv())
         turns.append(turn)
         place[:, k] = place[:, bone.parent] + turn.apply(bone.offset)
-    parents = tuple(bone.parent for bone in bones.values())
-    return RawMotion(name, tuple(names), parents, place, rate_hz)
+    return RawMotion(name, tuple(bones), place, rate_hz)
 
 
 # ---------------------------------------------------------------- glTF
@@ -211,12 +208,11 @@ def _read_gltf(path: Path) -> Iterator[RawMotion]:
                 turn[k] = up @ local_turn
             else:
                 place[k], turn[k] = local_place, local_turn
-        kept = {k: i for i, k in enumerate(sorted(joints, key=order.index))}
+        joints.sort(key=order.index)
         yield RawMotion(
             f"{path.stem}_{animation.name or number}",
-            tuple(nodes[k].name or f"node {k}" for k in kept),
-            tuple(_nearest(k, parents, kept) for k in kept),
-            np.stack([place[k] for k in kept], axis=1),
+            tuple(nodes[k].name or f"node {k}" for k in joints),
+            np.stack([place[k] for k in joints], axis=1),
             _GLTF_RATE_HZ,
         )
 
@@ -226,15 +222,6 @@ def _depth(k: int, parents: Mapping[int, int]) -> int:
     while k in parents:
         k, depth = parents[k], depth + 1
     return depth
-
-
-def _nearest(k: int, parents: Mapping[int, int], kept: Mapping[int, int]) -> int:
-    """Return the number of the nearest ancestor that is kept; -1 without one."""
-    while k in parents:
-        k = parents[k]
-        if k in kept:
-            return kept[k]
-    return -1
 
 
 def _curves(gltf: Any, animation: Any) -> dict[tuple[int, str], tuple[Array, Array]]:

@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from x2radar.frame import FastTimeAxis
+from x2radar.frame import FastTimeAxis, StreamInfo
 from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.place.antenna import Antenna
 from x2radar.sim.place.multipath import Surface, TailSettings
@@ -49,6 +49,10 @@ class Radar:
             bandwidth_hz=self.bandwidth_hz,
             sample_rate_hz=SAMPLE_RATE_HZ,
         )
+
+    def stream(self) -> StreamInfo:
+        """Return what the daemon is told of its stream."""
+        return StreamInfo(self.axis(), self.frame_rate_hz, self.name)
 
 
 X2 = Radar(

@@ -18,7 +18,7 @@ from radard.judge.features import MAP_FEATURES, FeatureSettings, FeatureStream
 from radard.judge.installation import echo_at_1m_db
 from radard.stream.ring import Dwell, DwellShape
 from x2radar.sim.bodies.motion import MOTIONS
-from x2radar.sim.bodies.skins.draw import SKINS
+from x2radar.sim.bodies.skins import SKINS
 from x2train.sets.families import FAMILIES, LABELS, Use, draw_cast, draw_goer
 from x2train.sets.passages import BodyModel, Passage, level_db_of, play
 from x2train.sets.sites import RadarKind, RoomKind, clear_site, draw_close, draw_radar, draw_site

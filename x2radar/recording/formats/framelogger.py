@@ -26,12 +26,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.errors import SettingsError
-from x2radar.frame import Samples
+from x2radar.frame import Samples, count_by_stamps
 from x2radar.modules.x2 import PULSE_GENERATORS, SPEED_OF_LIGHT_MPS
 from x2radar.recording.about import MAX_BINS, NO_OVERRIDES, Overrides
 from x2radar.recording.blocks import BlockReader
 from x2radar.recording.faults import refuse
-from x2radar.recording.stamps import count_by_stamps
 
 _MAGIC = 0xFEFE00A2
 _ASSUMED_SAMPLE_RATE_HZ = 39e9  # a user's figure of an X2's sampler (docs/research/hardware.md)

@@ -29,12 +29,12 @@ from typing import Any
 import numpy as np
 
 from x2radar.errors import RecordingError, SettingsError
+from x2radar.frame import count_by_stamps
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 from x2radar.recording import about
 from x2radar.recording.about import NO_OVERRIDES, Overrides
 from x2radar.recording.blocks import BlockReader, Label
 from x2radar.recording.faults import refuse
-from x2radar.recording.stamps import count_by_stamps
 
 MAX_BYTES = 1 << 30  # Unpacked: an hour of scans of a P440; the file is held as a whole
 _HEAD_BYTES, _TEXT_BYTES = 128, 116

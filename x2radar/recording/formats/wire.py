@@ -86,7 +86,7 @@ class WireReader(BlockReader):
             if assembler is None and _starts(host, chunk):
                 assembler = FrameAssembler(self._module)
             if chunk.kind == OPENED:
-                session.reset()
+                session = Session()
             if chunk.kind == FROM_MODULE:
                 yield from self._frames_in(chunk, session, assembler)
 

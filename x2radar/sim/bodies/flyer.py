@@ -12,7 +12,7 @@ import numpy as np
 
 from x2radar.keys import Key
 from x2radar.sim.bodies.body import Body, BodyPlan
-from x2radar.sim.bodies.skins.draw import TotalRcs
+from x2radar.sim.bodies.skins import TotalRcs
 from x2radar.sim.bodies.wander import Wander, smooth_step
 from x2radar.sim.points import Array, Label, Motion, Pose
 

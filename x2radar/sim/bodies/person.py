@@ -19,7 +19,7 @@ from x2radar.sim.bodies.motion.people.walking import OnFeet
 from x2radar.sim.bodies.path.courses import draw_course
 from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.bodies.skeleton.people import PERSON, PersonBuild, draw_person_build
-from x2radar.sim.bodies.skins.draw import TotalRcs
+from x2radar.sim.bodies.skins import TotalRcs
 from x2radar.sim.points import Array, Motion
 
 _N_LOOKS = 16  # over which the mean cross section is taken

@@ -20,7 +20,7 @@ from x2radar.sim.bodies.path.courses import Waypoints, apart, draw_course, off_w
 from x2radar.sim.bodies.path.path import Agility, Path
 from x2radar.sim.bodies.skeleton.quadrupeds import QUADRUPED, QuadrupedBuild, draw_build
 from x2radar.sim.bodies.skeleton.species import SPECIES, Species
-from x2radar.sim.bodies.skins.draw import TotalRcs
+from x2radar.sim.bodies.skins import TotalRcs
 from x2radar.sim.points import Motion
 
 _MAX_FROUDE = 25.0  # a cat at 8 m/s, a dog at 10: nothing in a home is faster

@@ -17,7 +17,7 @@ _BLOCK_SAMPLES = 1 << 17  # exponentials held at a time: 1 MiB, a core's second-
 
 
 def frames(range_m: Array, amplitude: Amplitude, task: Task, floor: float) -> Frames:
-    """Return frames by the echo sum over all bins; arguments as of `choose.frames`.
+    """Return frames by the echo sum over all bins; arguments as of `echo.frames`.
 
     ``sum_k a_k g(x - R_k) exp(-j 4 pi R_k / lambda)`` (2.19), or that on its carrier (2.12).
     Error below 1e-7 of the sum of amplitudes, whatever was asked for.

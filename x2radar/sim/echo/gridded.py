@@ -43,7 +43,7 @@ _USUAL_POINTS = 20  # of a body
 
 
 def frames(range_m: Array, amplitude: Amplitude, task: Task, floor: float) -> Frames:
-    """Return frames by way of a coarse grid; arguments as of `choose.frames`.
+    """Return frames by way of a coarse grid; arguments as of `echo.frames`.
 
     The error is over the sum of the amplitudes of the echoes near the bin; further than about 18
     sigma from an echo it is zero. Raises SceneError, too, where bins are longer than a third of

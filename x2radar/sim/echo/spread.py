@@ -97,7 +97,7 @@ def _add(
 
 
 def frames(range_m: Array, amplitude: Amplitude, task: Task, floor: float) -> Frames:
-    """Return frames from the bins that echoes touch; arguments as of `choose.frames`.
+    """Return frames from the bins that echoes touch; arguments as of `echo.frames`.
 
     The error is over the sum of the amplitudes of the echoes that reach the bin; a bin that
     none reaches is exactly zero.

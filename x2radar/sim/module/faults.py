@@ -121,16 +121,6 @@ class Dice:
         return share > 0 and bool(self._generators[kind].random() < share)
 
 
-@dataclass(frozen=True, slots=True)
-class FrameFate:
-    """What becomes of one frame: how often it is sent, and what the module does instead."""
-
-    n_copies: int = 1
-    restarts_counter: bool = False
-    reboots: bool = False
-
-
-_AS_IT_SHOULD = FrameFate()
 _ON_FRAMES = {"drop_frames", "duplicate", "spike", "clip", "counter_restart", "reboot"}
 
 
@@ -146,16 +136,19 @@ class ModuleFaults:
         self.not_ready_s = plan.get("not_ready", 0.0)
         self.announces_ready = not (self.not_ready_s or plan.get("safe_mode"))
 
-    def frame(self, samples: np.ndarray) -> tuple[np.ndarray, FrameFate]:
-        """Return a frame as the module makes it, and what becomes of it."""
+    def frame(self, samples: np.ndarray) -> tuple[np.ndarray, int, bool, bool]:
+        """Return a frame as the module makes it, and how often it is sent.
+
+        And whether the counter begins again, and the module restarts.
+        """
         if not self._touches_frames:
-            return samples, _AS_IT_SHOULD
+            return samples, 1, False, False
         falls = self._dice.falls
         restarts_counter, reboots = falls("counter_restart"), falls("reboot")
         n_copies = 1 + falls("duplicate")
         if falls("drop_frames"):
             n_copies = 0
-        return self._converted(samples), FrameFate(n_copies, restarts_counter, reboots)
+        return self._converted(samples), n_copies, restarts_counter, reboots
 
     def refusal(self, command: Message, *, is_ready: bool) -> Message | None:
         """Return what a module in trouble answers, or None when it obeys."""

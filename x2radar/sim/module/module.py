@@ -123,7 +123,7 @@ class SimulatedModule:
         self._reset_due_s = self._ready_due_s = _FOREVER_S
         self._is_awake = False
         self._awake_due_s = self._now_s + BOOT_S
-        self._decoder.reset()
+        self._decoder = PacketDecoder()
         self._commands.clear()
         self._stop()
         if self._resume is None:
@@ -155,22 +155,24 @@ class SimulatedModule:
 
     def _next_frame(self, stream: EchoStream, until_s: float) -> None:
         samples = stream.next()
-        frame, fate = self._faults.frame(samples if samples is not None else _NO_FRAME)
+        frame, n_copies, restarts_counter, reboots = self._faults.frame(
+            samples if samples is not None else _NO_FRAME
+        )
         rate_hz = stream.settings.frame_rate_hz
-        self._counter = 1 if fate.restarts_counter else (self._counter + 1) & 0xFFFFFFFF
+        self._counter = 1 if restarts_counter else (self._counter + 1) & 0xFFFFFFFF
         due_s, self._frame_due_s = self._frame_due_s, self._frame_due_s + 1.0 / rate_hz
-        if fate.reboots:
+        if reboots:
             if self._reset_due_s == _FOREVER_S:
                 self._resume = stream.settings
             self._stop()
             self._reset_due_s = self._now_s
         elif until_s - due_s > MAX_LATE_S:
             self.n_skipped += 1
-        elif fate.n_copies and samples is not None:
+        elif n_copies and samples is not None:
             message = self._firmware.frame_message(stream.axis, self._counter, frame)
             packet = framing.encode(encode(message))
             late_s = self._line.frame_lateness_s(self._counter, rate_hz)
-            for _ in range(fate.n_copies):
+            for _ in range(n_copies):
                 self._line.put(packet, self._now_s, late_s=late_s)
 
     def _send(self, message: msg.Message) -> None:

@@ -21,7 +21,7 @@ from x2radar.sim.bodies.path.courses import COURSES, FAR_M, NEAR_M, Waypoints, d
 from x2radar.sim.bodies.person import draw_person
 from x2radar.sim.bodies.pet import draw_pet
 from x2radar.sim.bodies.skeleton.species import SPECIES
-from x2radar.sim.bodies.skins.draw import SKINS
+from x2radar.sim.bodies.skins import SKINS
 from x2radar.sim.bodies.thesis_bodies import draw_thesis_body
 from x2radar.sim.points import Label, Mover
 from x2radar.sim.things import THINGS, draw_thing

@@ -20,7 +20,7 @@ from x2radar.sim.bodies.motion.bvh import read_bvh
 from x2radar.sim.bodies.skeleton.people import PERSON
 from x2radar.sim.bodies.skeleton.quadrupeds import QUADRUPED
 from x2radar.sim.bodies.skeleton.skeleton import Part, Skeleton
-from x2radar.sim.bodies.skins.draw import TotalRcs
+from x2radar.sim.bodies.skins import TotalRcs
 from x2radar.sim.points import UP, Array, Label, Pose
 
 MAX_BYTES = 2**28  # largest file that is read, unpacked: two hours at 120 Hz as text
