@@ -3,21 +3,35 @@
 import numpy as np
 
 from radard.config.config import Config
+from radard.detect.calibration import Calibration
 from radard.detect.clutter_map import ClutterRemover
 from radard.dsp.downconvert import DownConverter
 from radard.pipeline import Pipeline
 from radard.stream.ring import FrameRing
 from tests.echo_references import baseband_echo
-from tests.radar_helpers import dwells_in, noise
+from tests.radar_helpers import BASEBAND, dwells_in, noise
 from tests.sim_helpers import axis_with
 from x2radar.recording.registry import open_recording
 
 SPEED_OF_LIGHT_MPS = 299_792_458.0
 AXIS = axis_with("baseband", 96, 0.0293, 0.6)
+ALL = np.ones(147, np.bool_)
+"""No frame of a dwell is lost."""
 
 
 def db(power):
     return 10 * np.log10(power)
+
+
+def calibration(floor=1.0, threshold_db=10.0, n_range=64):
+    """The calibration of a stream in baseband, with one floor or one for every bin."""
+    return Calibration(
+        frame_rate_hz=60.0,
+        bin_length_m=BASEBAND.bin_length_m,
+        range_offset_m=BASEBAND.range_offset_m,
+        floor=np.broadcast_to(np.asarray(floor, np.float64), (n_range,)).copy(),
+        threshold_db=np.full(n_range, threshold_db),
+    )
 
 
 def jitter_of(n_slow, *, jitter_s=0.2e-12, gain=1e-3, seed=1):

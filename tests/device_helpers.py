@@ -5,6 +5,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,8 @@ from x2radar.device.transport import PtyTransport, SerialTransport, Transport, m
 from x2radar.errors import TransportClosed
 from x2radar.frame import Frame
 from x2radar.modules.x2 import RadarSettings
-from x2radar.sim.module.host import serve
+from x2radar.sim.module.faults import parse_faults
+from x2radar.sim.module.host import connect, serve
 from x2radar.sim.module.module import SimulatedModule
 from x2radar.sim.scene.scene import load_scene
 from x2radar.wire import framing
@@ -84,6 +86,13 @@ def simulated(kind: str, speed: float | None = None) -> Iterator[Callable[[], Tr
         connect = lambda: SerialTransport(far.path)  # noqa: E731
     with served(far, module(), speed):
         yield connect
+
+
+def faulty(faults: str = "", speed: float | None = None, **options: Any) -> X2Radar:
+    """A radar whose module is simulated, with faults as a port names them."""
+    plan = parse_faults(faults) if faults else None
+    scene = load_scene("human")
+    return X2Radar(lambda: connect(lambda: SimulatedModule(scene, 0, plan), speed), **options)
 
 
 class FarEnd:

@@ -8,8 +8,7 @@ import numpy as np
 import x2radar
 from tests.radar_helpers import BASEBAND, noise
 from tests.sim_helpers import axis_with
-from x2radar.command import new_parser, run_command
-from x2radar.commands import convert, decode, info, record
+from x2radar.cli import main as x2radar_main
 from x2radar.frame import CounterTracker, StreamInfo
 from x2radar.modules.x2 import RadarSettings
 from x2radar.recording.blocks import Block
@@ -83,19 +82,10 @@ def assert_same_frames(frames, others):
             assert getattr(a, name) == getattr(b, name), name
 
 
-def run(capsys, *argv):
-    """Exit code, stdout and stderr of one of the file commands."""
-
-    def body(args):
-        parser = new_parser("x2radar", "test", "")
-        commands = parser.add_subparsers(required=True, metavar="COMMAND")
-        for module in (record, convert, decode, info):
-            module.register(commands)
-        parsed = parser.parse_args(args)
-        return parsed.run(parsed)
-
+def run(capsys, *argv, main=x2radar_main):
+    """Exit code, stdout and stderr of a command in this process."""
     try:
-        code = run_command("x2radar", body, [str(a) for a in argv])
+        code = main([str(arg) for arg in argv])
     except SystemExit as stop:
         code = stop.code
     out, err = capsys.readouterr()

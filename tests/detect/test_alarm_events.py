@@ -249,10 +249,12 @@ def test_a_state_outlives_the_daemon_or_counts_as_none(tmp_path, caplog):
     assert StateStore(log, "radar").load(is_armed=True) == state
     assert StateStore(log, "other").load(is_armed=True) == KeptState(is_armed=True)
     assert StateStore(log, None).load(is_armed=False) == KeptState(is_armed=False)
-    for broken in ("", "{", "[]", '{"armed": 1}', '{"is_armed": true, "alarm_peak": "x"}'):
+    peaks = ('"x"', "{}", "1" + "0" * 400, "[" * 3000 + "]" * 3000)
+    made = [f'{{"is_armed": true, "alarm_peak": {peak}}}' for peak in peaks]
+    for broken in ("", "{", "[]", "7", "[" * 100_000, '{"armed": 1}', *made):
         log.keep("panel radar", broken)
         assert StateStore(log, "radar").load(is_armed=True) == KeptState(is_armed=True)
-    assert caplog.text.count("unreadable") == 5
+    assert caplog.text.count("unreadable and not used") == 10
     log.close()
 
 

@@ -9,13 +9,11 @@ from radard.dsp.cfar import (
     find_peaks,
     floor_factor,
     os_factor,
-    os_level,
     power_map,
 )
-from tests.clutter_helpers import AXIS, body, db
+from tests.clutter_helpers import ALL, AXIS, body, db
 from tests.radar_helpers import noise
 
-ALL = np.ones(147, np.bool_)
 TIME_S = (np.arange(147) + 0.5) / 60
 
 
@@ -79,16 +77,6 @@ def test_factors_keep_the_false_alarm_rate(n, k, n_looks):
     i = np.arange(k + 1)
     assert np.prod((n - i) / (n - i + os_factor(n, k, 1.0, 1e-3))) == pytest.approx(1e-3, rel=0.01)
     assert floor_factor(1.0, 1e-3) == pytest.approx(-np.log(1e-3))
-
-
-def test_level_is_an_ordered_statistic_of_the_surroundings():
-    ratio = np.random.default_rng(8).gamma(7.0, size=(3, 40)) / 7
-    level = os_level(ratio, guard=2, reach=10)
-    for cell in (0, 5, 20, 30, 39):
-        sides = [ratio[:, cell + 3 : cell + 11], ratio[:, max(0, cell - 10) : max(0, cell - 2)]]
-        whole = [np.sort(side, axis=1)[:, int(0.4 * 7)] for side in sides if side.shape[1] == 8]
-        np.testing.assert_array_equal(level[:, cell], np.max(whole, axis=0))
-    assert not os_level(ratio[:, :10], guard=2, reach=10).any()
 
 
 def test_neither_noise_nor_the_fill_behind_a_body_gives_peaks():

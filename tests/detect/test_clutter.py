@@ -15,12 +15,10 @@ from radard.dsp.clutter import (
     spike_rows,
 )
 from radard.dsp.downconvert import DownConverter
-from tests.clutter_helpers import AXIS, body, db, room
+from tests.clutter_helpers import ALL, AXIS, body, db, room
 from tests.dsp_reference import noise_power, residual_power
 from tests.radar_helpers import dwell_of, noise, walker
 from tests.sim_helpers import axis_of
-
-ALL = np.ones(147, np.bool_)
 
 
 def reference_power(frames, valid, n_cpi):

@@ -18,7 +18,7 @@ from radard.detect.tracks import Tracker
 from radard.judge.features import FEATURES, MAP_FEATURES, FeatureSettings, FeatureStream, extract
 from radard.stream.ring import DwellShape
 from tests.clutter_helpers import AXIS, body, room
-from tests.dsp_helpers import under_clutter
+from tests.dsp_reference import under_clutter
 from tests.radar_helpers import dwell_of, noise
 
 SETTINGS = FeatureSettings(n_profile=64, clutter="removed")

@@ -6,18 +6,14 @@ import numpy as np
 import pytest
 
 from radard.config.sections import GateSettings
-from radard.detect.calibration import Calibration
 from radard.detect.gate import Gate, NoiseFloor, level_over
 from radard.dsp.clutter import centre_spread_m, second_differences, sound_rows
 from radard.dsp.range_doppler import MAX_RESIDUE, cell_factor, usual_peak
+from tests.clutter_helpers import calibration, db
 from tests.radar_helpers import BASEBAND, dwell_of, noise
 
 N_CPI = 28  # frames of a CPI at 60 Hz
 N_RANGE = BASEBAND.n_range
-
-
-def db(power):
-    return 10 * np.log10(power)
 
 
 def swing(power, *, turns=1, n_cpis=5):
@@ -33,15 +29,7 @@ def swing(power, *, turns=1, n_cpis=5):
 
 def calibrated(settings, floor, *, hop_s=1.0, threshold_db=10.0):
     """A gate whose floors are these, whatever the stream shows."""
-    floors = np.broadcast_to(np.asarray(floor, np.float64), (N_RANGE,)).copy()
-    calibration = Calibration(
-        frame_rate_hz=60.0,
-        bin_length_m=BASEBAND.bin_length_m,
-        range_offset_m=BASEBAND.range_offset_m,
-        floor=floors,
-        threshold_db=np.full(N_RANGE, threshold_db),
-    )
-    return Gate(settings, hop_s, calibration)
+    return Gate(settings, hop_s, calibration(floor, threshold_db))
 
 
 def in_bins(bins, power):

@@ -1,17 +1,36 @@
-"""`decision.hop_s` and `decision.bodies`: how often decisions come, and whom they judge."""
+"""How often decisions come, whom they judge, and what they know of an installation."""
 
-import json
+import itertools
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from radard.commands.config import run as run_config
-from radard.commands.detect import run as run_detect
 from radard.config.config import Config, load_config
 from radard.judge.bundle import load_bundle
 from radard.judge.classifier import Classifier
+from radard.judge.features import FEATURES, FeatureSettings, FeatureStream, feature_shape
+from radard.judge.installation import (
+    INSTALLATION,
+    N_INSTALLATION,
+    echo_at_1m_db,
+    installation,
+    size_nats,
+)
 from radard.pipeline import Pipeline
-from tests.radar_helpers import BASEBAND, dwells_in, frames_of, noise, run_radard, stable
+from tests.clutter_helpers import body
+from tests.radar_helpers import (
+    BASEBAND,
+    dwell_of,
+    dwells_in,
+    frames_of,
+    noise,
+    run_radard,
+    stable,
+    walker,
+)
 from x2radar.command import run_command
 from x2radar.frame import StreamInfo
 
@@ -21,7 +40,7 @@ def decisions_of(records):
 
 
 @pytest.mark.parametrize("hop_s", [0.5, 2.0])
-def test_live_replayed_and_in_a_table_they_are_the_same(hop_s, tmp_path, monkeypatch, capsys):
+def test_live_replayed_and_in_a_table_they_are_the_same(hop_s, tmp_path, monkeypatch):
     monkeypatch.setenv("RADARD_DECISION__HOP_S", str(hop_s))
     path, argv = tmp_path / "r.h5", ("--speed", "max", "-o", "json")
     code, live, said = run_radard(
@@ -36,11 +55,8 @@ def test_live_replayed_and_in_a_table_they_are_the_same(hop_s, tmp_path, monkeyp
     assert any(r["alarm"] for r in made)
     _, replayed, _ = run_radard("--port", f"replay:{path}", "-o", "json")
     assert decisions_of(replayed) == made
-    capsys.readouterr()
-    assert run_command("radard", run_detect, [str(path), "--to", "jsonl", "--jobs", "1"]) == 0
-    rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
-    table = [{k: v for k, v in r.items() if k not in {"file", "time"}} for r in rows]
-    assert [r for r in table if r["type"] == "decision"] == made
+    _, table, _ = run_radard("detect", str(path), "--to", "jsonl", "--jobs", "1")
+    assert [{k: v for k, v in r.items() if k != "file"} for r in decisions_of(table)] == made
 
 
 def test_decisions_come_no_oftener_than_frames():
@@ -69,17 +85,10 @@ def test_a_check_says_what_it_means_for_the_model(case, monkeypatch, capsys):
 
 
 def two_bodies(n):
-    """Frames of two bodies that go to and fro, 1.5 m apart."""
-    t_s = np.arange(n) / 60
-    frames = noise(n, seed=1, sigma=2**0.5)
-    near_m, far_m = BASEBAND.range_m[[0, -1]]
-    for share, turn in ((0.25, 1.0), (0.75, 1.3)):
-        at_m = near_m + share * (far_m - near_m)
-        range_m = at_m + 0.3 * np.sin(2 * np.pi * 0.4 * turn * t_s)
-        bins = np.exp(-(((BASEBAND.range_m[None] - range_m[:, None]) / 0.05) ** 2))
-        phase = np.exp(-4j * np.pi * BASEBAND.carrier_hz / 3e8 * range_m)
-        frames = frames + 60 * bins * phase[:, None]
-    return frames.astype(np.complex64)
+    """Frames of two bodies that go to and fro, 1 m apart."""
+    turns = 2 * np.pi * 0.4 * np.arange(n)[:, None] / 60 * [1.0, 1.3]
+    range_m = BASEBAND.range_m[[16, 48]] + 0.3 * np.sin(turns)
+    return (noise(n, seed=1, sigma=2**0.5) + body(range_m, 35.6, BASEBAND)).astype(np.complex64)
 
 
 def test_what_is_made_of_bodies_changes_no_verdict():
@@ -103,3 +112,92 @@ def test_what_is_made_of_bodies_changes_no_verdict():
         assert all(track.window is not None for track in apart[k].tracks)
         assert [t.range_m for t in apart[k].tracks] == [t.range_m for t in together[k].tracks]
         assert all(track.window is None for track in together[k].tracks)
+
+
+RANGE_M = np.arange(0.5, 3.5, 0.03)
+
+
+def power_of(at_m, excess, noise=2.0):
+    power = np.full(len(RANGE_M), noise)
+    power[int(np.argmin(np.abs(RANGE_M - at_m)))] += excess
+    return power, np.full(len(RANGE_M), noise)
+
+
+def test_an_echo_is_as_strong_at_1_m_wherever_it_is():
+    near = echo_at_1m_db(*power_of(1.01, 2000.0), RANGE_M)
+    far = echo_at_1m_db(*power_of(2.03, 2000.0 / 2.0099**4), RANGE_M)
+    assert near == pytest.approx(30.0, abs=0.3)
+    assert far == pytest.approx(near, abs=0.3)
+    # A body over several bins counts whole.
+    one, floor = power_of(2.0, 3000.0)
+    spread = floor.copy()
+    at = int(np.argmax(one))
+    spread[at - 1 : at + 2] += 1000.0
+    assert echo_at_1m_db(spread, floor, RANGE_M) == pytest.approx(
+        echo_at_1m_db(one, floor, RANGE_M), abs=0.3
+    )
+
+
+def test_strength_does_not_depend_on_the_unit_and_nothing_that_moves_has_none():
+    power, floor = power_of(1.5, 500.0)
+    usual = echo_at_1m_db(power, floor, RANGE_M)
+    for scale in (1e-150, 1e150):
+        assert echo_at_1m_db(power * scale, floor * scale, RANGE_M) == pytest.approx(usual)
+    for power, floor in (np.ones((2, 4)), np.zeros((2, 4)), (np.full(4, np.inf), np.ones(4))):
+        assert echo_at_1m_db(power, floor, RANGE_M[:4]) is None
+
+
+def test_the_feature_is_what_is_known_or_the_rate_alone():
+    dwell = dwell_of(noise(120), rate_hz=30.0)
+    settings = FeatureSettings(n_cpi=14)
+    assert INSTALLATION in FEATURES
+    assert feature_shape(INSTALLATION, settings) == (N_INSTALLATION,)
+    stream = FeatureStream(settings, (INSTALLATION,))
+    assert stream.extract(dwell)[INSTALLATION].tolist() == [-1.0] + [0.0] * 6
+    known = installation(30.0, height_m=2.0)
+    again = FeatureStream(settings, (INSTALLATION,)).extract(dwell, known)
+    assert again[INSTALLATION].tolist() == known.tolist()
+
+
+@pytest.mark.parametrize(
+    ("known", "made"),
+    [
+        ((60.0,), [0, 0, 0, 0, 0, 0, 0]),
+        ((120.0, 3.0, -15.0, -10.0), [1, 1, 1, 1, -0.5, 1, -1]),
+        ((1e-9, None, None, 2e9), [-4, 0, 0, 0, 0, 1, 4]),
+    ],
+)
+def test_what_is_known_is_told_within_bounds_and_the_rest_is_zero(known, made):
+    found = installation(*known)
+    assert found.dtype == np.float32
+    assert found.tolist() == made
+
+
+@given(st.lists(st.floats(-1e6, 1e6), min_size=2))
+def test_more_strength_never_speaks_for_a_pet_and_never_for_more_than_its_bounds(strengths_db):
+    nats = [size_nats(each) for each in sorted(strengths_db)]
+    assert all(a <= b for a, b in itertools.pairwise(nats))
+    assert min(nats) >= -2.0
+    assert max(nats) <= 0.5
+    # Of bodies as strong as an adult it says next to nothing.
+    assert abs(size_nats(0.0)) < 0.1
+    assert size_nats(-8.0) == pytest.approx(-1.07, abs=0.02)
+
+
+def test_a_level_changes_the_verdict_by_what_size_says_and_nothing_else():
+    """The network sees the same; as strong an echo before a stronger radar is a smaller body."""
+    classifier = Classifier(load_bundle("fast"))
+    moving = walker(480, 60.0, speed_mps=0.2, start_m=2.0, level=60.0)
+    frames = (moving + noise(480)).astype(np.complex64)
+    made = {}
+    for level_db in (None, 20.0, 90.0):
+        config = load_config(environ={}, options={"mount": {"level_db": level_db}})
+        pipeline = Pipeline(StreamInfo(BASEBAND, 60.0, "module"), config, classifier)
+        dwells = dwells_in(pipeline.make_ring(), frames_of(frames))
+        decided = [d for d in map(pipeline.decide, dwells) if d.fused is not None]
+        made[level_db] = [d.window for d in decided], [d.fused for d in decided]
+    plain, large, small = (np.log([p.human / p.pet for p in fused]) for _, fused in made.values())
+    assert len(plain) >= 3
+    assert made[None][0] == made[20.0][0] == made[90.0][0]
+    assert large - plain == pytest.approx(np.full(len(plain), 0.5), abs=1e-6)
+    assert small - plain == pytest.approx(np.full(len(plain), -2.0), abs=1e-6)

@@ -10,7 +10,7 @@ from onnx import TensorProto, helper
 from radard.errors import ModelMismatch
 from radard.judge.bundle import bundle_names, load_bundle
 from radard.judge.onnx_safety import unsafe_in
-from tests.hostile_helpers import ROOT
+from tests.processes import ROOT
 
 
 def network(**changes):

@@ -3,11 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.clutter_helpers import AXIS, body, db, jitter_of, room
+from tests.clutter_helpers import ALL, AXIS, body, db, jitter_of, room
 from tests.dsp_reference import remove_jitter, residual_power
 from tests.radar_helpers import noise
 
-ALL = np.ones(147, np.bool_)
 TIME_S = np.arange(147) / 60
 
 

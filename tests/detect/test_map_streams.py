@@ -9,14 +9,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from radard.dsp.columns import ColumnStore, SharedSteps
+from radard.dsp.columns import SharedSteps
 from radard.dsp.doppler import StreamingDoppler
 from radard.dsp.gram import gaussian_taper
 from radard.dsp.range_time import RangeTimeMap
 from radard.dsp.velocity import VelocityTransform, range_dft
 from radard.errors import FeatureError
-from tests.dsp_helpers import X2, error, point, under_clutter
-from tests.dsp_reference import micro_doppler_direct, velocity_transform_direct
+from tests.dsp_reference import (
+    X2,
+    error,
+    micro_doppler_direct,
+    point,
+    under_clutter,
+    velocity_transform_direct,
+)
 from tests.radar_helpers import noise
 
 SMALL = replace(X2, n_range=24)
@@ -254,19 +260,3 @@ WRONG += [("column_rate_hz", np.nan)]
 def test_settings_that_make_no_sense(make):
     with pytest.raises(FeatureError):
         make()
-
-
-@settings(deadline=None, derandomize=True, max_examples=60)
-@given(sizes=st.lists(st.integers(0, 12), max_size=30), n_keep=st.integers(1, 9))
-def test_column_store_keeps_the_last(sizes, n_keep):
-    store = ColumnStore(n_keep)
-    said = np.zeros(0)
-    for n in sizes:
-        new = len(said) + np.arange(n, dtype=np.float64)
-        store.append(new[:, None] * [1, 10], new % 2 == 0)
-        said = np.concatenate([said, new])
-        columns, flags = store.last(None)
-        if len(said):
-            assert np.array_equal(columns[:, 1], 10 * said[-n_keep:])
-            assert np.array_equal(flags, said[-n_keep:] % 2 == 0)
-    assert len(store) == min(len(said), n_keep)

@@ -14,7 +14,7 @@ from radard.dsp.downconvert import DownConverter
 from radard.errors import FeatureError
 from radard.stream.ring import MAX_GAP_S, Dwell, DwellShape, FrameRing, Notice
 from tests.radar_helpers import BASEBAND, copy_ring, frames_of, lossy, noise
-from tests.receiver_helpers import RF
+from tests.sim_helpers import RF
 
 
 def dwells(ring, frames):

@@ -7,9 +7,8 @@ from radard.config.sections import GateSettings
 from radard.detect.clutter_map import ClutterRemover
 from radard.detect.gate import Gate
 from radard.detect.tracks import Tracker, range_gates
-from radard.stream.ring import Dwell
 from tests.clutter_helpers import AXIS, body, dwells_of_recording, room
-from tests.radar_helpers import noise
+from tests.radar_helpers import dwell_of, noise
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 RATE_HZ = 60.0
@@ -25,12 +24,8 @@ def dwells(range_m, level_db=40, *, seconds=10.0, seed=0, lost=(), extra=()):
             at = path(time_s)
             here = np.isfinite(at)
             frames[here] += body(at[here], level)
-    valid = np.ones(len(time_s), np.bool_)
-    valid[list(lost)] = False
     for end in range(147, len(frames) + 1, 60):
-        rows = slice(end - 147, end)
-        n_lost = int((~valid[rows]).sum())
-        yield Dwell(frames[rows], valid[rows], AXIS, RATE_HZ, end / RATE_HZ, n_lost)
+        yield dwell_of(frames[end - 147 : end], lost=lost, axis=AXIS, end=end)
 
 
 def follow(stream, tracker=None):
@@ -70,8 +65,7 @@ def test_an_empty_room_has_no_tracks_nor_do_clutter_and_jitter_make_any():
         assert all(not tracks for _, tracks in follow(dwells(None, seconds=30, seed=seed)))
     remover, gate, tracker = ClutterRemover(), Gate(GateSettings()), Tracker()
     for k in range(8):
-        raw = Dwell(room(seed=k), np.ones(147, bool), AXIS, RATE_HZ, 2.45 + k)
-        dwell = remover.remove(raw)
+        dwell = remover.remove(dwell_of(room(seed=k), axis=AXIS, end=147 + 60 * k))
         gate.read(dwell)
         assert tracker.update(dwell, gate.background) == ()
 

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
-from radard.commands.why import lines, place, run
+from radard.cli import main as radard_main
+from radard.commands.why import lines, place
 from radard.config.config import Config
 from radard.judge.bundle import ModelInput, load_bundle
 from radard.judge.occlusion import effects, map_views, occluded
 from radard.run.moment import moment_of
 from tests.radar_helpers import run_radard
-from tests.recording_helpers import record_scene
-from x2radar.command import run_command
+from tests.recording_helpers import record_scene, run
 from x2train.bundle.writing import write_bundle
 
 
@@ -23,9 +23,7 @@ def person(tmp_path_factory):
 
 
 def why(capsys, *argv):
-    code = run_command("radard", run, [str(a) for a in argv])
-    out, err = capsys.readouterr()
-    return code, out, err
+    return run(capsys, "why", *argv, main=radard_main)
 
 
 CORNER = np.zeros((101, 40), np.float32)

@@ -8,24 +8,13 @@ import numpy as np
 import pytest
 
 import x2radar
+from tests.device_helpers import faulty
 from x2radar.device.aio import AsyncRadar
-from x2radar.device.device import X2Radar
 from x2radar.device.link import Deadlines
 from x2radar.device.transport import PtyTransport
 from x2radar.errors import DeviceError, PortNotFound, ReadTimeout, TransportClosed
 from x2radar.ports import parse_port
 from x2radar.radars import make_radar
-from x2radar.sim.module.faults import parse_faults
-from x2radar.sim.module.host import connect
-from x2radar.sim.module.module import SimulatedModule
-from x2radar.sim.scene.scene import load_scene
-
-SCENE = load_scene("human")
-
-
-def radar(faults=None, **options):
-    plan = parse_faults(faults) if faults else None
-    return X2Radar(lambda: connect(lambda: SimulatedModule(SCENE, 0, plan), None), **options)
 
 
 def readers():
@@ -64,7 +53,7 @@ def test_the_same_frames_as_without_asyncio():
 
 def test_a_slow_task_reads_every_frame_in_order():
     async def main():
-        async with AsyncRadar(radar(), max_waiting=4) as stream:
+        async with AsyncRadar(faulty(), max_waiting=4) as stream:
             for k in range(50):
                 assert (await anext(stream)).index == k
                 await asyncio.sleep(0.001)
@@ -78,7 +67,7 @@ def test_a_slow_task_reads_every_frame_in_order():
 def test_a_loss_is_raised_once_then_the_stream_is_over(faults, error):
     async def main():
         got = []
-        stream = AsyncRadar(radar(faults, deadlines=Deadlines(reply_s=60, stall_s=1)))
+        stream = AsyncRadar(faulty(faults, deadlines=Deadlines(reply_s=60, stall_s=1)))
         async with stream:
             with pytest.raises(error):
                 await everything(stream, got)
@@ -96,13 +85,13 @@ def test_errors_of_opening_come_where_it_is_opened():
             raise AssertionError
 
     with pytest.raises(DeviceError):
-        asyncio.run(main(AsyncRadar(radar("error_reply:1"))))
+        asyncio.run(main(AsyncRadar(faulty("error_reply:1"))))
     with pytest.raises(PortNotFound):
         asyncio.run(main(x2radar.open_async("/dev/ttyNOTHING")))
 
     # One that was not opened says so.
     async def main():
-        return await anext(AsyncRadar(radar()))
+        return await anext(AsyncRadar(faulty()))
 
     with pytest.raises(TransportClosed, match="async with"):
         asyncio.run(main())
@@ -117,7 +106,7 @@ def test_cancelled_while_it_opens_and_while_it_waits():
             raise AssertionError
 
     async def waiting():
-        async with AsyncRadar(radar("silent:0.5", deadlines=Deadlines(stall_s=60))) as stream:
+        async with AsyncRadar(faulty("silent:0.5", deadlines=Deadlines(stall_s=60))) as stream:
             async for _ in stream:
                 pass
 

@@ -1,13 +1,18 @@
 """YAML with bounds: read as safe_load reads it; a key twice is an error with both lines."""
 
 import contextlib
+import pickle
 
 import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
+from radard.config.config import load_config
+from radard.errors import ConfigError, RadardError
 from x2radar.bounded_yaml import MAX_NODES, YamlError, load_yaml
+from x2radar.errors import SceneError, SettingsError, X2RadarError
+from x2radar.sim.scene.scene import load_scene
 
 VALUES = st.recursive(
     st.none() | st.booleans() | st.integers() | st.text(max_size=5),
@@ -63,6 +68,10 @@ BOMB = "a: &a [1, 1]\n" + "".join(
         ("a: [", "expected the node content"),
         ("a\0b: 1\n", "special characters are not allowed"),
         ("{[]: 1}", "found unhashable key"),
+        ("? &a [*a]\n: 1", "an alias to what it stands in"),
+        ("a: 1" + ":1" * 6000, "a value of 12001 characters"),
+        ("a: &a {b: 1}\nc: [{<<: [" + "*a, " * 20_000 + "*a]}]", f"more than {MAX_NODES} values"),
+        ("a: !!binary 1", "failed to decode base64 data"),
     ],
 )
 def test_what_is_no_yaml_or_too_much_is_one_kind_of_error(text, problem):
@@ -75,3 +84,30 @@ def test_what_is_no_yaml_or_too_much_is_one_kind_of_error(text, problem):
 def test_any_text_is_read_or_refused(text):
     with contextlib.suppress(YamlError):
         load_yaml(text)
+
+
+def test_messages_stay_short_whatever_they_quote(tmp_path):
+    """Found by fuzzing: a message was as long as the file made it."""
+    path = tmp_path / "a.yaml"
+    for text in (
+        BOMB,
+        "output: " + "[" * 500 + "x" * 500 + "]" * 500,
+        "".join(f"key{k}: 1\n" for k in range(3000)),
+        "k" * 5000 + ": 1\n",
+    ):
+        path.write_text(text)
+        with pytest.raises(ConfigError) as config:
+            load_config(path, environ={})
+        with pytest.raises(SceneError) as scene:
+            load_scene(str(path))
+        for caught in (config, scene):
+            assert len(str(caught.value)) <= 2000
+            assert str(caught.value).startswith(str(path))
+    for kind in (X2RadarError, RadardError, SettingsError):
+        long = kind("begin " + "x" * 9000 + " end")
+        assert str(long).startswith("begin x")
+        assert str(long).endswith("x end")
+        assert " ... " in str(long)
+        assert len(str(long)) == 2000
+        assert str(pickle.loads(pickle.dumps(long))) == str(long)  # noqa: S301 - our own
+        assert str(kind("a" * 2000)) == "a" * 2000

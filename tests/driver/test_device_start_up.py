@@ -11,7 +11,6 @@ import pytest
 from tests.device_helpers import (
     HASTY,
     READY,
-    SETTINGS,
     SHORT,
     FarEnd,
     in_thread,
@@ -19,14 +18,12 @@ from tests.device_helpers import (
     obey_but,
     raw,
     scripted,
-    simulated,
     take,
     wire,
 )
 from tests.waiting import wait_for
 from x2radar.device.device import X2Radar
 from x2radar.device.link import RETRIES, Deadlines
-from x2radar.device.transport import memory_pair
 from x2radar.errors import (
     DeviceError,
     ReadTimeout,
@@ -201,19 +198,6 @@ def test_a_module_that_streams_meanwhile_is_configured_and_its_old_frames_are_no
         assert radar.stats.frames == 1
 
 
-@pytest.mark.integration
-def test_a_simulated_module_that_streams_already_is_taken_over() -> None:
-    with simulated("pty", speed=1.0) as connect:
-        transports = []
-        left = X2Radar(lambda: transports.append(connect()) or transports[-1], SETTINGS)
-        left.open()
-        take(left, 2)
-        # As after a kill: nobody tells the module to stop.
-        transports[-1].close()
-        with X2Radar(connect, SETTINGS) as radar:
-            assert [f.index for f in take(radar, 3)] == [0, 1, 2]
-
-
 def test_opening_without_a_stream_tells_the_module_nothing() -> None:
     with scripted() as (radar, far):
         radar.open(stream=False)
@@ -280,25 +264,6 @@ def test_a_module_that_restarts_in_mid_stream_is_told_again_and_its_frames_marke
     assert [f.restarted for f in before] == [False, False]
 
 
-@pytest.mark.integration
-def test_numbers_and_stats_go_on_over_all_openings() -> None:
-    with simulated("pty") as connect:
-        radar = X2Radar(connect, SETTINGS)
-        last = -1
-        for open_it in (radar.open, radar.reopen):
-            open_it()
-            frames = take(radar, 3)
-            assert frames[0].index > last or open_it == radar.open
-            assert [f.restarted for f in frames] == [last >= 0, False, False]
-            last = frames[-1].index
-            stats = radar.stats
-            radar.close()
-    assert stats.frames >= 6
-    assert (stats.lost, stats.damaged, stats.reconnects) == (0, 0, 1)
-    with pytest.raises(AttributeError):
-        stats.frames = 0
-
-
 def test_what_is_no_stall_and_what_is() -> None:
     with scripted() as (radar, far):
         radar.open()
@@ -315,24 +280,3 @@ def test_what_is_no_stall_and_what_is() -> None:
     ):
         next(radar.frames())
     far.close()
-
-
-def test_port_closed_in_mid_stream() -> None:
-    # Slow enough that the module does not fill the line before it is closed.
-    with simulated("memory", speed=1.0) as connect:
-        radar = X2Radar(connect, SETTINGS)
-        radar.open()
-        frames = radar.frames()
-        next(frames)
-    with pytest.raises(TransportClosed):
-        list(frames)
-    radar.close()
-
-
-def test_closed_radar() -> None:
-    radar = X2Radar(lambda: memory_pair()[0], SETTINGS, name="mine")
-    radar.close()
-    with pytest.raises(TransportClosed, match="mine is not open"):
-        next(radar.frames())
-    with pytest.raises(TransportClosed, match="mine is not open"):
-        radar.command(msg.Ping())

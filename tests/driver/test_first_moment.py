@@ -6,6 +6,8 @@ import subprocess
 import sys
 import textwrap
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -29,23 +31,30 @@ def hears_sigterm(pid: int) -> bool:
     return bool(int(caught, 16) >> (signal.SIGTERM - 1) & 1)
 
 
+@contextmanager
+def signalled(number: int, pause_s: float, *argv: str, cwd: Path) -> Iterator[subprocess.Popen]:
+    """A command that gets a signal so long after it could hear one."""
+    process = started("-m", *argv, stdout=subprocess.DEVNULL, cwd=cwd)
+    try:
+        wait_for(lambda: hears_sigterm(process.pid))
+        if not pause_s:
+            # As process 1 of a container it would miss what comes before its handlers.
+            assert "numpy" not in Path(f"/proc/{process.pid}/maps").read_text()
+        time.sleep(pause_s)
+        process.send_signal(number)
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("prog", ENDLESS)
 def test_signals_are_obeyed_from_the_first_moment_on(prog, number, tmp_path):
     """Each moment alone: while numpy is loaded, and the command's own modules, and later."""
     for pause_s in (0.0, 0.1, 0.3, 0.6, 1.0):
-        process = started("-m", *ENDLESS[prog], stdout=subprocess.DEVNULL, cwd=tmp_path)
-        try:
-            wait_for(lambda pid=process.pid: hears_sigterm(pid))
-            if not pause_s:
-                # As process 1 of a container it would miss what comes before its handlers.
-                assert "numpy" not in Path(f"/proc/{process.pid}/maps").read_text()
-            time.sleep(pause_s)
-            process.send_signal(number)
+        with signalled(number, pause_s, *ENDLESS[prog], cwd=tmp_path) as process:
             err = process.communicate(timeout=60)[1]
-        finally:
-            process.kill()
-            process.communicate()
         assert (pause_s, process.returncode, err) == (pause_s, 0, b"")
 
 
@@ -115,21 +124,16 @@ def test_standard_streams_that_are_closed_are_the_null_device(argv, closed, tmp_
 @pytest.mark.parametrize("name", ["SIGHUP", "SIGUSR1"])
 def test_a_daemon_that_starts_is_not_ended_by_what_it_heeds_later(name, tmp_path):
     for pause_s in (0.0, 0.3, 0.7, 1.2):
-        process = started("-m", *RADARD, "-v", stdout=subprocess.DEVNULL, cwd=tmp_path)
-        try:
-            wait_for(lambda pid=process.pid: hears_sigterm(pid))
-            time.sleep(pause_s)
-            process.send_signal(getattr(signal, name))
+        number = getattr(signal, name)
+        with signalled(number, pause_s, *RADARD, "-v", cwd=tmp_path) as process:
             word = {"SIGHUP": b"reload: done", "SIGUSR1": b'state {"state"'}[name]
             said = b""
             while word not in said:
                 line = process.stderr.readline()
                 assert line, (pause_s, process.poll(), said)
                 said += line
-        finally:
             process.terminate()
-            process.communicate(timeout=60)
-        assert process.returncode == 0
+            assert process.wait(60) == 0
 
 
 @pytest.mark.parametrize("argv", [("x2radar", "scenes"), ("radard", "explain")])

@@ -2,7 +2,6 @@
 
 import contextlib
 import itertools
-import threading
 import time
 
 import numpy as np
@@ -103,18 +102,6 @@ def test_pulled_and_plugged_in_again(socket):
         assert not any(f.restarted for f in following)
         assert radar.stats.reconnects == 1
         assert radar.stream.device == "x2"
-
-
-def test_absent_at_start(socket):
-    radar = socket.radar()
-    with pytest.raises(PortNotFound):
-        next(radar.items())
-    threading.Timer(0.15, socket.plug).start()
-    with socket.radar(wait=True) as radar:
-        items = take_until(radar.items(), is_frame)
-        assert kinds(items) == ["lost", "found", "frame"]
-        assert "no such port" in items[0].reason
-        assert (items[-1].index, items[-1].restarted) == (0, False)
 
 
 @pytest.mark.parametrize("is_plugged", [False, True], ids=["waiting", "streaming"])

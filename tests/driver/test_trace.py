@@ -1,5 +1,4 @@
 import json
-import re
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,7 @@ from hypothesis import strategies as st
 from x2radar.commands.decode import describe, read_trace
 from x2radar.wire import framing
 from x2radar.wire import messages as msg
-from x2radar.wire.codec import decode_any, decode_command, decode_response, encode
+from x2radar.wire.codec import decode_any, encode
 from x2radar.wire.framing import Packet, PacketDecoder
 from x2radar.wire.wire_ids import Mode, PongCode, Profile, SystemCode
 
@@ -129,37 +128,13 @@ OWN = Path(__file__).parents[1] / "data" / "trace.txt"
 REAL = Path(__file__).parents[3] / "shared" / "data" / "x2m200_bytetrace.txt"
 
 
-def lines_of(path: Path) -> list[tuple[str, bytes]]:
-    """Return direction and bytes of every line that shows a packet."""
-    out = []
-    for line in path.read_text(encoding="utf-8").splitlines():
-        if match := re.match(r"(?:DEBUG )?(Read|Write):(.*?)(//|$)", line):
-            pairs = re.findall(r"0x([0-9a-f]{2})", match[2])
-            out.append((match[1], bytes.fromhex("".join(pairs))))
-    return out
-
-
-def reads_right(line: bytes) -> bool:
-    """Check flags, escapes and checksum of one packet by hand."""
-    crc, body = 0x7D, iter(line[1:-1])
-    for byte in body:
-        crc ^= next(body) if byte == 0x7F else byte
-    return line[0] == 0x7D and line[-1] == 0x7E and crc == 0
-
-
 def messages_of(path: Path) -> list[msg.Message]:
-    """Decode a trace line by line and as one stream; both must agree and be faultless."""
-    lines = lines_of(path)
-    assert all(reads_right(line) for _, line in lines)
-    items = PacketDecoder().feed(b"".join(line for _, line in lines))
-    assert len(items) == len(lines)
+    """Decode a trace, which must be faultless."""
     out = []
-    for (direction, _), item in zip(lines, items, strict=True):
+    for item in PacketDecoder().feed(read_trace(path.read_bytes())):
         assert isinstance(item, Packet)
-        message = (decode_command if direction == "Write" else decode_response)(item.data)
-        assert not isinstance(message, msg.Unknown) or message.name == "RespirationStatus"
-        assert type(decode_any(item.data)) is type(message)
-        out.append(message)
+        out.append(decode_any(item.data))
+        assert not isinstance(out[-1], msg.Unknown) or out[-1].name == "RespirationStatus"
     return out
 
 

@@ -163,35 +163,6 @@ def test_what_was_sent_before_the_end_is_read(make: Callable, last: bytes) -> No
         near.close()
 
 
-def test_memory_pair_holds_a_fast_writer_back_until_it_closes() -> None:
-    near, far = memory_pair(capacity=10)
-    near.write(bytes(10))
-    thread = in_thread(lambda: near.write(b"more"))
-    thread.join(0.05)
-    assert thread.is_alive()
-    assert far.read(0) == bytes(10)
-    assert read_all(far, 4) == b"more"
-    thread.join(LONG_S)
-    near, far = memory_pair(capacity=1)
-    near.write(b"x")
-    threading.Timer(0.05, far.close).start()
-    with pytest.raises(TransportClosed):
-        near.write(b"y")
-
-
-def test_pty_writes_what_fits() -> None:
-    far = PtyTransport()
-    # Opened first: a serial port drops what came before it was opened.
-    near = SerialTransport(far.path)
-    n_bytes = 0
-    while n := far.write_some(bytes(4096), 0.0):
-        n_bytes += n
-    assert n_bytes > 0
-    assert len(read_all(near, n_bytes)) == n_bytes
-    near.close()
-    far.close()
-
-
 def test_only_a_port_on_usb_is_usb(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     far = PtyTransport()
     link = tmp_path / "usb-XeThru-port0"
@@ -227,16 +198,6 @@ def test_ports_that_are_not_there_or_are_none(tmp_path: Path) -> None:
     with pytest.raises(PortError, match="cannot be opened") as caught:
         SerialTransport("hwgrep://(")
     assert "\n" not in str(caught.value)
-
-
-def test_second_opening_of_a_port() -> None:
-    far = PtyTransport()
-    near = SerialTransport(far.path)
-    with pytest.raises(PortBusy, match="in use by another program"):
-        SerialTransport(far.path)
-    near.close()
-    SerialTransport(far.path).close()
-    far.close()
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,13 @@
-"""Wrong input of every `x2radar` command is one line and its exit code, and changes no file."""
+"""Wrong input and missing packages are one line and an exit code, and change no file."""
 
 import shlex
 from pathlib import Path
 
 import pytest
 
-from tests.recording_helpers import make
-from x2radar.cli import main
+from tests.processes import ran
+from tests.recording_helpers import make, run
+from x2radar.extras import EXTRAS
 
 
 @pytest.fixture(scope="module")
@@ -53,6 +54,11 @@ def files(tmp_path_factory):
             "no/such: cannot make a capture",
         ),
         ("record w.h5 --port sim:dog --label ''", 2, "--label: must be a word, such as human"),
+        *(
+            (f"record a.{name} --port sim:dog", 2, "like this ends in .h5 or .hdf5")
+            for name in ("csv", "npz", "x2cap", "dat")
+        ),
+        ("record w.h5 --port sim:dog --capture-wire a.h5", 2, "like this ends in .x2cap"),
         ("convert in.h5", 2, "the following arguments are required: OUT"),
         (
             "convert in.h5 out.foo",
@@ -65,6 +71,7 @@ def files(tmp_path_factory):
         ("convert in.h5 out.npz --carrier 0", 2, "--carrier 0: must be above 0"),
         ("convert rf.h5 out.npz --from npz", 66, "rf.h5: not a NumPy archive"),
         ("convert rf.h5 out --to xethru", 2, "out: XeThru recordings hold baseband"),
+        ("convert in.h5 out --to framelogger", 2, "this is baseband"),
         ("convert gone.h5 out.npz", 66, "gone.h5: no such recording"),
         ("convert text.txt out.npz", 66, "text.txt: no recording of a known format (HDF5"),
         ("convert junk.npz out.h5", 66, "junk.npz: not a NumPy archive"),
@@ -89,13 +96,49 @@ def test_wrong_input_is_one_line_and_its_exit_code(
     monkeypatch.chdir(files)
     monkeypatch.setenv("MPLBACKEND", "agg")
     before = sorted(files.iterdir())
-    try:
-        ended = main(shlex.split(line))
-    except SystemExit as stop:
-        ended = stop.code
-    out, err = capsys.readouterr()
+    ended, out, err = run(capsys, *shlex.split(line))
     assert (ended, out, err.count("\n"), err[-1]) == (code, "", 1, "\n")
     assert err.startswith("x2radar")
     assert wanted in err
     assert sorted(files.iterdir()) == before
     assert Path("there.h5").read_bytes() == b"somebody's recording"
+
+
+TOOL = ("x2radar", "x2radar")
+
+
+@pytest.mark.integration
+@pytest.mark.parametrize(
+    ("program", "line", "missing", "extra"),
+    [
+        (("radard", "radard"), "--help", "pydantic", "daemon"),
+        (("x2train", "train-export"), "--help", "rich", "train"),
+        (("x2train", "train-export"), "--help", "pydantic", "train"),
+        (TOOL, "convert in.h5 out.parquet", "pyarrow", EXTRAS["pyarrow"]),
+        (TOOL, "convert in.h5 out.mcap", "mcap", EXTRAS["mcap"]),
+        (TOOL, "plot in.h5 --out out.png", "matplotlib", EXTRAS["matplotlib"]),
+    ],
+)
+def test_a_missing_extra_is_one_line_that_names_it(tmp_path, program, line, missing, extra):
+    module, prog = program
+    make(tmp_path / "in.h5")
+    code = (
+        f"import sys; sys.modules[{missing!r}] = None; sys.argv = {[prog, *line.split()]!r}; "
+        f"from {module}.__main__ import main; sys.exit(main())"
+    )
+    done = ran("-c", code, cwd=tmp_path)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (1, "", 1)
+    assert done.stderr.startswith(f"{prog}: ")
+    hint = f"pip install 'uwb-radar-alarm[{extra}]'"
+    assert done.stderr.endswith(f"needs {missing}, which is not installed: {hint}\n")
+    assert [path.name for path in tmp_path.iterdir()] == ["in.h5"]
+
+
+@pytest.mark.integration
+def test_a_module_of_our_own_that_is_missing_is_a_fault():
+    code = (
+        "import sys; sys.modules['radard.config.options'] = None; sys.argv = ['radard']; "
+        "from radard.__main__ import main; main()"
+    )
+    done = ran("-c", code)
+    assert "internal error: ModuleNotFoundError" in done.stderr

@@ -1,9 +1,6 @@
-import json
-import os
 import re
 import signal
 import subprocess
-import threading
 from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
@@ -13,7 +10,8 @@ import pytest
 
 import x2radar
 from tests.processes import started
-from tests.waiting import unmeasured, wait_for
+from tests.recording_helpers import run
+from tests.waiting import unmeasured
 from x2radar.cli import main
 from x2radar.command import run_command
 from x2radar.device.device import X2Radar
@@ -22,21 +20,6 @@ from x2radar.errors import PortDenied, SettingsError
 from x2radar.modules.x2 import RadarSettings
 from x2radar.recording.hdf5_reader import RecordingReader
 from x2radar.sim.scene.scene import builtin_scenes
-from x2radar.wire import framing
-from x2radar.wire.codec import encode
-from x2radar.wire.messages import Ack, Ping
-
-PING = framing.encode(encode(Ping()))
-
-
-def run(capsys, *argv):
-    """Exit code, stdout and stderr of one call in this process."""
-    try:
-        code = main(list(argv))
-    except SystemExit as stop:
-        code = stop.code
-    out, err = capsys.readouterr()
-    return code, out, err
 
 
 def test_scenes_are_listed(capsys):
@@ -45,20 +28,6 @@ def test_scenes_are_listed(capsys):
     lines = out.splitlines()
     assert [line.split()[0] for line in lines] == [scene.name for scene in builtin_scenes()]
     assert all(scene.description in out for scene in builtin_scenes())
-
-
-def test_decode_of_text_and_of_raw_bytes(capsys, tmp_path):
-    raw, text = tmp_path / "trace.bin", tmp_path / "trace.txt"
-    data = PING + b"\x00\x01" + framing.encode(encode(Ack())) + PING[:-1]
-    raw.write_bytes(data)
-    text.write_text("# sent and received\n" + data.hex(" "))
-    answers = [run(capsys, "decode", str(path)) for path in (raw, text)]
-    assert answers[0] == answers[1]
-    code, out, err = answers[0]
-    assert (code, err) == (0, "")
-    items = [json.loads(line) for line in out.splitlines()]
-    assert [i.get("message") for i in items] == ["Ping", None, "Ack", None]
-    assert items[1] == {"fault": "junk between packets", "n_bytes": 2}
 
 
 @pytest.mark.parametrize("kind", ["rf", "baseband"])
@@ -110,18 +79,6 @@ def test_errors_become_exit_codes(capsys, error, code, line):
 
     assert run_command("tool", body, []) == code
     assert capsys.readouterr() == ("", line)
-
-
-def test_sigterm_ends_a_command_cleanly_and_is_put_back(capsys):
-    before = signal.getsignal(signal.SIGTERM)
-
-    def body(_args):
-        os.kill(os.getpid(), signal.SIGTERM)
-        threading.Event().wait(60)
-        return 1
-
-    assert run_command("tool", body, []) == 0
-    assert signal.getsignal(signal.SIGTERM) is before
 
 
 def test_somebody_elses_sigterm_handler_is_left_alone():
@@ -184,36 +141,3 @@ def test_a_module_whose_host_has_stopped_reading_still_ends():
                 process.wait(0.3)
             process.send_signal(signal.SIGINT)
             assert process.wait(60) == 0
-
-
-@integration
-def test_a_recording_ends_with_sigint_and_is_whole(tmp_path):
-    path = tmp_path / "cut.h5"
-    argv = ("-m", "x2radar", "record", "--port", "sim:cat?seed=1", "--speed", "5", path)
-    process = started(*argv, env=unmeasured())
-    try:
-        # A second of frames is on the disk.
-        wait_for(lambda: path.exists() and path.stat().st_size > 100_000)
-        process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=60)
-    finally:
-        process.kill()
-        process.communicate()
-    assert (process.returncode, out) == (0, b"")
-    reader = RecordingReader(path)
-    assert reader.n_frames >= 60
-    assert err.decode().startswith(f"{path}: {reader.n_frames} frames, ")
-    assert reader.warning is None
-    reader.close()
-
-
-@integration
-def test_a_reader_that_goes_away_is_no_error(tmp_path):
-    path = tmp_path / "trace.bin"
-    path.write_bytes(PING * 20_000)
-    process = started("-m", "x2radar", "decode", path)
-    assert json.loads(process.stdout.readline())["message"] == "Ping"
-    process.stdout.close()
-    assert process.stderr.read() == b""
-    process.stderr.close()
-    assert process.wait(60) == 0

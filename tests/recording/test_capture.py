@@ -110,6 +110,14 @@ def test_a_capture_is_a_recording_too(tmp_path, output):
         assert reader.n_frames == done.n_frames
 
 
+def test_a_capture_whose_settings_nobody_knows_says_so(tmp_path):
+    writer = CaptureWriter(tmp_path / "w", {"settings": {"frame_rate_hz": "sixty"}})
+    writer.add(FROM_MODULE, wire(*(Data(0, k, np.zeros(4, np.float32)) for k in range(9))))
+    writer.close()
+    with open_recording(tmp_path / "w") as reader:
+        assert "settings that are not known" in reader.warning
+
+
 def test_a_capture_without_frames(tmp_path):
     writer = CaptureWriter(tmp_path / "w", {"settings": {"output": "?", "junk": 1}})
     writer.add(FROM_MODULE, wire(Ack()))

@@ -4,7 +4,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from tests.radar_helpers import BASEBAND, noise
+from tests.radar_helpers import noise
 from tests.recording_helpers import (
     COUNTERS,
     LABELS,
@@ -16,8 +16,7 @@ from tests.recording_helpers import (
     run,
 )
 from x2radar.commands.convert import convert
-from x2radar.errors import RecordingError, SettingsError
-from x2radar.recording.about import Overrides
+from x2radar.errors import RecordingError
 from x2radar.recording.registry import open_recording
 
 NAMES = {
@@ -31,10 +30,7 @@ NAMES = {
     "mcap": "out.mcap",
 }
 HOLDS = [
-    *(("hdf5", kind) for kind in ("rf", "baseband")),
-    *(("npz", kind) for kind in ("rf", "baseband")),
-    *(("sigmf", kind) for kind in ("rf", "baseband")),
-    *(("mat", kind) for kind in ("rf", "baseband")),
+    *product(("hdf5", "npz", "sigmf", "mat"), ("rf", "baseband")),
     ("xethru", "baseband"),
 ]
 
@@ -99,31 +95,27 @@ def test_raw_counters_are_exact_where_the_samples_came_from_them(tmp_path):
         assert (axis.carrier_hz, axis.bandwidth_hz) == (RF.carrier_hz, RF.bandwidth_hz)
         assert reader.settings["iterations"] == 16
         assert reader.warning is None
+    with (tmp_path / "out.framelogger").open("ab") as file:
+        file.write(bytes(12))
+    with open_recording(tmp_path / "out.framelogger") as reader:
+        assert "12 bytes behind the frames, which are left out" in reader.warning
+        assert reader.n_frames == len(counters)
 
 
-@pytest.mark.parametrize(
-    ("form", "kind", "words"),
-    [("xethru", "rf", "this is RF"), ("framelogger", "baseband", "this is baseband")],
-)
-def test_what_a_format_cannot_hold_is_refused(tmp_path, form, kind, words):
-    source, _ = make(tmp_path / "in.h5", kind)
-    with pytest.raises(SettingsError, match=words):
-        convert(source, tmp_path / NAMES[form], out_kind=form)
-    assert names_in(tmp_path) == ["in.h5"]
-
-
-def test_overrides_go_before_the_file(tmp_path):
+def test_what_the_command_says_goes_before_the_file(capsys, tmp_path):
     source, _ = make(tmp_path / "in.h5", "rf")
-    known = Overrides(frame_rate_hz=30.0, range_offset_m=-0.5, sample_rate_hz=39e9)
-    convert(source, tmp_path / "out.npz", overrides=known)
-    with open_recording(tmp_path / "out.npz") as reader:
+    out = tmp_path / "out.npz"
+    known = ("--frame-rate", "30", "--range-offset", "-0.5", "--sample-rate", "39e9")
+    told = f"{out}: 150 frames, 5.0 s, NumPy archive\n"
+    assert run(capsys, "convert", source, out, *known) == (0, "", told)
+    with open_recording(out) as reader:
         stream = reader.stream
         assert stream.frame_rate_hz == 30
         assert stream.axis.range_offset_m == -0.5
         assert stream.axis.bin_length_m == pytest.approx(299_792_458.0 / 78e9)
         assert stream.axis.carrier_hz == RF.carrier_hz
         assert content(reader)[2][-1] == pytest.approx(149 / 30)
-    with np.load(tmp_path / "out.npz") as archive:
+    with np.load(out) as archive:
         assert archive["samples"].shape == (150, 48)
         assert float(archive["frame_rate_hz"]) == 30
 
@@ -155,17 +147,6 @@ def test_nothing_is_overwritten(tmp_path, form):
         out.rename(tmp_path / "out.sigmf-data")
         with pytest.raises(RecordingError, match=r"sigmf-data: exists already"):
             convert(source, out)
-
-
-def test_command(capsys, tmp_path):
-    source, _ = make(tmp_path / "in.h5")
-    out = tmp_path / "out.npz"
-    code, stdout, err = run(capsys, "convert", source, out, "--carrier", "7e9")
-    assert (code, stdout) == (0, "")
-    assert err == f"{out}: 150 frames, 2.5 s, NumPy archive\n"
-    with open_recording(out) as reader:
-        assert reader.stream.axis.carrier_hz == 7e9
-        assert reader.stream.axis.bandwidth_hz == BASEBAND.bandwidth_hz
 
 
 @pytest.mark.parametrize(("form", "kind"), HOLDS)

@@ -1,6 +1,5 @@
 """Fields of recordings that are of another kind, or mean other samples: honoured, or refused."""
 
-import json
 import os
 from datetime import UTC, datetime
 
@@ -14,11 +13,10 @@ from radard.commands.detect_tables import time_of
 from radard.config.quiet_hours import recorded_clock
 from tests.recording_helpers import make, run
 from x2radar.commands.convert import convert
-from x2radar.errors import RecordingError, SettingsError
+from x2radar.errors import RecordingError
 from x2radar.recording.registry import (
     FORMATS,
     WRITABLE,
-    check_name,
     check_no_recording,
     open_recording,
 )
@@ -96,36 +94,6 @@ def test_a_pipe_is_no_recording_and_nobody_waits_for_it(tmp_path, form, is_named
         open_recording(path, kind=kind)
 
 
-def test_bytes_behind_a_framelogger_file_are_said(tmp_path):
-    source, _ = make(tmp_path / "good.h5", "rf")
-    path = tmp_path / "good.framelogger"
-    convert(source, path)
-    with open_recording(path) as reader:
-        assert "behind the frames" not in (reader.warning or "")
-    with path.open("ab") as file:
-        file.write(bytes(12))
-    with open_recording(path) as reader:
-        assert "12 bytes behind the frames, which are left out" in reader.warning
-        assert reader.n_frames == N
-
-
-def test_a_capture_whose_settings_nobody_knows_says_so(capsys, tmp_path):
-    wire = tmp_path / "a.x2cap"
-    argv = ("record", "--port", "sim:empty", "--speed", "max", "--duration", "1")
-    code, _, _ = run(capsys, *argv, "--capture-wire", str(wire), str(tmp_path / "a.h5"))
-    assert code == 0
-    data = wire.read_bytes()
-    n = int.from_bytes(data[12:16], "little")
-    about = json.loads(data[16 : 16 + n])
-    with open_recording(wire) as reader:
-        assert reader.warning is None
-    about["settings"]["frame_rate_hz"] = "sixty"
-    head = json.dumps(about).encode()
-    wire.write_bytes(data[:12] + len(head).to_bytes(4, "little") + head + data[16 + n :])
-    with open_recording(wire) as reader:
-        assert "settings that are not known" in reader.warning
-
-
 @given(st.text(max_size=40) | st.datetimes().map(lambda when: when.isoformat()))
 def test_any_start_can_be_gone_on_from(text):
     started = parse_utc(text)
@@ -174,17 +142,6 @@ def test_the_same_recording_makes_the_same_file_whenever_and_wherever(
     monkeypatch.undo()
     time.tzset()
     assert made[0] == made[1]
-
-
-@pytest.mark.parametrize("name", ["a.csv", "a.npz", "a.x2cap", "a.dat"])
-def test_no_recording_gets_the_name_of_something_else(capsys, tmp_path, name):
-    path = str(tmp_path / name)
-    code, _, err = run(capsys, "record", path, "--port", "sim:empty", "--duration", "1")
-    assert (code, list(tmp_path.iterdir())) == (2, [])
-    assert "the name of a recording like this ends in .h5 or .hdf5" in err
-    with pytest.raises(SettingsError):
-        check_name(tmp_path / "a.h5", "capture")
-    check_name(tmp_path / "a", "hdf5")
 
 
 @pytest.mark.parametrize("form", [form for form in WRITABLE if FORMATS[form].reader])

@@ -9,17 +9,33 @@ import h5py
 import numpy as np
 import pytest
 
-from tests.hostile_helpers import ROOT, limited_worker, refused
-from tests.processes import ran
+from campaigns import fuzz
+from tests.processes import ROOT, ran
 from tests.radar_helpers import BASEBAND, frames_of, noise
 from tests.recording_helpers import make
+from x2radar.errors import RecordingError
 from x2radar.frame import StreamInfo
 from x2radar.recording.hdf5_reader import RecordingReader, lookup3
 from x2radar.recording.hdf5_writer import RecordingWriter
 from x2radar.recording.registry import open_recording
 
 pytestmark = pytest.mark.integration
-worker = pytest.fixture(scope="module")(limited_worker)
+
+
+@pytest.fixture(scope="module")
+def worker(tmp_path_factory):
+    """A process with the campaign's limits of time and memory."""
+    made = fuzz.Worker(("hdf5", "p4xx", "npz"), tmp_path_factory.mktemp("worker"))
+    yield made
+    made.close()
+
+
+def refused(path):
+    """The one line that a recording is refused with, read as the programs read it."""
+    with pytest.raises(RecordingError) as caught, open_recording(path) as reader:
+        _ = reader.labels, *reader.blocks()
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
 
 
 def killed(path, n=200):
@@ -201,7 +217,7 @@ def element(kind, data):
     return struct.pack("<II", kind, len(data)) + data.ljust(-(-len(data) // 8) * 8, b"\0")
 
 
-def mat_of(kind, n, names=b"scn\0"):
+def mat_of(kind, n, names):
     """A MATLAB file with an array `scn` of some class, said to have n elements."""
     names = struct.pack("<HHI", 5, 4, 4) + element(1, names) if kind == 2 else b""
     head = element(6, struct.pack("<II", kind, 0)) + element(5, struct.pack("<ii", 1, n))
@@ -209,21 +225,16 @@ def mat_of(kind, n, names=b"scn\0"):
     return b"MATLAB 5.0 MAT-file".ljust(124) + b"\0\1IM" + body
 
 
-@pytest.mark.parametrize("n", [3, (1 << 31) - 1, -1])
-@pytest.mark.parametrize("kind", [1, 2, 4, 5, 6])
-def test_a_mat_file_that_says_more_than_it_holds(tmp_path, worker, kind, n):
-    """Of 216 bytes a list of 2^31 empty elements was made, 85 MB a second."""
-    data = mat_of(kind, n)
-    assert len(data) < 217
-    assert worker.run("p4xx", data) == ("fine", "")
-    (tmp_path / "a.mat").write_bytes(data)
-    assert str(tmp_path / "a.mat") in refused(tmp_path / "a.mat")
+MATS = [
+    *((kind, n, b"scn\0") for kind in (1, 2, 4, 5, 6) for n in (3, (1 << 31) - 1, -1)),
+    *((2, (1 << 31) - 1, names) for names in (b"", b"xyz\0", b"x\0\0\0" * (1 << 22))),
+]
 
 
-@pytest.mark.parametrize("names", [b"", b"xyz\0", b"x\0\0\0" * (1 << 22)])
-def test_a_struct_of_no_field_that_is_wanted_costs_nothing(tmp_path, worker, names):
-    """Found by fuzzing: without a field every one of 2^31 elements was made of nothing."""
-    data = mat_of(2, (1 << 31) - 1, names)
+@pytest.mark.parametrize(("kind", "n", "names"), MATS, ids=range(len(MATS)))
+def test_a_mat_file_that_says_more_than_it_holds(tmp_path, worker, kind, n, names):
+    """Of 216 bytes, or none, a list of 2^31 elements was made, 85 MB a second."""
+    data = mat_of(kind, n, names)
     assert worker.run("p4xx", data) == ("fine", "")
     (tmp_path / "a.mat").write_bytes(data)
     assert str(tmp_path / "a.mat") in refused(tmp_path / "a.mat")
@@ -262,6 +273,10 @@ NUMBERS = {
         ({"samples": GOOD, "counter": npy((40,), "|O", pickle.dumps(Boom()))}, "is object"),
         ({"samples": npy((1 << 40, 8))}, "cut off"),
         ({"samples": npy((-40, 8))}, "shape"),
+        ({"samples": npy((3,), data=bytes(24))}, "shape"),
+        ({"samples": npy((40, 8), "<U1", bytes(40 * 32))}, "no frames"),
+        ({"other": GOOD}, "samples"),
+        ({"samples": GOOD, "counter": npy((3,), "<u4", bytes(12))}, "counter"),
         ({"samples": npy((40, 1 << 20))}, "shape"),
         ({"samples": GOOD, "counter": bytes(1 << 28)}, "too much"),
         ({"samples": GOOD, "device": bytes(1 << 28)}, "too much"),

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from radard.dsp.velocity import VelocityTransform
 from tests.recording_helpers import make
 from tests.sim_helpers import axis_with
 from x2radar import maps
@@ -39,15 +38,6 @@ def test_the_velocity_of_a_point_is_the_true_one(axis, speed_mps):
     power, velocity_mps, t_s = maps.velocity_time(frames, axis, 60.0)
     assert power.shape == (len(velocity_mps), len(t_s))
     assert velocity_mps[power.mean(axis=1).argmax()] == pytest.approx(speed_mps, abs=0.06)
-
-
-def test_it_agrees_with_the_transform_of_the_alarm():
-    frames = walker(1.2)
-    ours, velocity_mps, _ = maps.velocity_time(frames, AXIS, 60.0)
-    theirs = VelocityTransform(AXIS, 60.0, n_keep=len(frames))
-    theirs.push(frames)
-    peak_mps = theirs.velocity_mps[theirs.columns().mean(axis=1).argmax()]
-    assert velocity_mps[ours.mean(axis=1).argmax()] == pytest.approx(peak_mps, abs=0.1)
 
 
 @pytest.mark.parametrize("axis", [AXIS, RF_AXIS], ids=["baseband", "rf"])

@@ -1,46 +1,31 @@
+"""What is written, and read, of our own format; and a disk that takes no more."""
+
 import json
+import resource
+import signal
 
 import h5py
 import numpy as np
 import pytest
 
 from tests.alarm_helpers import write_recording
+from tests.processes import ran
 from tests.radar_helpers import BASEBAND, frames_of, noise
-from tests.sim_helpers import axis_with
+from tests.recording_helpers import record_scene
 from x2radar.errors import RecordingError
-from x2radar.frame import Frame, StreamInfo
+from x2radar.frame import StreamInfo
 from x2radar.recording.about import Overrides
 from x2radar.recording.hdf5_reader import RecordingReader
 from x2radar.recording.hdf5_writer import RecordingWriter
 
-RF = axis_with("rf", 16, 0.00366, 0.6)
 META = {"started_utc": "2026-01-01T00:00:00Z", "device": {"name": "x"}, "settings": {}}
 
 
-def write(path, samples, axis=BASEBAND, rate_hz=60.0, counters=None):
-    with RecordingWriter(path, StreamInfo(axis, rate_hz, "x"), **META) as writer:
-        for k, frame in enumerate(frames_of(samples, axis)):
-            counter = k + 1 if counters is None else counters[k]
-            index = counter - (1 if counters is None else counters[0])
-            writer.write(Frame(frame.samples, counter, index, 0, False, axis))
+def write(path, samples):
+    with RecordingWriter(path, StreamInfo(BASEBAND, 60.0, "x"), **META) as writer:
+        for frame in frames_of(samples):
+            writer.write(frame)
     return path
-
-
-@pytest.mark.parametrize("n", [1, 60, 200])
-@pytest.mark.parametrize("kind", ["rf", "baseband"])
-def test_round_trip(tmp_path, n, kind):
-    axis = RF if kind == "rf" else BASEBAND
-    samples = noise(n, axis.n_range)
-    samples = samples.real.copy() if kind == "rf" else samples
-    reader = RecordingReader(write(tmp_path / "r.h5", samples, axis))
-    assert reader.stream == StreamInfo(axis, 60.0, "x")
-    assert (reader.n_frames, reader.started_utc, reader.warning) == (n, META["started_utc"], None)
-    got = list(reader.frames())
-    assert np.array_equal([f.samples for f in got], samples)
-    assert [f.index for f in got] == list(range(n))
-    assert [f.counter for f in got] == list(range(1, n + 1))
-    assert got[0].samples.dtype == (np.float32 if kind == "rf" else np.complex64)
-    assert not got[0].samples.flags.writeable
 
 
 def minimal(path, **changes):
@@ -82,6 +67,7 @@ def test_phase_sign_is_brought_to_falling(tmp_path):
         ({"format": "other"}, "'format'"),
         ({"format": None}, "'format'"),
         ({"format_version": 2}, "format_version 2"),
+        *(({"format_version": other}, "format_version") for other in ("2", "one", 1.5, "")),
         ({"kind": "video"}, "no video data"),
         ({"carrier_hz": None}, "'carrier_hz' is missing"),
         ({"frame_rate_hz": 0.0}, "'frame_rate_hz' is 0"),
@@ -117,3 +103,59 @@ def test_attributes_are_those_of_the_contract(tmp_path):
         writer.write(next(frames_of(noise(1, 32))))
     writer.close()
     writer.close()
+
+
+_CODE = """
+import contextlib, importlib, io, json, sys
+for argv in json.loads(sys.argv[1]):
+    said = io.StringIO()
+    with contextlib.redirect_stderr(said), contextlib.redirect_stdout(io.StringIO()):
+        rc = importlib.import_module(argv[0]).main(argv[1:])
+    print(json.dumps([rc, said.getvalue()]))
+"""
+
+
+def limited(n_bytes):
+    """A limit on a file's size stands for the disk's end: the write itself fails."""
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (n_bytes, n_bytes))
+
+
+@pytest.mark.integration
+def test_what_cannot_be_written_is_said_and_leaves_nothing_behind(tmp_path):
+    source, out = tmp_path / "a.h5", tmp_path / "out"
+    record_scene(source, "human", n=400)
+    out.mkdir()
+    converted = [out / f"x.{name}" for name in ("h5", "npz", "mat", "parquet", "sigmf-meta")]
+    replaced = [out / "plot.png", out / "why.svg"]
+    for path in replaced:
+        path.write_text("old")
+    calls = [["x2radar.cli", "convert", source, path] for path in converted]
+    calls += [["x2radar.cli", "plot", source, "--out", replaced[0]]]
+    calls += [["radard.cli", "why", source, "--at", "4", "--out", replaced[1]]]
+    calls += [["radard.cli", "calibrate", "--port", "sim:empty", "--speed", "max"]]
+    calls[-1] += ["--duration", "25", "--out", out / "room.json"]
+    limit = {"preexec_fn": lambda: limited(900), "cwd": tmp_path}
+    done = ran("-c", _CODE, json.dumps(calls, default=str), **limit)
+    assert done.returncode == 0, done.stderr
+    told = [json.loads(line) for line in done.stdout.splitlines()]
+    for call, (rc, said) in zip(calls, told, strict=True):
+        assert rc == 1, (call, said)
+        # A library of its own writes Parquet, and wraps what it is told.
+        assert f"{call[-1]}: cannot write: " in said, said
+        assert said.endswith("File too large\n"), said
+        assert said.count("\n") == 1, said
+    assert {path.name: path.read_text() for path in out.iterdir()} == {
+        path.name: "old" for path in replaced
+    }
+
+
+@pytest.mark.integration
+def test_a_recording_that_fills_the_disk_is_readable(tmp_path):
+    path = tmp_path / "w.h5"
+    argv = ("record", path, "--port", "sim:dog", "--speed", "max", "--duration", "60")
+    done = ran("-m", "x2radar", *argv, preexec_fn=lambda: limited(2_000_000), timeout=60)
+    assert (done.returncode, done.stderr.count("\n")) == (1, 1)
+    assert "cannot write" in done.stderr
+    with RecordingReader(path) as reader:
+        assert len(list(reader.frames())) >= 60

@@ -1,25 +1,19 @@
 """Recordings in parts, the record command, and what ends a recording."""
 
 import json
-import os
-import resource
 import signal
 import threading
-import time
 
 import h5py
 import numpy as np
 import pytest
 
-from tests.processes import ran, started
 from tests.radar_helpers import BASEBAND, frames_of, noise
 from tests.recording_helpers import assert_same_frames, content, run
-from tests.waiting import wait_for
 from x2radar.commands import record as command
 from x2radar.commands.record import record, stop_flag
 from x2radar.errors import ReadTimeout, RecordingError
 from x2radar.frame import Frame, StreamInfo
-from x2radar.recording.hdf5_reader import RecordingReader
 from x2radar.recording.hdf5_writer import RecordingWriter, write_labels
 from x2radar.recording.parts import PartsReader, RotatingWriter, existing_parts, part_path
 from x2radar.recording.registry import open_recording
@@ -243,41 +237,3 @@ def test_record_stops_before_the_disk_is_full(capsys, tmp_path, monkeypatch):
     assert err.count("\n") == 1
     with open_recording(path) as reader:
         assert (reader.n_frames, reader.warning) == (180, None)
-
-
-@pytest.mark.integration
-def test_a_full_disk_leaves_a_readable_file(tmp_path):
-    """A limit on the file's size stands for the disk's end: the write itself fails."""
-    path = tmp_path / "w.h5"
-    code = "import sys; from x2radar.cli import main; sys.exit(main(sys.argv[1:]))"
-    argv = ["record", str(path), "--port", "sim:dog", "--speed", "max", "--duration", "60"]
-
-    def limit():
-        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (2_000_000, 2_000_000))
-
-    done = ran("-c", code, *argv, preexec_fn=limit, timeout=60)
-    assert done.returncode == 1, done.stderr
-    assert "cannot write" in done.stderr
-    assert done.stderr.count("\n") == 1
-    with RecordingReader(path) as reader:
-        assert len(list(reader.frames())) >= 60
-
-
-@pytest.mark.integration
-@pytest.mark.parametrize("kill", range(2))
-def test_a_killed_recorder_leaves_readable_parts(tmp_path, kill):
-    options = ["--port", "sim:dog?seed=1", "--speed", "max", "--rotate-time", "2"]
-    process = started(
-        "-m", "x2radar", "record", tmp_path / "w.h5", *options, stdout=None, stderr=None
-    )
-    try:
-        wait_for(lambda: existing_parts(tmp_path / "w.h5"))
-        time.sleep((0.0, 0.11, 0.31)[kill])
-    finally:
-        os.kill(process.pid, signal.SIGKILL)
-        process.wait()
-    with open_recording(tmp_path / "w.h5") as reader:
-        frames = list(reader.frames())
-    assert [f.index for f in frames] == list(range(len(frames)))
-    assert frames

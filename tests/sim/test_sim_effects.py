@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from radard.dsp.downconvert import DownConverter
-from tests.receiver_helpers import BASEBAND, RF, affected, room_echo
+from tests.sim_helpers import BASEBAND, RF, affected, room_echo
 from x2radar.sim.signal.effects import FrameDraws, ReceiverEffects
 from x2radar.sim.signal.receiver import MIDDLE
 

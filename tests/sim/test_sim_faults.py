@@ -6,7 +6,7 @@ import functools
 import numpy as np
 import pytest
 
-from tests.module_helpers import EMPTY, HUMAN, MANUAL
+from tests.sim_helpers import EMPTY, HUMAN, MANUAL
 from x2radar.errors import MessageError, SettingsError
 from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.module.faults import KINDS, parse_faults

@@ -6,21 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from x2radar.device.device import X2Radar
+from tests.device_helpers import faulty
 from x2radar.device.link import Deadlines
-from x2radar.errors import DeviceError, ReadTimeout, SafeModeError, TransportClosed
+from x2radar.errors import DeviceError, SafeModeError
 from x2radar.modules.x2 import RadarSettings
 from x2radar.ports import parse_port
 from x2radar.radars import make_radar
-from x2radar.sim.module.faults import KINDS, describe_faults, parse_faults
-from x2radar.sim.module.host import connect
-from x2radar.sim.module.module import SimulatedModule
 from x2radar.sim.module.stream import EchoStream
 from x2radar.sim.scene.scene import load_scene
-from x2radar.wire import framing
-from x2radar.wire.codec import encode
-from x2radar.wire.messages import Ping, SetMode
-from x2radar.wire.wire_ids import Mode
 
 SCENE = load_scene("human")
 QUICK = Deadlines(reply_s=0.5, ready_s=3, ping_every_s=0.05, stall_s=0.5)
@@ -90,66 +83,19 @@ def test_flipped_bits_pass_only_where_the_checksum_is_blind(told):
     assert all(is_made(frame, told) for frame in got)
 
 
-def opened(faults, speed=None, deadlines=QUICK):
-    plan = parse_faults(faults)
-    return X2Radar(
-        lambda: connect(lambda: SimulatedModule(SCENE, 0, plan), speed), deadlines=deadlines
-    )
-
-
 SLOW = [("slow_ack:0.1", None), ("slow_ack:0.03", 1.0), ("not_ready:0.3", 1.0)]
 
 
 @pytest.mark.parametrize(("faults", "speed"), [*SLOW, ("not_ready:100", None)])
 def test_it_opens_all_the_same(faults, speed):
-    with opened(faults, speed) as radar:
+    with faulty(faults, speed, deadlines=QUICK) as radar:
         assert next(radar.frames()).index == 0
 
 
 def test_what_cannot_be_opened():
     with pytest.raises(SafeModeError):
-        opened("safe_mode:1").open()
+        faulty("safe_mode:1", deadlines=QUICK).open()
     with pytest.raises(DeviceError, match="command failed"):
-        opened("error_reply:1").open()
+        faulty("error_reply:1", deadlines=QUICK).open()
     with pytest.raises(DeviceError, match="not ready"):
-        opened("not_ready:60", 1.0, replace(QUICK, ready_s=0.5)).open()
-
-
-@pytest.mark.parametrize(
-    ("faults", "error"), [("hang_up:2", TransportClosed), ("silent:2", ReadTimeout)]
-)
-def test_what_ends(faults, error):
-    got = []
-    with opened(faults) as radar, pytest.raises(error):
-        got.extend(radar.frames())
-    # Time of the start-up counts too.
-    assert [frame.index for frame in got] == list(range(len(got)))
-    assert 100 < len(got) < 120
-
-
-def test_reads_are_the_pieces_that_the_line_makes():
-    transport = connect(lambda: SimulatedModule(SCENE, 0, parse_faults("split:9")), None)
-    line = [framing.encode(encode(c)) for c in (Ping(), SetMode(Mode.MANUAL))]
-    reads = []
-    for command in line:
-        transport.write(command)
-    while len(reads) < 3000:
-        if piece := transport.read(1.0):
-            reads.append(piece)
-    transport.close()
-    with pytest.raises(TransportClosed):
-        transport.read(1.0)
-    module = SimulatedModule(SCENE, 0, parse_faults("split:9"))
-    module.receive(line[0] + line[1])
-    module.advance(1.0)
-    pieces = list(itertools.islice(iter(module.data_to_send, b""), 3000))
-    assert reads == pieces
-    assert set(map(len, reads)) == set(range(1, 10))
-
-
-def test_help_lists_the_kinds():
-    rows = describe_faults().splitlines()
-    for name, kind in KINDS.items():
-        assert any(
-            row.split()[:1] == [name] and kind.unit in row and kind.meaning in row for row in rows
-        )
+        faulty("not_ready:60", 1.0, deadlines=replace(QUICK, ready_s=0.5)).open()

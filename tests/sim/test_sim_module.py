@@ -6,14 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.framing_helpers import Packing
-from tests.framing_helpers import encode as packed
-from tests.module_helpers import EMPTY, MANUAL, REFUSED, UNKNOWN, ask, fps, frames, module, said
+from tests.sim_helpers import EMPTY, MANUAL, REFUSED, UNKNOWN, ask, fps, frames, module, said
 from x2radar.sim.module.module import BOOT_S, RESET_DELAY_S
 from x2radar.wire import framing
 from x2radar.wire import messages as msg
 from x2radar.wire import wire_ids as ids
-from x2radar.wire.codec import encode
 
 
 @pytest.mark.parametrize(
@@ -57,26 +54,6 @@ def test_answers(command, answer):
     m = module()
     assert ask(m, command) == [answer]
     assert ask(m, msg.Ping()) == [msg.Pong(ids.PongCode.READY)]  # and it goes on obeying
-
-
-@pytest.mark.parametrize("packing", list(Packing))
-def test_any_packing_is_understood(packing):
-    m = module()
-    m.receive(packed(encode(msg.Ping()), packing))
-    m.receive(framing.encode(encode(msg.Ping())))
-    assert said(m) == [msg.Pong(ids.PongCode.READY)] * 2
-
-
-def test_damaged_packets_get_no_answer():
-    ping = framing.encode(encode(msg.Ping()))
-    for k in range(1, len(ping) - 1):
-        m = module()
-        m.receive(ping[:k] + bytes([ping[k] ^ 0x01]) + ping[k + 1 :])
-        assert said(m) == []
-        assert ask(m, msg.Ping()) == [msg.Pong(ids.PongCode.READY)]
-    m = module()
-    m.receive(b"junk" + ping + b"\x00\xff")
-    assert said(m) == [msg.Pong(ids.PongCode.READY)]
 
 
 @given(st.lists(st.binary(min_size=1, max_size=40), max_size=6))

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from tests.echo_references import passband
-from tests.module_helpers import EMPTY, MANUAL, REFUSED, ask, fps, frames, module, said
-from tests.sim_helpers import axis_of
+from tests.sim_helpers import EMPTY, MANUAL, REFUSED, ask, axis_of, fps, frames, module, said
 from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.module.module import MAX_LATE_S, EchoStream
 from x2radar.sim.scene.scene import parse_scene

@@ -10,8 +10,7 @@ from radard.dsp.doppler import doppler_hz
 from radard.dsp.downconvert import DownConverter
 from tests.dsp_reference import micro_doppler_direct
 from tests.echo_references import baseband_echo, passband
-from tests.receiver_helpers import BASEBAND, RF, affected, room_echo, silence
-from tests.sim_helpers import axis_of
+from tests.sim_helpers import BASEBAND, RF, affected, axis_of, room_echo, silence
 from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.signal.effects import FrameDraws, ReceiverEffects
 from x2radar.sim.signal.pulse import (
@@ -81,6 +80,11 @@ def test_clipping_at_both_ends(settings, low, high):
     assert frames.dtype == np.float32
 
 
+def colour(x, lag):
+    """How alike bins are that are so many apart, complex."""
+    return complex((x[:, lag:] * x[:, :-lag].conj()).mean() / (np.abs(x) ** 2).mean())
+
+
 @pytest.mark.parametrize("generator", [0, 5, 11])
 def test_baseband_noise_is_that_of_down_converted_rf(generator):
     """Power within 0.3 dB, colour within 2 %: measured over 300 frames of 768 bins."""
@@ -99,12 +103,8 @@ def test_baseband_noise_is_that_of_down_converted_rf(generator):
     assert powers[0] == pytest.approx(4 * 0.04**2 / (pulse**2).sum(), rel=0.05)
     for lag in (1, 4, 8, 12):
         # Mixing leaves each bin its own phase; the noise's colour is that of the envelope.
-        colours = [
-            complex((x[:, lag:] * x[:, :-lag].conj()).mean() / (np.abs(x) ** 2).mean())
-            for x in (ours, mixed)
-        ]
-        assert abs(colours[0]) == pytest.approx(math.exp(-0.25 * (lag / sigma) ** 2), abs=0.02)
-        assert abs(colours[0] - colours[1]) < 0.03
+        wanted = math.exp(-0.25 * (lag / sigma) ** 2)
+        assert [colour(x, lag) for x in (ours, mixed)] == pytest.approx([wanted] * 2, abs=0.03)
 
 
 @pytest.mark.parametrize("rate_hz", [60, 100, 200, 400, 1000])
@@ -127,10 +127,8 @@ def test_matched_noise_has_the_colour_of_the_pulse_on_any_axis(decimation):
     for lag in (1, 2, 5):
         away_s = 2 * lag * axis.bin_length_m / 299_792_458
         wanted = math.exp(-0.25 * (away_s / pulse_sigma_s(axis.bandwidth_hz)) ** 2)
-        got = (x[:, lag:] * x[:, :-lag].conj()).mean() / (np.abs(x) ** 2).mean()
-        assert abs(got - wanted) < 0.025
-    ends = (x[:, 0] * x[:, -1].conj()).mean() / (np.abs(x) ** 2).mean()
-    assert abs(ends) < 0.1
+        assert abs(colour(x, lag) - wanted) < 0.025
+    assert abs(colour(x, axis.n_range - 1)) < 0.1
 
 
 @pytest.mark.parametrize("delay_s", [0.2e-12, 2e-12])

@@ -12,7 +12,6 @@ from x2radar.errors import SceneError
 from x2radar.modules.x2 import RadarSettings
 from x2radar.ports import parse_port
 from x2radar.radars import make_radar
-from x2radar.sim.bodies.thesis_bodies import SEED_GAIN, THESIS_BODIES, draw, ranges
 from x2radar.sim.module.stream import EchoStream
 from x2radar.sim.scene.scene import builtin_scenes, parse_scene
 from x2radar.sim.scene.stage import Stage, check_swath
@@ -55,16 +54,6 @@ def test_blocks_end_where_steps_end_and_a_step_is_a_frame_at_least():
     scene = parse_scene("steps: [{duration_s: 0.1}, {duration_s: 0.1}]", "short", "short")
     stage = Stage(scene, 0, 1.0)
     assert [stage.next_block(10).n_slow for _ in range(4)] == [1, 1, 1, 1]
-
-
-def test_every_step_is_a_draw_of_its_own_number():
-    stage = Stage(SCENE, 9, 60.0)
-    for number, (body, n) in enumerate([("thesis_human", 60), (None, 30), ("thesis_cat", 15)] * 3):
-        block = stage.next_block(1000)
-        drawn = draw(THESIS_BODIES[body], np.random.default_rng([9, number])) if body else ()
-        range_m, rcs_m2 = ranges(drawn, np.arange(n) / 60)
-        assert np.allclose(block.rows.range_m, np.maximum(range_m, 0.1), rtol=1e-12)
-        assert np.allclose(block.rows.root_rcs_m**2 * SEED_GAIN, rcs_m2, rtol=1e-12)
 
 
 def test_durations_and_choices_are_drawn_anew():

@@ -46,9 +46,11 @@ def test_a_busy_port_is_a_warning_and_waited_for(launched, monkeypatch):
         assert sum(r["type"] == "decision" for r in records) == 8
         assert err.count("cannot listen") == 1
         assert "Address already in use" in err
+        assert "listening at" not in err
         running = launched("--port", "sim:empty", "--model", "none", port=port)
         running.wait(lambda: "cannot listen" in running.log)
     running.wait_online()
+    assert f"listening at http://127.0.0.1:{port}/" in running.log
     assert running.end() == 0
 
 

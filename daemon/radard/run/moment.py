@@ -81,11 +81,12 @@ class _Kept(Outputs):
     def put(self, record: Record, sensor: str | None = None, *, waits: bool = False) -> bool:
         """Keep a record, and what the network saw if no decision was nearer."""
         self.records.append(record)
-        if record["type"] == "decision" and self.off_s(record) < self.off_s(self.nearest):
-            self.nearest = record
-            self.seen = self.classifier.seen if self.classifier is not None else None
-        if self.classifier is not None:
-            self.classifier.seen = None
+        if record["type"] == "decision":
+            seen = self.classifier.seen if self.classifier is not None else None
+            if self.off_s(record) < self.off_s(self.nearest):
+                self.nearest, self.seen = record, seen
+            if self.classifier is not None:
+                self.classifier.seen = None
         return super().put(record, sensor, waits=waits)
 
     def off_s(self, record: Record) -> float:
