@@ -45,33 +45,8 @@ def actions(parser):
     return [a for a in parser._actions if not isinstance(a, argparse._SubParsersAction)]
 
 
-@pytest.mark.parametrize("name", MAINS)
-def test_every_subcommand_has_a_description_an_example_and_help_for_all(name, trees):
-    subs = list(below(trees[name]))
-    assert len(subs) >= 6
-    for parser in (trees[name], *subs):
-        assert parser.description, parser.prog
-        assert parser.description[0].isupper(), parser.prog
-        _, _, examples = (parser.epilog or "").partition("example")
-        assert parser.prog in examples, parser.prog
-        for action in actions(parser):
-            assert action.help, (parser.prog, action.dest)
 
 
-@pytest.mark.integration
-@pytest.mark.skipif(shutil.which("groff") is None, reason="no groff here")
-@pytest.mark.parametrize("name", MAINS)
-def test_groff_finds_no_fault_in_a_man_page(name, trees):
-    done = subprocess.run(
-        [shutil.which("groff"), "-man", "-Tutf8", "-ww", "-z"],
-        input=manual.man_page(trees[name]),
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    # A long word in a narrow place: adjusting is no fault of ours.
-    faults = [line for line in done.stderr.splitlines() if "cannot adjust" not in line]
-    assert [line for line in faults if "can't break" not in line] == []
 
 
 @pytest.mark.parametrize("name", MAINS)

@@ -4,10 +4,13 @@ Each check yields one line for what does not hold. Links and anchors of the site
 `mkdocs build --strict`, blocks of code by blocks.py, and run by tests/house/test_docs_blocks.py.
 """
 
+import argparse
 import ast
+import contextlib
 import importlib
 import json
 import re
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -20,6 +23,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "daemon"), str(ROOT / "training")]
 import yaml  # noqa: E402 - the path comes first
 
 from tools.site.sentences import too_long  # noqa: E402
+from x2radar import manual  # noqa: E402
 
 PAGES = sorted(
     page
@@ -246,9 +250,39 @@ def notebooks() -> Iterator[str]:
             yield f"{path.name}: run tools/notebooks.py {path.stem}"
 
 
+def commands() -> Iterator[str]:
+    """Every command says what it does, with an example and help for all; so do the man pages."""
+    wholes: list[argparse.ArgumentParser] = []
+    manual.man_page, made = lambda parser: wholes.append(parser) or "", manual.man_page
+    for package in PACKAGES:
+        with contextlib.suppress(SystemExit), contextlib.redirect_stdout(None):
+            importlib.import_module(f"{package}.cli").main(["--print-man"])
+    manual.man_page = made
+    if len(wholes) < len(PACKAGES):
+        yield "a command prints no man page"
+    todo = list(wholes)
+    while todo:
+        parser = todo.pop()
+        todo += manual.subparsers(parser).values()
+        if not (parser.description or "")[:1].isupper():
+            yield f"{parser.prog}: no description"
+        if parser.prog not in (parser.epilog or "").partition("example")[2]:
+            yield f"{parser.prog}: no example"
+        said = (a for a in parser._actions if not a.help and a.nargs != argparse.PARSER)
+        yield from (f"{parser.prog} {a.dest}: no help" for a in said)
+    if groff := shutil.which("groff"):
+        for whole in wholes:
+            argv, page = [groff, "-man", "-Tutf8", "-ww", "-z"], made(whole)
+            done = subprocess.run(argv, input=page, capture_output=True, text=True, check=True)
+            # A long word in a narrow place: adjusting is no fault of ours.
+            odd = re.compile("cannot adjust|can't break")
+            faults = [line for line in done.stderr.splitlines() if not odd.search(line)]
+            yield from (f"man page of {whole.prog}: {fault}" for fault in faults)
+
+
 CHECKS = (
     *(links, names, settings, rule, messages, exit_codes, claims, accuracy, frame, rooms),
-    *(notebooks, too_long),
+    *(notebooks, commands, too_long),
 )
 
 
