@@ -174,14 +174,6 @@ def test_still_frames_have_no_power_at_all(make):
 
 
 @each
-@pytest.mark.parametrize("live", [0, 12, 23])
-def test_one_live_bin(make, live):
-    frames = np.zeros((40, 24), np.complex64)
-    frames[:, live] = noise(40, 1)[:, 0]
-    assert off(make, frames, fed(make, frames)) < 1e-5
-
-
-@each
 def test_the_last_of_many_frames_is_as_exact_as_the_first(make):
     setting = {"n_cpi": 28, "axis": replace(X2, n_range=6)}
     # Columns need be made of the last frames alone.

@@ -45,10 +45,6 @@ def actions(parser):
     return [a for a in parser._actions if not isinstance(a, argparse._SubParsersAction)]
 
 
-
-
-
-
 @pytest.mark.parametrize("name", MAINS)
 @pytest.mark.parametrize("shell", manual.SHELLS)
 def test_completion_names_every_option_and_subcommand(name, shell, trees):

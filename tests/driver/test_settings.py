@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from x2radar.device.assemble import FrameAssembler
@@ -99,26 +99,23 @@ def test_faults_are_named_all_at_once(cls, changes, words):
     assert caught.value.exit_code == 2
 
 
-def test_every_whole_rate_gives_settings_that_fit():
-    for rate in range(1, 1001):
-        s = RadarSettings.for_frame_rate(rate)
-        assert s.frame_rate_hz == rate
-        assert s.sweep_s * rate <= 1
-        # No more than one iteration of the sweep is left unused below its cap.
-        one = s.sweep_s / s.iterations
-        assert s.iterations == 64 or (s.sweep_s + one) * rate > 1
-
-
-@given(st.floats(allow_nan=True, allow_infinity=True), st.sampled_from(["rf", "iq", "ap"]))
-def test_any_rate_gives_settings_or_a_settings_error(rate, output):
+@given(
+    st.integers(1, 1000) | st.floats(allow_nan=True, allow_infinity=True),
+    st.sampled_from(["rf", "iq", "ap"]),
+)
+@settings(max_examples=1000)
+def test_any_rate_gives_settings_that_fit_or_a_settings_error(rate, output):
     try:
         s = RadarSettings.for_frame_rate(rate, output=output)
     except SettingsError as err:
         assert not (1 <= rate <= 1000 and rate % 1 == 0)
         assert "frame_rate_hz" in str(err)  # noqa: PT017
     else:
+        assert (s.frame_rate_hz, s.output) == (rate, output)
         assert s.sweep_s * rate <= 1
-        assert s.output == output
+        # No more than one iteration of the sweep is left unused below its cap.
+        one = s.sweep_s / s.iterations
+        assert s.iterations == 64 or (s.sweep_s + one) * rate > 1
 
 
 @pytest.mark.parametrize("rate_hz", [0, -1, 1001, 1e9, math.nan, math.inf, "60", None])
