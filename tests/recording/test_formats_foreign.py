@@ -271,7 +271,7 @@ FOREIGN = [
     ("kind", "name", "content", "words"),
     [
         *(("baseband_iq", "*baseband*", *row) for row in FOREIGN),
-        *(("datafloat", META, data, "") for data in (b"", b"\0" * 200, meta("datafloat", []))),
+        *(("datafloat", META, data, ".") for data in (b"", b"\0" * 200, meta("datafloat", []))),
     ],
 )
 def test_foreign_content(tmp_path, kind, name, content, words):

@@ -50,7 +50,7 @@ def test_a_busy_port_is_a_warning_and_waited_for(launched, monkeypatch):
         running = launched("--port", "sim:empty", "--model", "none", port=port)
         running.wait(lambda: "cannot listen" in running.log)
     running.wait_online()
-    assert f"listening at http://127.0.0.1:{port}/" in running.log
+    assert f"dashboard at http://127.0.0.1:{port}/" in running.log
     assert running.end() == 0
 
 
