@@ -219,6 +219,24 @@ def test_reload_changes_the_policy_the_outputs_and_the_clips(tmp_path, launch):
     assert "hello" in rotated.read_text()
 
 
+def test_a_reload_before_there_is_a_stream_holds_for_it(tmp_path, launch):
+    """Before, it was said to be done, and the stream began with the old configuration."""
+    choices, name = [], tmp_path / "ttyX2"
+    daemon = launch(sensor={"port": str(name), "wait": True}, reload=lambda: choices[0])
+    wait_for(lambda: daemon.radar.health.status.state == "offline")
+    alarm = daemon.config.alarm.model_copy(update={"latch_s": 99.0})
+    model = daemon.config.model.model_copy(update={"name": "thesis"})
+    choices.append(daemon.config.model_copy(update={"alarm": alarm, "model": model}))
+    daemon.ask("reload")
+    wait_for(lambda: daemon.radar.config().alarm == alarm)
+    with plugged(speed=5.0) as pty:
+        name.symlink_to(pty.path)
+        wait_for(lambda: daemon.panel().get("seq"))
+        parts = daemon.radar.parts
+        assert (parts.policy.latch_s, parts.pipeline.classifier.bundle.name) == (99.0, "thesis")
+        assert daemon.stop() == 0
+
+
 STALE_S = 1.5
 WHERE = {
     "reader, waiting for the port": (Gate.before_each, LiveSource, "frames"),

@@ -290,6 +290,26 @@ def test_a_reload_adds_and_removes_radars_and_leaves_the_others(tmp_path, launch
     assert states(of(records, "attic"))[-1] == ("offline", "stopped")
 
 
+def test_an_alarm_ends_with_a_radar_that_a_reload_takes_away(tmp_path, launch):
+    """Before, a siren that waits for the end went on for ever."""
+    out, rooms = tmp_path / "out.jsonl", {**ROOMS, "attic": {"port": "sim:human"}}
+    daemon = launch(
+        sensors=rooms,
+        reload=lambda: with_others(daemon, {"hall": ROOMS["hall"]}),
+        output=[f"json:{out}"],
+        model={"name": "thesis"},
+        alarm={"sensitivity": "high", "latch_s": 3600},
+    )
+    attic = daemon.run.sensors[1]
+    wait_for(lambda: told(attic).get("alarm_id"))
+    daemon.ask("reload")
+    wait_for(lambda: len(daemon.run.sensors) == 1)
+    assert daemon.stop() == 0
+    rows = of(map(json.loads, out.read_text().splitlines()), "attic")
+    last = [r for r in rows if r["type"] == "event" and r["kind"] == "alarm"][-1]
+    assert (last["phase"], last["reason"]) == ("end", "taken away by a reload")
+
+
 def test_a_reload_begins_a_radar_again_whose_port_is_another(launch, broker, listen):
     """Before, its topics stayed offline, and their commands went to the radar that had gone."""
     mqtt = {"output": [f"mqtt://127.0.0.1:{broker.port}"], "mqtt": {"commands": "always"}}

@@ -163,6 +163,11 @@ class EventTracker:
         on = self._open.get(kind)
         return [] if on is None else [self._go_on(kind, f"{on.reason}; {text}", t_s, "update")]
 
+    def end_all(self, reason: str, t_s: float) -> list[Event]:
+        """End what is on: nobody looks there any more."""
+        self.panel.acknowledge(t_s)
+        return [self._go_on(kind, reason, t_s, "end") for kind in self.open_events]
+
     def has_clip(self, event_id: str, clip: str | None) -> None:
         """Note which clip is made of an event that is on; its further phases name it."""
         for kind, event in self._open.items():

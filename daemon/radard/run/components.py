@@ -176,14 +176,18 @@ def _take_calibration(path: Path, pipeline: Pipeline) -> Calibration:
     return calibration
 
 
-def remake_parts(config: Config, old: Parts, *, now: Now, is_live: bool) -> Parts:
-    """Make the parts of a configuration that was read again, for the stream that goes on."""
-    was = old.config
+def without_restart(config: Config, was: Config) -> Config:
+    """Return what holds without a restart of a configuration that was read again; say the rest."""
     for name in RESTART_SECTIONS:
         if getattr(config, name) != getattr(was, name):
             log.warning("reload: changes of '%s' take a restart", name)
-    config = config.model_copy(update={name: getattr(was, name) for name in RESTART_SECTIONS})
-    pipeline = old.pipeline
+    return config.model_copy(update={name: getattr(was, name) for name in RESTART_SECTIONS})
+
+
+def remake_parts(config: Config, old: Parts, *, now: Now, is_live: bool) -> Parts:
+    """Make the parts of a configuration that was read again, for the stream that goes on."""
+    was, pipeline = old.config, old.pipeline
+    config = without_restart(config, was)
     if any(getattr(config, name) != getattr(was, name) for name in _PIPELINE_SECTIONS):
         has_new = config.model != was.model
         stream = pipeline.stream

@@ -207,19 +207,18 @@ class Process:
             remade = []
             for sensor in (keeper.sensor for keeper in self._keepers if keeper not in gone):
                 own = config.of_sensor(sensor.sensor) if config.is_one_of_several else config
-                if (parts := sensor.remake(own)) is not None:
-                    remade.append((sensor, parts))
+                remade.append(sensor.remake(own))
         except (RadardError, X2RadarError) as err:
             why = f"the old configuration stays: {err}"
             log.warning("reload: %s", why)
         else:
-            hellos = [sensor.exchange(parts) for sensor, parts in remade]
+            hellos = [hello for hold in remade if (hello := hold()) is not None]
             kept = {"sensor": self._config.sensor, "service": self._config.service}
             self._config = config.model_copy(update=kept)
-            self._take_away(gone)
+            self._take_away(gone, again={keeper.sensor.sensor for keeper in new})
             self._add(new)
             if self._outputs.is_open:
-                self._outputs.reload(self._config, [each for each in hellos if each is not None])
+                self._outputs.reload(self._config, hellos)
             for keeper in new:
                 log.warning("%s: added by a reload", keeper.sensor.sensor)
                 keeper.start()
@@ -239,7 +238,7 @@ class Process:
         gone = [keeper for keeper in self._keepers if keeper.sensor.sensor not in stay]
         return gone, [self._make_keeper(e) for name, e in after.items() if name not in stay]
 
-    def _take_away(self, gone: list[Keeper]) -> None:
+    def _take_away(self, gone: list[Keeper], again: set[str]) -> None:
         for keeper in gone:
             log.warning("%s: taken away by a reload", keeper.sensor.sensor)
         self._stop(gone)
@@ -248,6 +247,8 @@ class Process:
             name = keeper.sensor.sensor
             if keeper.stuck:
                 log.warning("stuck and left behind: %s", ", ".join(keeper.stuck))
+            elif name not in again:
+                keeper.sensor.end_events("taken away by a reload")
             self._heart.remove(name)
             self._control.remove(name)
             self._outputs.remove(name)

@@ -10,6 +10,7 @@ import threading
 import uuid
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from radard.alarm.events import EventTracker, trial_alarm
@@ -19,6 +20,7 @@ from radard.config.config import Config
 from radard.config.quiet_hours import recorded_clock, wall_clock
 from radard.errors import UsageError
 from radard.health.health import STALE_S, Health, Status
+from radard.judge.classifier import Classifier
 from radard.outputs.base import COMMANDS, Sink
 from radard.outputs.fanout import Outputs
 from radard.outputs.records import Record, event_record, hello_record, marked, status_record
@@ -33,6 +35,7 @@ from radard.run.components import (
     make_store,
     remake_parts,
     taken_of,
+    without_restart,
 )
 from radard.run.pool import WorkerPool
 from radard.run.running import OpenedSensor, RunningSensor
@@ -84,6 +87,7 @@ class Sensor:
         self.health = Health(stale_s=STALE_S * max(1.0, 1.0 / (self._factor or 1.0)))
         self._end_wait: Callable[[], None] = lambda: None
         self._run: RunningSensor | None = None
+        self._opened_with = config
         self._store: StateStore | None = None  # from the first stream or command on
         self._commanding = threading.Lock()
         self._has_said_hello = False
@@ -204,6 +208,7 @@ class Sensor:
         )
         self._end_wait = source.close
         self._is_live = source.is_live
+        self._opened_with = self._config
         try:
             stream = source.stream
             if source.is_live and not stream.run_id:
@@ -263,7 +268,15 @@ class Sensor:
                 on_over=on_over,
             )
         run.start()
+        if self._config is not self._opened_with:
+            # Read again while the stream was opened.
+            self.reload()
         return run
+
+    def end_events(self, reason: str) -> None:
+        """End what is on in a run that is over, as there will be no other one."""
+        if self._run is not None:
+            self._run.worker.end_events(reason)
 
     def leave(self) -> None:
         """Let go of a run that is over: there is no stream until the next one."""
@@ -282,21 +295,30 @@ class Sensor:
             self._run.stop()
         self._end_wait()
 
-    def remake(self, config: Config) -> Parts | None:
-        """Return the parts for a configuration read again; None without a stream."""
+    def remake(self, config: Config) -> Callable[[], Record | None]:
+        """Return what lets a configuration hold that was read again; raises if it cannot.
+
+        That returns the `hello` that says so; without a stream it waits for one, and says nothing.
+        """
         if (run := self._run) is None:
-            return None
+            was, config = self._config, without_restart(config, self._config)
+            known = self._classifier if config.model == was.model else make_classifier(config)
+            return partial(self._hold, config, known)
         opened = run.opened
-        return remake_parts(
+        parts = remake_parts(
             config, run.worker.parts, now=opened.now, is_live=opened.source.is_live
         )
+        return partial(self._exchange, run, parts)
 
-    def exchange(self, parts: Parts) -> Record | None:
-        """Work with other parts from the next item on; return the `hello` that says so."""
-        if (run := self._run) is None:
-            return None
+    def _exchange(self, run: RunningSensor, parts: Parts) -> Record:
         run.worker.exchange(parts)
         return _hello(run.worker, parts, run.opened, self.mark())
+
+    def _hold(self, config: Config, classifier: Classifier | None) -> None:
+        self._config, self._classifier = config, classifier
+        if self._run is not None:
+            # A stream has come since.
+            self.reload()
 
     def _worker(self) -> Worker | None:
         """Return who works on the stream; None when nobody does."""

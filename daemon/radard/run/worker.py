@@ -111,6 +111,11 @@ class Worker:
         """Tell what the last run has left: an alarm that is on, say."""
         self._emit(self._kept_events)
 
+    def end_events(self, reason: str) -> None:
+        """End what is on, once the stream is over and will not begin again."""
+        self._emit(self.tracker.end_all(reason, self._t_s))
+        self._keep(self._t_s)
+
     def close(self) -> None:
         """End what works beside it; the stream is over."""
         if self._room is not None:
