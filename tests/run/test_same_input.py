@@ -42,7 +42,7 @@ def yesterday(folder):
         StateStore(events, f"radar{mark}").save(KeptState(is_armed=False))
         (folder / f"radar{mark}.settings.yaml").write_text(SETTINGS)
         (folder / f"radar{mark}.zones.yaml").write_text(ZONES)
-        (folder / f"radar{mark}.room.json").write_text("{}")
+        (folder / f"radar{mark}.room.npz").write_text("{}")
         (folder / f"radar{mark}.calibration.json").write_text("{}")
     events.close()
 
@@ -77,7 +77,7 @@ def test_what_is_asked_for_is_taken_and_said(state, tmp_path):
     assert not events(lines, "alarm")
     names = {line.partition(":")[0].rpartition("/")[2] for line in hello["taken"]}
     expected = {"radar.sim.settings.yaml", "radar.sim.zones.yaml", "log.db"}
-    assert names == {*expected, "radar.sim.room.json"}
+    assert names == {*expected, "radar.sim.room.npz"}
     (line,) = [line for line in err.splitlines() if "nobody named" in line]
     assert all(each in line for each in hello["taken"])
     assert "alarm.entry_delay_s, alarm.sensitivity" in line

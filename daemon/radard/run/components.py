@@ -218,7 +218,7 @@ def taken_of(
     config: Config, pipeline: Pipeline, *, is_live: bool, has_state: bool
 ) -> tuple[str, ...]:
     """Return what a run takes from files that nobody named, for people."""
-    files = [_kept_file(config, "room.json", is_live=is_live)]
+    files = [_kept_file(config, "room.npz", is_live=is_live)]
     if has_state:
         files.append(log_path(config))
     if config.gate.calibration == "auto" and pipeline.calibration is not None:
@@ -242,7 +242,7 @@ def _watch_for_tamper(
     if old is not None and is_same and old.config.tamper == config.tamper:
         pipeline.tamper = old.pipeline.tamper
         return old.room
-    store = RoomStore(_kept_file(config, "room.json", is_live=is_live), stream)
+    store = RoomStore(_kept_file(config, "room.npz", is_live=is_live), stream)
     # Other settings are no reason to take what is there now for the room.
     watch = old.pipeline.tamper if old is not None and is_same else None
     known = watch.known if watch is not None else None
