@@ -183,7 +183,7 @@ class Pipeline:
         alarm = False
         if not reading.is_open:
             label, alarm = "none", self.verdict.leave()
-            self._evidence.reset()
+            self._evidence.end_visit()
         else:
             try:
                 answer = self._ask(moving if self._features.clutter == "removed" else dwell)
@@ -194,7 +194,8 @@ class Pipeline:
             if answer is not None:
                 fused = window = answer.window
                 if self.policy == "fused":
-                    fused = self._evidence.fuse(answer, self._strength_db(gate, dwell))
+                    seen = {"t_s": dwell.t_s, "range_m": reading.range_m}
+                    fused = self._evidence.fuse(answer, self._strength_db(gate, dwell), **seen)
                 label, alarm = self.verdict.judge(fused, dwell.t_s)
         findings: tuple[Finding, ...] = ()
         if self.tamper is not None:

@@ -286,3 +286,56 @@ def test_a_second_of_windows_counts_as_much_at_any_hop(hop_s, discount):
 def test_no_window_counts_for_more_than_itself():
     window = Probabilities(0.6, 0.4, 0.0)
     assert Evidence(EvidenceSettings(discount=0.6), 2.0).add(window).human == pytest.approx(0.6)
+
+
+def visit(evidence, p_human, t_s, range_m, windows=3):
+    """The first fused odds of a person in nats, of windows that say the same each."""
+    answer = Answer(window(p_human, 1 - p_human, 0.0), np.log([p_human, 1 - p_human, 1e-9]), None)
+    made = [evidence.fuse(answer, t_s=t_s + k, range_m=range_m).human for k in range(windows)]
+    evidence.end_visit()
+    assert np.ptp(made) < 1e-12
+    return math.log(made[0] / (1 - made[0]))
+
+
+@pytest.mark.parametrize("p_human", [1e-9, 0.02, 0.3, 0.7, 0.999])
+def test_what_begins_where_a_visit_ended_is_likely_the_same_body(p_human):
+    settings = EvidenceSettings(prior_human=0.3)
+    plain = visit(Evidence(settings), 0.5, 0.0, 2.0)
+
+    def lean(gap_s, apart_m, *, again=1):
+        evidence = Evidence(settings)
+        for k in range(again):
+            visit(evidence, p_human, 5.0 * k, 2.0)
+        last_s = 5.0 * (again - 1) + 2.0
+        return visit(evidence, 0.5, last_s + gap_s, 2.0 + apart_m) - plain
+
+    prior = math.exp(0.3) / (2 + math.exp(0.3))
+    odds = math.exp(visit(Evidence(settings), p_human, 0.0, 2.0))
+    for gap_s in (1.0, 30.0, 300.0):
+        same = 0.8 * math.exp(-gap_s / 60)
+        mixed = same * odds / (1 + odds) + (1 - same) * prior
+        expected = math.log(mixed / (1 - mixed)) - math.log(prior / (1 - prior))
+        assert lean(gap_s, 0.4) == pytest.approx(expected, abs=1e-4)
+        # A visit's own evidence is remembered, not what was remembered with it.
+        assert lean(gap_s, -0.4, again=4) == pytest.approx(expected, abs=1e-4)
+    assert lean(1.0, 0.6) == lean(1.0, math.nan) == 0.0
+    assert lean(1e6, 0.0) == pytest.approx(0.0, abs=1e-9)
+
+
+@given(st.lists(st.tuples(st.floats(0, 1), st.floats(0, 100), st.floats(0, 9)), max_size=9))
+def test_no_past_takes_more_than_two_nats_from_a_person(visits):
+    evidence, t_s = Evidence(EvidenceSettings(prior_human=0.25)), 0.0
+    for p_human, gap_s, range_m in visits:
+        t_s += gap_s
+        visit(evidence, min(max(p_human, 1e-9), 1 - 1e-9), t_s, range_m)
+        t_s += 3.0
+    plain = visit(Evidence(EvidenceSettings(prior_human=0.25)), 0.5, 0.0, 2.0)
+    assert visit(evidence, 0.5, t_s + 1.0, 2.0) - plain > -2.05
+
+
+def test_a_module_that_restarts_has_seen_nobody():
+    evidence = Evidence(EvidenceSettings())
+    plain = visit(Evidence(EvidenceSettings()), 0.5, 0.0, 2.0)
+    visit(evidence, 0.01, 0.0, 2.0)
+    evidence.reset()
+    assert visit(evidence, 0.5, 5.0, 2.0) == plain
