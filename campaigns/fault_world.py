@@ -194,13 +194,15 @@ class Port:
     def __init__(self, world: World, *, is_usb: bool) -> None:
         self._world = world
         self._waiting: deque[bytes] = deque()
+        self._n_waiting = 0  # bytes
         self.is_usb = is_usb
         self.is_gone = False
 
     def arrive(self, data: bytes) -> None:
         """Take bytes from the cable; those that no buffer holds are lost."""
-        if taken := data[: max(0, _KERNEL_BYTES - sum(map(len, self._waiting)))]:
+        if taken := data[: _KERNEL_BYTES - self._n_waiting]:
             self._waiting.append(taken)
+            self._n_waiting += len(taken)
 
     def read(self, timeout_s: float) -> bytes:
         """Return a piece, as the module gave it or as a kernel does."""
@@ -212,13 +214,15 @@ class Port:
         if not self._waiting:
             self._check()
             return b""
-        if not world.most_read:
-            return self._waiting.popleft()
-        data = b"".join(self._waiting)
-        self._waiting.clear()
-        if rest := data[world.most_read :]:
-            self._waiting.append(rest)
-        return data[: world.most_read]
+        if world.most_read:
+            # A kernel hands out what there is, whatever pieces it came in.
+            joined = b"".join(self._waiting)
+            self._waiting = deque(
+                filter(None, (joined[: world.most_read], joined[world.most_read :]))
+            )
+        piece = self._waiting.popleft()
+        self._n_waiting -= len(piece)
+        return piece
 
     def write(self, data: bytes) -> None:
         """Hand the module what the host sends."""
@@ -229,6 +233,7 @@ class Port:
         """Close it; nothing is read from it any more."""
         self.is_gone = True
         self._waiting.clear()
+        self._n_waiting = 0
 
     def _check(self) -> None:
         if self.is_gone:

@@ -22,7 +22,7 @@ from radard.judge.installation import size_nats
 
 HOP_S = 1.0  # stream time from one window to the next, as bundles learned it: half a dwell
 _MIN_P = 1e-6  # 14 nats, beyond the usual bound
-_SAME, _MEMORY_S, _NEAR_M = 0.8, 60.0, 0.5
+_SAME, _MEMORY_S, NEAR_M = 0.8, 60.0, 0.5
 """What moves within so much of where a visit ended is the same body with this probability, which
 falls by e in so long; docs/evaluation.md has what that wins and costs."""
 
@@ -106,7 +106,7 @@ class Evidence:
     def _remembered(self, t_s: float, range_m: float) -> float:
         """Return what the visit before says of one that begins, in nats for a person."""
         before = self._before
-        if before is None or not abs(range_m - before.range_m) <= _NEAR_M:
+        if before is None or not abs(range_m - before.range_m) <= NEAR_M:
             return 0.0
         same = _SAME * math.exp(-(t_s - before.t_s) / _MEMORY_S)
         prior = 1 / (1 + 2 * math.exp(-self._settings.prior_human))
