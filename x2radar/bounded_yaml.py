@@ -73,6 +73,8 @@ def _count(node: yaml.Node, known: dict[int, int], above: set[int]) -> int:
         raise YamlError("an alias to what it stands in", line)
     if isinstance(node, yaml.ScalarNode) and len(node.value) > MAX_SCALAR:
         raise YamlError(f"a value of {len(node.value)} characters", line)
+    if isinstance(node, yaml.ScalarNode) and "\0" in node.value:
+        raise YamlError("a NUL character, which no name or path may have", line)
     above.add(id(node))
     n = 1
     if isinstance(node, yaml.SequenceNode):

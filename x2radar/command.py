@@ -63,9 +63,9 @@ class Parser(argparse.ArgumentParser):
         self.error(f"unrecognized arguments: {' '.join(left)}{nearest(left[0], known)}")
 
     def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
-        if action.type is Path and not arg_string:
+        if not arg_string and action.choices is None:
             # As of a variable of the shell that is not set; Path would make the folder at hand.
-            raise argparse.ArgumentError(action, "no file is named")
+            raise argparse.ArgumentError(action, "nothing is named")
         return super()._get_value(action, arg_string)
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:

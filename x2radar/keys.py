@@ -114,6 +114,17 @@ def unknown(name: Any, known: Collection[str], where: str, what: str = "unknown 
     return f"{where}.{name}: {what}; {hint}known are {', '.join(known)}"
 
 
+def unrepeated(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return the pairs of an object in JSON as a mapping; ValueError if one of them stands twice.
+
+    What `object_pairs_hook` takes: `json` itself drops the first of the two without a word.
+    """
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        raise ValueError("a key stands twice")
+    return found
+
+
 def place_of(value: Any, where: str, names: str = "x and y") -> tuple[float, ...]:
     """Return a place in the room, each number within 100 m; raise SceneError if it is none."""
     n = 2 + names.count(",")

@@ -39,7 +39,7 @@ _SERVERS = ("socket", "rfc2217")
 _URLS = (*_SERVERS, "loop", "spy", "alt", "hwgrep", "cp2110")
 """The URLs that pyserial 3.5 opens; those of servers need host and port."""
 _HOST = re.compile(r"[\w.-]+|[\da-f:.]+(%[\w.-]+)?", re.IGNORECASE)
-_PORT = re.compile(r"sim:.*|[a-z0-9]+://.*|/dev/.*|COM\d+.*", re.IGNORECASE | re.DOTALL)
+_PORT = re.compile(r"auto|sim:.*|[a-z0-9]+://.*|/dev/.*|COM\d+.*", re.IGNORECASE | re.DOTALL)
 
 
 @dataclass(frozen=True, slots=True)

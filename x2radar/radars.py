@@ -21,7 +21,7 @@ from x2radar.sim.scene.stage import check_swath
 _KINDS = ("rf", "baseband")
 _SIM_DEVICE = "x2raw"
 _PATIENT = Deadlines(reply_s=60.0, ready_s=300.0, usb_gone_s=60.0, stall_s=300.0)
-"""For a simulated module at all speed: its thread is late, never silent."""
+"""For a simulated module that waits for its reader: its thread is late, never silent."""
 
 
 def make_radar(
@@ -38,7 +38,7 @@ def make_radar(
     if "run" in port.options and not re.fullmatch(r"[A-Za-z0-9._-]{1,64}", run_id):
         msg = f"port key 'run': '{run_id}' must be 1 to 64 letters, digits, '.', '_' or '-'"
         raise SettingsError(msg)
-    is_paced_by_reader = port.kind == "sim" and speed is None and "fault" not in port.options
+    is_paced_by_reader = port.kind == "sim" and speed != 1.0 and "fault" not in port.options
     deadlines = _PATIENT if is_paced_by_reader else None
     name = f"{'sim' if port.kind == 'sim' else 'serial'}:{port.target}"
     return X2Radar(connect, wanted, deadlines=deadlines, name=name, run_id=run_id)

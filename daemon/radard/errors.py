@@ -56,4 +56,6 @@ class NotAllowed(RadardError):
 
 
 class FeatureError(RadardError, ValueError):
-    """An array that a signal-processing routine cannot take."""
+    """An array that a signal-processing routine cannot take: the stream does not fit."""
+
+    exit_code = 4

@@ -27,8 +27,9 @@ def test_what_cannot_be_converted():
         (replace(RF, sample_rate_hz=10e9), 1, "sampling rate"),
         (replace(RF, bandwidth_hz=0), 1, "bandwidth"),
     ):
-        with pytest.raises(FeatureError, match=words):
+        with pytest.raises(FeatureError, match=words) as caught:
             DownConverter(axis, step)
+        assert caught.value.exit_code == 4  # the stream does not fit
     for frame, words in (
         (np.zeros(767, np.float32), "767 bins"),
         (np.zeros(768, np.complex64), "RF frames are real"),

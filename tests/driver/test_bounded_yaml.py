@@ -14,9 +14,10 @@ from x2radar.bounded_yaml import MAX_NODES, YamlError, load_yaml
 from x2radar.errors import SceneError, SettingsError, X2RadarError
 from x2radar.sim.scene.scene import load_scene
 
+TEXTS = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0"), max_size=5)
 VALUES = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.text(max_size=5),
-    lambda of: st.lists(of, max_size=3) | st.dictionaries(st.text(max_size=5), of, max_size=3),
+    st.none() | st.booleans() | st.integers() | TEXTS,
+    lambda of: st.lists(of, max_size=3) | st.dictionaries(TEXTS, of, max_size=3),
     max_leaves=10,
 )
 
@@ -67,6 +68,7 @@ BOMB = "a: &a [1, 1]\n" + "".join(
         ("!!python/object/apply:os.getcwd []", "could not determine a constructor"),
         ("a: [", "expected the node content"),
         ("a\0b: 1\n", "special characters are not allowed"),
+        (r'a: ["x", "/var/\0lib"]', "line 1: a NUL character"),
         ("{[]: 1}", "found unhashable key"),
         ("? &a [*a]\n: 1", "an alias to what it stands in"),
         ("a: 1" + ":1" * 6000, "a value of 12001 characters"),

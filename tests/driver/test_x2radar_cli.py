@@ -49,12 +49,14 @@ def test_record_round_trip(capsys, tmp_path, kind):
             assert np.array_equal(ours.samples, live.samples)
 
 
-@pytest.mark.parametrize("argv", [["convert", "", "a.npz"], ["convert", "a.h5", ""]])
-def test_an_empty_name_is_no_folder(capsys, argv):
-    """As of a variable of the shell that is not set; before, it was the folder at hand."""
+@pytest.mark.parametrize(
+    "argv", [["convert", "", "a.npz"], ["info", ""], ["simulate", "--pty", "--scene", ""]]
+)
+def test_an_empty_name_is_neither_the_folder_at_hand_nor_the_usual(capsys, argv):
+    """As of a variable of the shell that is not set."""
     with pytest.raises(SystemExit):
         main(argv)
-    assert "no file is named" in capsys.readouterr().err
+    assert "nothing is named" in capsys.readouterr().err
 
 
 def test_debug_adds_the_traceback(capsys):

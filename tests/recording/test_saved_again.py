@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import tarfile
 from datetime import datetime
 
 import h5py
@@ -87,17 +88,46 @@ def test_a_clock_of_a_file_that_begins_elsewhere_costs_no_frame(tmp_path, by_s):
         assert [frame.index for frame in frames] == list(range(len(samples)))
 
 
-@pytest.mark.parametrize("value", [0, 7])
+@pytest.mark.parametrize("value", [0, 7, slice(None, None, -1)])
 def test_counters_that_do_not_count_are_refused(tmp_path, value):
-    """Before, all frames but the first were left out as repeats, and nothing was said."""
+    """Before, all frames were left out as repeats, or each was a restart of the module."""
     path, samples = make(tmp_path / "in.h5")
     with h5py.File(path, "r+") as file:
-        file["frames/counter"][...] = value
+        counter = file["frames/counter"]
+        counter[...] = counter[()][value] if isinstance(value, slice) else value
     with pytest.raises(RecordingError, match="counters that do not count"):
         list(open_recording(path).frames())
+    if isinstance(value, slice):
+        return
     for n in (1, 2):
         make(tmp_path / f"{n}.h5", counters=[value] * n, samples=samples[:n])
         assert len(list(open_recording(tmp_path / f"{n}.h5").frames())) == 1
+
+
+def replace(path, name, values):
+    with h5py.File(path, "r+") as file:
+        del file[f"frames/{name}"]
+        file[f"frames/{name}"] = values
+
+
+def test_halves_of_frames_and_frames_as_columns_are_refused(tmp_path):
+    """Half a number was cut off; columns, as MATLAB writes them, were taken for frames."""
+    path, samples = make(tmp_path / "in.h5")
+    replace(path, "counter", np.arange(len(samples)) + 0.5)
+    with pytest.raises(RecordingError, match="no numbers of frames"):
+        list(open_recording(path).frames())
+    replace(path, "samples", samples.T.copy())
+    with pytest.raises(RecordingError, match="a column a frame"):
+        open_recording(path)
+
+
+@pytest.mark.parametrize("sign", [2, 0.5, -7])
+def test_a_phase_that_neither_rises_nor_falls_is_refused(tmp_path, sign):
+    path, _ = make(tmp_path / "in.h5", "baseband")
+    with h5py.File(path, "r+") as file:
+        file.attrs["phase_sign"] = sign
+    with pytest.raises(RecordingError, match="'phase_sign' is"):
+        open_recording(path)
 
 
 @pytest.mark.parametrize("form", ["npz", "mat", "hdf5"])
@@ -218,6 +248,7 @@ def test_what_is_no_whole_number_is_refused_in_words(tmp_path, place, name, valu
         (put("global", "core:sha512", 5), "core:sha512"),
         (put("last capture", "core:header_bytes", 8), "core:header_bytes between frames"),
         (put("capture", "core:header_bytes", 1 << 40), "no frames"),
+        (put("last capture", "core:frequency", 5e9), "core:frequency changes"),
         (put("global", "core:trailing_bytes", 1 << 40), "no frames"),
         *(
             (put("annotation", "x2radar:t_s", t_s), "not two times")
@@ -235,6 +266,19 @@ def test_a_pair_that_does_not_add_up_is_refused(tmp_path, change, words):
     assert len(str(caught.value)) <= 2000
 
 
+def test_a_key_of_a_pair_that_stands_twice_and_an_archive_are_refused(tmp_path):
+    sigmf(tmp_path)
+    meta = tmp_path / "out.sigmf-meta"
+    meta.write_text(meta.read_text().replace('{"global": {', '{"global": {}, "global": {'))
+    with pytest.raises(RecordingError, match="a key stands twice"):
+        open_recording(meta)
+    with tarfile.open(tmp_path / "all.sigmf", "w") as archive:
+        archive.add(meta)
+    with pytest.raises(RecordingError, match="an archive; unpack it"):
+        open_recording(tmp_path / "all.sigmf")
+
+
+KINDS = ("rf", "baseband")
 COLUMNS = {"rf": ["samples"], "baseband": ["samples_i", "samples_q"]}
 
 

@@ -99,6 +99,8 @@ def test_order_file_environment_options():
             "sensors: {a: {port: /dev/ttyX}, b: {port: '/dev/ttyX?rate=60'}}",
             "sensors.a and sensors.b have the same port, /dev/ttyX",
         ),
+        ("clips: {keep_mb: inf}", "config.yaml:1: clips.keep_mb: input should be a finite number"),
+        ("web: {sensors: {attic: 'javascript:x'}}", "config.yaml:1: web.sensors.attic"),
         ("- 1", "mapping of sections"),
         ("a: [", "not YAML"),
         (

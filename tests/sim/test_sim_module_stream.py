@@ -1,16 +1,21 @@
 """The simulated module's frames: when they come, what is in them, and which are lost."""
 
 import math
+import time
 
 import numpy as np
 import pytest
 
+from tests.device_helpers import served, wire
 from tests.echo_references import passband
 from tests.sim_helpers import EMPTY, MANUAL, REFUSED, ask, axis_of, fps, frames, module, said
+from x2radar.device.transport import memory_pair
 from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.module.module import MAX_LATE_S, EchoStream
 from x2radar.sim.scene.scene import parse_scene
 from x2radar.sim.signal.pulse import LinkBudget
+from x2radar.wire.codec import decode_response
+from x2radar.wire.framing import PacketDecoder
 from x2radar.wire.messages import Ack, Reset, SetMode, SetOutput, SetSysFloat, SetSysInt
 from x2radar.wire.wire_ids import BasebandOutput, Mode, OutputRef, SysCfg
 
@@ -149,3 +154,18 @@ def test_a_late_host_loses_frames_and_the_counter_goes_on():
     assert [f.info for f in received] == list(range(m.n_skipped + 1, 302))
     m.advance(m.next_due_s)
     assert [f.info for f in said(m)] == [302]
+
+
+@pytest.mark.parametrize("speed", [50.0, 1e5, None])
+def test_faster_than_time_it_waits_for_a_reader_who_is_late(speed):
+    """Before, a factor that the computer cannot keep up with lost frames, and so decisions."""
+    m = module(EMPTY)
+    near, far = memory_pair(capacity=1)
+    with served(far, m, speed):
+        near.write(wire(MANUAL))
+        time.sleep(0.2)  # at 50 times real time ten seconds: five times what a late host may be
+        decoder, received = PacketDecoder(), []
+        while len(received) < 151:
+            received += [decode_response(p.data) for p in decoder.feed(near.read(10.0))]
+    assert m.n_skipped == 0
+    assert [frame.info for frame in received[1:]] == list(range(1, len(received)))

@@ -4,6 +4,7 @@ import contextlib
 import hmac
 import json
 import re
+import socket
 from csv import DictReader
 
 import pytest
@@ -197,6 +198,8 @@ KINDS = [{"Content-Type": k} for k in ("text/plain", "application/x-www-form-url
     ("headers", "body", "code"),
     [
         (OWN, ARM, 202),
+        ({"Content-Type": "Application/JSON ; charset=utf-8"}, ARM, 202),
+        ({}, b'{"command": "arm", "command": "disarm"}', 400),
         *((headers, ARM, 403) for headers in OTHERS),
         *((headers, ARM, 400) for headers in KINDS),
         *(({}, body, 400) for body in (b"", b"[", b"[1]", b"\xff", b'"arm"', b"[" * 4000)),
@@ -227,6 +230,19 @@ def test_a_proxy_may_name_the_usual_port(make, origin, host, code):
     client = make()
     headers = {**HEADERS, "Origin": origin, "Host": host}
     assert client.post("/api/v1/command", ARM, headers).status_code == code
+
+
+@pytest.mark.integration
+def test_a_health_check_without_a_host_is_answered_and_bytes_that_are_no_http_are_no_news(
+    make, caplog
+):
+    """As of load balancers, by HTTP/1.0; a stranger's bytes filled the log, a line each."""
+    client = make(served=True)
+    for sent, code in ((b"GET / HTTP/1.0", b" 200 "), (b"\x16\x03\x01", b" 400 ")):
+        with socket.create_connection(("127.0.0.1", client.port), timeout=60) as line:
+            line.sendall(sent + b"\r\n\r\n")
+            assert code in line.recv(100)
+    assert caplog.text == ""
 
 
 @pytest.mark.integration

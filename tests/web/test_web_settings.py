@@ -76,6 +76,12 @@ def test_changes_from_two_threads_at_once_are_all_kept(tmp_path):
         ({"include": [[1, 1.001]], "exclude": []}, "at least 0.01 m"),
         ({"include": [[1, "x"]], "exclude": []}, "zones.include.0.1"),
         ({"include": [[k, k + 1] for k in range(33)], "exclude": []}, "more than 32"),
+        (
+            {"include": [[True, 2]], "exclude": []},
+            "zones.include.0.0: input should be a valid num",
+        ),
+        ({"alarm": {"entry_delay_s": True}}, "alarm.entry_delay_s: input should be a valid num"),
+        ({"mount": {"height_m": "5 m"}}, "mount.height_m: input should be a valid num"),
     ],
 )
 def test_what_may_not_be_set_is_refused_and_nothing_is_written(make, body, words):

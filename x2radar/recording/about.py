@@ -101,6 +101,8 @@ def read_about(
     if (version := said.get("format_version")) is not None and str(version) not in _VERSIONS:
         raise refuse(path, f"format_version {version}, this reads {VERSION}")
     rate_hz, sign = max(numbers.pop("frame_rate_hz"), 0.0), numbers.pop("phase_sign")
+    if sign not in {-1.0, 0.0, 1.0}:
+        raise refuse(path, f"'phase_sign' is {sign:g}, not -1 or 1")
     axis = FastTimeAxis(kind=kind, n_range=n_range, **numbers)  # type: ignore[arg-type]
     about = _mapping(said.get("device"))
     run_id = str(said.get("run_id") or "")[:64]  # twice what a run gets

@@ -163,12 +163,14 @@ class BlockReader(Closing):
         for first, last in self.ranges():
             with unreadable(self.path):
                 counted = self.read_counters(first, last)
-                if counted.dtype.kind == "f" and not (np.abs(counted) < _MAX_COUNT).all():
+                is_whole = (np.abs(counted) < _MAX_COUNT) & (counted % 1 == 0)
+                if counted.dtype.kind == "f" and not is_whole.all():
                     raise refuse(self.path, "counters that are no numbers of frames")
-                if first == 0 and last > 2 and (counted == counted[0]).all():
-                    raise refuse(self.path, "counters that do not count: all are the same")
                 counter = counted.astype(np.int64) % _WRAP
                 steps = [(*tracker.update(n), tracker.index) for n in counter.tolist()]
+                goes_on = any(step not in {Step.REPEAT, Step.RESTART} for step, *_ in steps[1:])
+                if first == 0 and last > 2 and not goes_on:
+                    raise refuse(self.path, "counters that do not count, as if all were the same")
                 t_s = None if self._overrides.frame_rate_hz else self.read_times(first, last)
                 if t_s is None:
                     t_s = np.array([index for *_, index in steps]) / self.stream.frame_rate_hz

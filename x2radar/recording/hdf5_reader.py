@@ -350,6 +350,8 @@ class RecordingReader(BlockReader):
             is_list = item.size == max(item.shape, default=0) and item.ndim <= 2
             if not is_list or item.dtype.kind not in "iuf":
                 raise refuse(self.path, f"/frames/{name} is no list of numbers")
+        if {item.size for item in sets.values()} == {samples.shape[1]} != {len(samples)}:
+            raise refuse(self.path, "samples has a column a frame; it must be (n, n_range)")
         lengths = {len(samples), *(item.size for item in sets.values())}
         self._sets = {"samples": samples, **sets}
         self.n_frames = min(lengths)

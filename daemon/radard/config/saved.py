@@ -15,7 +15,7 @@ from typing import Any, Literal
 from pydantic import ValidationError, model_validator
 
 from radard.config.sections import AlarmChoices, MountSection, Section, Span, ZonesSection
-from radard.config.sources import ENV_PREFIX, Places, Where, explain, put, read_yaml
+from radard.config.sources import ENV_PREFIX, Places, Where, explain, put, read_yaml, texts_of
 from radard.errors import ConfigError, OutputError
 from x2radar import wall_clock
 from x2radar.atomic import write_atomically
@@ -88,7 +88,8 @@ def check_saved(kind: Kind, sections: Sections) -> dict[str, dict[str, Any]]:
 
 def change(path: Path, kind: Kind, sections: Sections) -> None:
     """Lay sections over what a file holds; ValueError, ConfigError or OutputError if not."""
-    given = check_saved(kind, sections)
+    # JSON is YAML: what was sent is read as a file is, where `true` is no number.
+    given = check_saved(kind, texts_of(json.dumps(sections)))
     now = wall_clock.utc_text()
     with _lock:
         tree: dict[str, Any] = {}

@@ -27,7 +27,7 @@ def path_at_home(text: str) -> Path:
 class Section(BaseModel):
     """A section: unknown keys are errors."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     @model_validator(mode="before")
     @classmethod

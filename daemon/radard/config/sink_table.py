@@ -6,9 +6,9 @@ and its row in docs/reference/outputs.md.
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, StringConstraints
 
 from radard.config.sections import Section, path_at_home
 
@@ -17,6 +17,7 @@ Phase = Literal["new", "update", "end"]
 Local = Literal["local0", "local1", "local2", "local3", "local4", "local5", "local6", "local7"]
 Facility = Literal["user", "daemon", "auth", "authpriv"] | Local
 PHASES: tuple[Phase, ...] = ("new", "update", "end")
+WEB_URL = r"^https?://\S+$"
 KINDS: tuple[EventKind, ...] = ("alarm", "fault", "tamper")
 
 
@@ -47,7 +48,7 @@ class MqttSection(Section):
     code_env: str | None = Field(None, description="or variable that holds it")
     picture: bool = Field(True, description="publish the picture of the last alarm")
     dashboard_url: str | None = Field(
-        None, pattern=r"^https?://\S+$", description="Home Assistant's link to the dashboard"
+        None, pattern=WEB_URL, description="Home Assistant's link to the dashboard"
     )
     expire_after_s: float = Field(30.0, ge=6, le=3600, description="a state older than so is void")
     discovery: Literal["device", "components", "off"] = Field(
@@ -128,7 +129,7 @@ class WebSection(Section):
     commands: bool = Field(True, description="false: nobody arms or labels from here")
     max_viewers: int = Field(32, ge=1, le=200, description="open pages at the same time")
     labels_file: Path | None = Field(None, description="null: labels.jsonl, state directory")
-    sensors: dict[str, str] = Field(
+    sensors: dict[str, Annotated[str, StringConstraints(pattern=WEB_URL)]] = Field(
         default_factory=dict, description="other dashboards to link to, name: URL"
     )
 

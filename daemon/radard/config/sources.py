@@ -49,7 +49,7 @@ def read_yaml(path: Path) -> tuple[dict[str, Any], Places]:
         raise ConfigError(f"{path}: cannot read the configuration: {why}") from err
     try:
         node = compose_yaml(text)
-        raw = _texts_of(node)
+        raw = _texts_in(node)
     except YamlError as err:
         where = f"{path}:{err.line}" if err.line else str(path)
         raise ConfigError(f"{where}: not YAML: {err.problem}") from err
@@ -83,7 +83,7 @@ def read_environment(
         value = text
         if not double or (text[:1] in {"[", "{"} and not _is_text((section, key), root)):
             with contextlib.suppress(YamlError):
-                value = _texts_of(compose_yaml(text))
+                value = texts_of(text)
         yield (section, key if double else None), value, name
 
 
@@ -128,8 +128,12 @@ def _is_text(where: Where, root: type[BaseModel]) -> bool:
     return field is not None and {*_kinds(field.annotation)} <= {str, Path, type(None)}
 
 
-def _texts_of(node: yaml.Node | None) -> Any:
-    """Return what a YAML tree holds, every value as the text that is written."""
+def texts_of(text: str) -> Any:
+    """Return what a text in YAML holds, every value as the text that is written; or YamlError."""
+    return _texts_in(compose_yaml(text))
+
+
+def _texts_in(node: yaml.Node | None) -> Any:
     waiting = [] if node is None else [node]
     while waiting:
         each = waiting.pop()

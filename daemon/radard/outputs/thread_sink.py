@@ -114,7 +114,8 @@ class ThreadSink:
     def write(self, record: Record) -> None:
         """Put a record into the queue; raises what ended the thread."""
         self._raise()
-        self._keeper.dropped(self._queue.put(record), "no room")
+        if not self._queue.is_ended:
+            self._keeper.dropped(self._queue.put(record), "no room")
 
     def finish(self, timeout_s: float | None = None) -> None:
         """Take no more records; begin to hand on the rest within `timeout_s`."""

@@ -19,6 +19,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from radard.errors import ConfigError, OutputError, UsageError
 from radard.web.auth import AccessControl, RateLimit
+from x2radar.keys import unrepeated
 
 MAX_BODY = 4096  # bytes: 32 zones fit
 _BODY_S = 10.0  # for a body that comes over a slow line
@@ -76,13 +77,14 @@ async def json_body(request: Request) -> dict[str, Any] | JSONResponse:
                 data += chunk
                 if len(data) > MAX_BODY:
                     return refusal(413, "the body is too long")
-        body = json.loads(data, parse_constant=_refuse_constant)
+        body = json.loads(data, parse_constant=_refuse_constant, object_pairs_hook=unrepeated)
     except TimeoutError:
         return refusal(408, "the body does not come")
     except (ValueError, RecursionError, ClientDisconnect):
         body = None
-    is_json = request.headers.get("content-type", "").partition(";")[0] == "application/json"
-    return body if is_json and isinstance(body, dict) else refusal(400, "no JSON object")
+    kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    is_right = kind == "application/json" and isinstance(body, dict)
+    return body if is_right else refusal(400, "no JSON object")
 
 
 def _refuse_constant(name: str) -> float:

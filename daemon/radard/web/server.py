@@ -21,6 +21,8 @@ from radard.web.auth import is_loopback
 from radard.web.hub import MAX_MESSAGE
 
 log = logging.getLogger("radard")
+# A stranger's bytes that are no HTTP would be a line each.
+logging.getLogger("uvicorn.error").setLevel(logging.ERROR)
 # Limits for a home's browsers and scrapers, not for the internet.
 _MAX_CONNECTIONS = 256
 _KEPT_FOR_LOOPBACK = 32  # of those; `/healthz` and disarming on this machine always find room

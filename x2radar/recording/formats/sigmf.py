@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.frame import CounterTracker, Kind, Step
+from x2radar.keys import unrepeated
 from x2radar.recording.about import MAX_BINS, NO_OVERRIDES, Overrides
 from x2radar.recording.blocks import BlockReader, Label
 from x2radar.recording.faults import refuse
@@ -43,10 +44,13 @@ class SigmfReader(BlockReader):
     def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:
         meta, data = pair_of(path)
         super().__init__(meta, overrides)
+        if path.name.endswith(".sigmf") and path.is_file():
+            raise refuse(path, "an archive; unpack it, as by 'tar -xf'")
         head, segments, self._annotations = _read_meta(meta)
         usual = {"core:metadata_only": False, "core:offset": 0, "core:dataset": data.name}
         odd = [name for name, value in usual.items() if head.get(name, value) != value]
-        odd += [each["name"] for each in head.get("core:extensions", ()) if not each["optional"]]
+        extensions = head.get("core:extensions", ())
+        odd += [each["name"] for each in extensions if not each.get("optional")]
         if set(odd) - {"x2radar"}:
             raise refuse(meta, f"{', '.join(odd)}: means samples that are not read")
         datatype, n_range = str(head.get("core:datatype")), head.get("core:num_channels", 1)
@@ -56,6 +60,8 @@ class SigmfReader(BlockReader):
         kind, dtype = _KINDS[datatype]
         self._map(data, np.dtype((dtype, (n_range,))), head, segments)
         first = segments[0] if segments else {}
+        if len({repr(each.get("core:frequency")) for each in segments}) > 1:
+            raise refuse(meta, "its core:frequency changes: frames of several carriers")
         said = {name: head.get(f"x2radar:{name}") for name in (*_KEPT, "phase_sign")}
         said |= {name: head.get(f"x2radar:{name}") for name in ("device", "settings")}
         said["frame_rate_hz"] = head.get("core:sample_rate")
@@ -137,7 +143,7 @@ def _read_meta(meta: Path) -> tuple[dict[str, Any], list[dict[str, Any]], list[d
             text = file.read(_MAX_META_BYTES + 1)
         if len(text) > _MAX_META_BYTES:
             raise refuse(meta, "too long for a SigMF meta file")
-        root = json.loads(text)
+        root = json.loads(text, object_pairs_hook=unrepeated)
         captures, annotations = root.get("captures", []), root.get("annotations", [])
         return dict(root["global"]), [dict(s) for s in captures], [dict(a) for a in annotations]
     except OSError as err:

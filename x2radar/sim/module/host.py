@@ -1,6 +1,7 @@
 """Serve a simulated module on a transport: the loop that gives it a port and a clock."""
 
 import contextlib
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -19,24 +20,24 @@ def serve(
     speed: float | None = 1.0,
     stop: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Run `module` behind `transport`, at `speed` or as it is read, until it closes or `stop`."""
-    started_s = time.monotonic()
-    now_s = 0.0
+    """Run `module` behind `transport`, as it is read and at `speed` at most, until it ends.
+
+    In real time frames are skipped that were not read soon enough, as by a module's hardware.
+    """
+    started_s, now_s = time.monotonic(), 0.0
+
+    def clock_s() -> float:
+        return math.inf if speed is None else (time.monotonic() - started_s) * speed
+
     with contextlib.suppress(TransportClosed):
         while not stop():
-            due_s = module.next_due_s
-            if speed is None:
-                wait_s = 0.0 if due_s < float("inf") else _IDLE_S
-            else:
-                now_s = (time.monotonic() - started_s) * speed
-                wait_s = min(max((due_s - now_s) / speed, 0.0), _IDLE_S)
+            wait_s = _IDLE_S
+            if (due_s := module.next_due_s) < math.inf:
+                wait_s = min(max((due_s - clock_s()) / (speed or 1.0), 0.0), _IDLE_S)
             if data := transport.read(wait_s):
                 module.receive(data)
-            if speed is None:
-                due_s = module.next_due_s
-                now_s = due_s if due_s < float("inf") else now_s
-            else:
-                now_s = (time.monotonic() - started_s) * speed
+            reached_s = clock_s() if speed == 1.0 else min(clock_s(), module.next_due_s)
+            now_s = reached_s if reached_s < math.inf else now_s
             module.advance(now_s)
             while out := module.data_to_send():
                 transport.write(out)
