@@ -5,7 +5,6 @@ import os
 import re
 import shutil
 import stat
-import subprocess
 
 import pytest
 import yaml
@@ -162,22 +161,6 @@ def test_the_first_configuration_is_valid_and_shows_all_that_can_be_set(tmp_path
     path.write_text(re.sub(r"(?m)^#(?=[a-z]|  )", "", lines.partition("\n")[2]))
     assert set(yaml.safe_load(path.read_text())) == set(Config.model_fields)
     assert load_config(path, environ={}) == Config()
-
-
-@pytest.mark.integration
-@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="no systemd-analyze here")
-def test_systemd_finds_no_fault_in_the_units(root, capsys, tmp_path):
-    installed(capsys, root, "--install", "--exec", PROGRAM)
-    units = sorted((root / files.UNIT_FILE).parent.glob("radard*.service"))
-    assert len(units) == 3
-    for unit in units:
-        copy = tmp_path / unit.name.replace("@.", "@attic.")
-        # The program must be there for systemd, too: here it is not below /opt.
-        copy.write_text(unit.read_text().replace(PROGRAM, "/bin/true"))
-        argv = [shutil.which("systemd-analyze"), "verify", "--man=no", str(copy)]
-        said = subprocess.run(argv, capture_output=True, text=True, check=False)
-        assert "radard" not in said.stderr
-        assert said.returncode == 0
 
 
 @pytest.mark.parametrize(

@@ -20,8 +20,9 @@ from typing import Any
 import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT))
+sys.path[:0] = [str(ROOT), str(ROOT / "daemon")]
 
+from radard.commands.setup import files  # noqa: E402 - the path comes first
 from tests.processes import environ, ran, started  # noqa: E402 - the path comes first
 from tests.waiting import free_port, wait_for  # noqa: E402
 from tests.web_helpers import ask  # noqa: E402
@@ -231,7 +232,35 @@ def what_the_sandbox_forbids(_folder: Path) -> Iterator[str]:
         yield f"sandbox: {done.stdout} {done.stderr}"
 
 
-CHECKS = (commands_of_the_comment, simulated_radar, composed, addon, what_the_sandbox_forbids)
+def units_of_systemd(folder: Path) -> Iterator[str]:
+    """systemd finds no fault in the units, and the first as tight as is said; if it is here."""
+    if (program := shutil.which("systemd-analyze")) is None:
+        return
+    units = {
+        "radard.service": files.systemd_unit(),
+        "radard@attic.service": files.systemd_instance_unit(),
+        "radard-failed@attic.service": files.shipped("radard-failed@.service"),
+    }
+    for name, text in units.items():
+        unit = folder / name
+        # With a program that is there.
+        unit.write_text(re.sub(r"(?m)^ExecStart=\S+", "ExecStart=/bin/true", text))
+        done = said_by(program, "verify", "--man=no", str(unit))
+        if done.returncode or "radard" in done.stderr:
+            yield f"{name}: {done.stderr}"
+    told = said_by(program, "security", "--offline=true", str(folder / "radard.service")).stdout
+    if (level := told.rpartition("Overall exposure level")[2].split()[2]) != "1.5":
+        yield f"radard.service: an exposure of {level}"
+
+
+CHECKS = (
+    commands_of_the_comment,
+    simulated_radar,
+    composed,
+    addon,
+    what_the_sandbox_forbids,
+    units_of_systemd,
+)
 
 
 def main() -> int:

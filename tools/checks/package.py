@@ -1,8 +1,8 @@
 """What is built and pinned is what should be: `python tools/checks/package.py`.
 
 Wheel and source distribution are built twice, from two folders, and must be the same bytes; the
-wheel has every file of the three packages; pins have hashes; a Debian package has its files where
-they belong; files of deploy/ name what there is.
+wheel has every file of the three packages; a Debian package has its files where they belong; files
+of deploy/ name what there is.
 """
 
 import os
@@ -122,31 +122,6 @@ def named_extras(extras: set[str]) -> Iterator[str]:
                     yield f"{path}: no extra {extra}"
 
 
-def pins() -> Iterator[str]:
-    """Yield what of the daemon is not pinned by version and hash."""
-    text = (ROOT / "requirements.txt").read_text().replace("\\\n", " ")
-    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
-    locked = {}
-    for line in lines:
-        found = re.fullmatch(r"([a-z0-9-]+)==([\w.]+)(?: +--hash=sha256:[0-9a-f]{64})+\s*", line)
-        if found is None:
-            yield f"requirements.txt: no hash in '{line[:60]}'"
-        else:
-            locked[found[1]] = found[2]
-    text = (ROOT / "constraints.txt").read_text()
-    pinned = {
-        re.sub(r"[._-]+", "-", name).lower(): version
-        for name, version in re.findall(r"^([\w.-]+)==(\S+)$", text, re.MULTILINE)
-    }
-    for name, version in locked.items():
-        if pinned.get(name) != version:
-            yield f"constraints.txt: {name} is not {version}"
-    wanted = [*PROJECT["dependencies"], *PROJECT["optional-dependencies"]["daemon"]]
-    for name in {re.split(r"[\s<>=!~\[;]", each)[0].lower() for each in wanted} | {"setuptools"}:
-        if name not in locked:
-            yield f"requirements.txt: {name} is missing"
-
-
 def debian(wheel: Path, folder: Path) -> Iterator[str]:
     """Yield what is wrong in the Debian package, made without the packages of others."""
     dpkg = shutil.which("dpkg-deb")
@@ -226,7 +201,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as name:
         made, found = built(Path(name))
         wheel = made["build_wheel"]
-        found += [*content(wheel), *pins(), *debian(wheel, Path(name)), *deployed()]
+        found += [*content(wheel), *debian(wheel, Path(name)), *deployed()]
         if subprocess.run(
             [sys.executable, "-m", "check_wheel_contents", made["build_wheel"]],
             cwd=ROOT,
