@@ -18,20 +18,12 @@ def decision(t_s, human=None, *, alarm=None, range_m=1.5, label=None, fault="", 
     if label is None:
         label = "none" if human is None else ("human" if alarm else "pet")
     reading = GateReading(human is not None, -10.0, -30.0, -24.0, range_m)
-    return Decision(
-        seq=1,
-        t_s=t_s,
-        gate="invalid" if fault else ("closed" if human is None else "open"),
-        reading=None if fault else reading,
-        window=None if fault else p,
-        fused=None if fault else p,
-        label="invalid" if fault else label,
-        alarm=alarm and not fault,
-        frames=147,
-        dropped=5 if fault else 0,
-        fault=fault,
-        **more,
-    )
+    p = None if fault else p
+    seen = {"gate": "closed" if human is None else "open", "label": label, "dropped": 0}
+    if fault:
+        seen = {"gate": "invalid", "label": "invalid", "dropped": 5}
+    seen |= {"reading": None if fault else reading, "window": p, "fused": p, "fault": fault}
+    return Decision(seq=1, t_s=t_s, alarm=alarm and not fault, frames=147, **seen, **more)
 
 
 def track(range_m, p_pet=0.0, p_other=0.0):
@@ -88,19 +80,10 @@ class NotifySocket:
 def write_recording(path, samples, rate_hz=60.0, sets=None, **attributes):
     """Make a foreign recording: only what the contract asks for; None leaves something out."""
     n = len(samples)
-    known = {
-        "format": "x2radar-recording",
-        "format_version": 1,
-        "kind": "baseband",
-        "frame_rate_hz": rate_hz,
-        "carrier_hz": 6.8e9,
-        "sample_rate_hz": 41e9,
-        "bin_length_m": 299_792_458 / 82e9,
-        "range_offset_m": 0.6,
-        "started_utc": "2026-01-01T00:00:00Z",
-        "device": "{}",
-        "settings": "{}",
-    }
+    known = {"format": "x2radar-recording", "format_version": 1, "kind": "baseband"}
+    known |= {"frame_rate_hz": rate_hz, "carrier_hz": 6.8e9, "sample_rate_hz": 41e9}
+    known |= {"bin_length_m": 299_792_458 / 82e9, "range_offset_m": 0.6}
+    known |= {"started_utc": "2026-01-01T00:00:00Z", "device": "{}", "settings": "{}"}
     columns = {"samples": samples, "counter": np.arange(n, dtype=np.uint32)}
     columns |= {"t_s": np.arange(n) / rate_hz, **(sets or {})}
     with h5py.File(path, "w") as file:

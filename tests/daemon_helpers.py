@@ -60,16 +60,10 @@ class Daemon:
         monkeypatch.setattr("radard.health.heartbeat._MAIN_LATE_S", stale_s)
         monkeypatch.setattr("radard.run.process._BEAT_S", 0.05)
         one = {} if "sensors" in options else {"port": "sim:empty"}
-        self.config = load_config(
-            environ={},
-            options={
-                "sensor": {**one, "speed": "10"},
-                "service": {"runtime_dir": tmp_path, "state_dir": tmp_path / "state"},
-                "model": {"name": "none"},
-                "output": ["null"],
-                **options,
-            },
-        )
+        folders = {"runtime_dir": tmp_path, "state_dir": tmp_path / "state"}
+        given = {"sensor": {**one, "speed": "10"}, "service": folders, "output": ["null"]}
+        given |= {"model": {"name": "none"}, **options}
+        self.config = load_config(environ={}, options=given)
         self.result, self.is_stopped = None, False
         self.run = Process(self.config, RunOptions(reload=reload))
         self.radar = self.run.sensors[0]

@@ -33,18 +33,10 @@ class AppClient(Client):
         if method == "POST" and len(chunks) == 1:
             sent["Content-Length"] = str(len(chunks[0]))
         path, _, query = path.partition("?")
-        scope = {
-            "type": "http",
-            "http_version": "1.1",
-            "method": method,
-            "scheme": "http",
-            "path": unquote(path),
-            "raw_path": path.encode(),
-            "query_string": query.encode(),
-            "headers": [(k.lower().encode(), v.encode("latin-1")) for k, v in sent.items()],
-            "client": ("127.0.0.1", 50_000),
-            "server": ("127.0.0.1", self.port),
-        }
+        scope = {"type": "http", "http_version": "1.1", "method": method, "scheme": "http"}
+        scope |= {"path": unquote(path), "raw_path": path.encode(), "query_string": query.encode()}
+        scope |= {"client": ("127.0.0.1", 50_000), "server": ("127.0.0.1", self.port)}
+        scope["headers"] = [(k.lower().encode(), v.encode("latin-1")) for k, v in sent.items()]
         messages = [
             {"type": "http.request", "body": chunk, "more_body": k < len(chunks) - 1}
             for k, chunk in enumerate(chunks)

@@ -26,15 +26,8 @@ from x2radar.wire.messages import Ack, Data, Message, Ping, Pong, Reset, SystemM
 from x2radar.wire.wire_ids import PongCode, SystemCode
 
 SETTINGS = RadarSettings(frame_stitch=1)
-SHORT = Deadlines(
-    reply_s=5.0,
-    ready_s=5.0,
-    ping_every_s=0.03,
-    usb_gone_s=0.01,
-    stall_s=0.1,
-    restart_s=0.01,
-    again_s=0.01,
-)
+_AGAIN = {"usb_gone_s": 0.01, "restart_s": 0.01, "again_s": 0.01}
+SHORT = Deadlines(reply_s=5.0, ready_s=5.0, ping_every_s=0.03, stall_s=0.1, **_AGAIN)
 HASTY = replace(SHORT, reply_s=0.15, ping_every_s=0.1)
 READY = SystemMessage(SystemCode.READY)
 

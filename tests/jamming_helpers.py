@@ -1,5 +1,6 @@
 """Frames behind the converter, interference on them, and what the daemon makes of that."""
 
+import itertools
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -41,16 +42,10 @@ def scene_text(*visits):
 
 def walk_ins(n_walks):
     """People who walk in, one after the other."""
-    return scene_text(
-        *(
-            (
-                FIRST_S if k == 0 else EVERY_S - VISIT_S,
-                f"body: human, style: walk, course: {('approach', 'leave', 'cross')[k % 3]}",
-                VISIT_S,
-            )
-            for k in range(n_walks)
-        )
-    )
+    ways = itertools.cycle(("approach", "leave", "cross"))
+    who = [f"body: human, style: walk, course: {next(ways)}" for _ in range(n_walks)]
+    empty_s = [FIRST_S, *[EVERY_S - VISIT_S] * (n_walks - 1)]
+    return scene_text(*zip(empty_s, who, [VISIT_S] * n_walks, strict=True))
 
 
 @cache

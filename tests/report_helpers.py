@@ -12,26 +12,14 @@ def passage(quiet, label="human", *, window=None, enters_s=2.0, is_open=True, **
     is_open = np.broadcast_to(np.asarray(is_open, bool), n)
     window = quiet if window is None else np.asarray(window, float)
     gone = np.where(is_open, 0.0, np.nan)
-    facts = {
-        "family": "walker" if label == "human" else "dog",
-        "split": "held out",
-        "duration_s": float(n),
-        "leaves_s": np.nan if np.isnan(enters_s) else enters_s + n,
-    }
-    columns = {
-        "t_s": 2.0 + np.arange(n),
-        "is_open": is_open,
-        "is_pending": np.zeros(n, bool),
-        "is_alarm": is_open & (quiet <= 0.8),
-        "p_human": 1 - window + gone,
-        "p_pet": window + gone,
-        "p_other": np.zeros(n) + gone,
-        "fused_quiet": quiet + gone,
-        "fused_most": quiet + gone,
-        "power_db": np.full(n, -50.0),
-        "target_range_m": np.full(n, 2.0),
-        "compensated_db": np.full(n, -40.0),
-    }
+    facts = {"family": "walker" if label == "human" else "dog", "split": "held out"}
+    facts |= {"duration_s": float(n), "leaves_s": np.nan if np.isnan(enters_s) else enters_s + n}
+    columns = {"t_s": 2.0 + np.arange(n), "is_open": is_open, "is_pending": np.zeros(n, bool)}
+    columns |= {"is_alarm": is_open & (quiet <= 0.8), "p_human": 1 - window + gone}
+    columns |= {"p_pet": window + gone, "p_other": np.zeros(n) + gone}
+    columns |= {"fused_quiet": quiet + gone, "fused_most": quiet + gone}
+    levels = {"power_db": -50.0, "target_range_m": 2.0, "compensated_db": -40.0}
+    columns |= {name: np.full(n, level) for name, level in levels.items()}
     return passage_columns(label=label, enters_s=enters_s, **{**facts, **columns, **more})
 
 
@@ -73,22 +61,12 @@ def _drawn(rng, k, skill, is_matched):
     range_m = rng.uniform(0.5, 3.0)
     is_open = np.ones(n, bool) if label != "empty" else rng.random(n) < 0.02
     never = label == "empty"
-    return passage(
-        quiet,
-        label,
-        window=1 / (1 + np.exp(np.clip(llr, -600, 600))),
-        is_open=is_open,
-        enters_s=np.nan if never else 2.0 + rng.uniform(0, 1),
-        duration_s=float(n + 2),
-        family=family,
-        split=str(rng.choice(["train families", "held-out family", "unseen room"])),
-        suite=f"walk test: {family}" if is_human and rng.random() < 0.5 else "",
-        build=f"build {k % 60}",
-        speed_mps=np.nan if never else rng.gamma(3, 0.35),
-        range_m=np.nan if never else range_m,
-        aspect_deg=rng.uniform(0, 180),
-        snr_db=np.nan if never else rng.normal(20, 6),
-        power_db=power,
-        target_range_m=range_m + rng.normal(0, 0.2, n),
-        compensated_db=power + 40 * np.log10(range_m),
-    )
+    seen = {"enters_s": np.nan if never else 2.0 + rng.uniform(0, 1), "family": family}
+    seen |= {"split": str(rng.choice(["train families", "held-out family", "unseen room"]))}
+    seen |= {"suite": f"walk test: {family}" if is_human and rng.random() < 0.5 else ""}
+    seen |= {"speed_mps": np.nan if never else rng.gamma(3, 0.35), "build": f"build {k % 60}"}
+    seen |= {"range_m": np.nan if never else range_m, "aspect_deg": rng.uniform(0, 180)}
+    seen |= {"snr_db": np.nan if never else rng.normal(20, 6), "power_db": power}
+    seen |= {"target_range_m": range_m + rng.normal(0, 0.2, n), "duration_s": float(n + 2)}
+    seen |= {"compensated_db": power + 40 * np.log10(range_m), "is_open": is_open}
+    return passage(quiet, label, window=1 / (1 + np.exp(np.clip(llr, -600, 600))), **seen)

@@ -43,63 +43,28 @@ def event(
     n: int = 1, *, kind: str = "alarm", phase: str = "new", t_s: float | None = None
 ) -> dict:
     """An event record."""
-    return {
-        "type": "event",
-        "id": ulid(n),
-        "phase": phase,
-        "kind": kind,
-        "t_s": float(n) if t_s is None else t_s,
-        "time": f"2026-11-21T06:{n // 60 % 60:02d}:{n % 60:02d}.000Z",
-        "start_t_s": float(n),
-        "end_t_s": None if phase != "end" else float(n),
-        "peak": 0.97,
-        "reason": f"human at {n:.1f} m",
-        "clip": None,
-    }
+    record = {"type": "event", "id": ulid(n), "phase": phase, "kind": kind}
+    record |= {"t_s": float(n) if t_s is None else t_s, "start_t_s": float(n)}
+    record |= {"time": f"2026-11-21T06:{n // 60 % 60:02d}:{n % 60:02d}.000Z", "clip": None}
+    end_t_s = None if phase != "end" else float(n)
+    return record | {"end_t_s": end_t_s, "peak": 0.97, "reason": f"human at {n:.1f} m"}
 
 
 def decision(seq: int = 1, **changes) -> dict:
     """A decision record."""
-    return {
-        "type": "decision",
-        "seq": seq,
-        "t_s": 1.45 + seq,
-        "time": "2026-11-21T06:00:00.000Z",
-        "gate": "open",
-        "power_db": -41.2,
-        "noise_floor_db": -60.1,
-        "threshold_db": -47.0,
-        "p_human": 0.93,
-        "p_pet": 0.07,
-        "p_other": 0.0,
-        "fused_p_human": 0.95,
-        "fused_p_pet": 0.05,
-        "fused_p_other": 0.0,
-        "label": "human",
-        "alarm": True,
-        "range_m": 2.1,
-        "tracks": [],
-        "frames": 147,
-        "dropped": 0,
-        "latency_ms": 3.1,
-        **changes,
-    }
+    record = {"type": "decision", "seq": seq, "t_s": 1.45 + seq, "gate": "open"}
+    record |= {"time": "2026-11-21T06:00:00.000Z", "latency_ms": 3.1, "frames": 147, "dropped": 0}
+    record |= {"power_db": -41.2, "noise_floor_db": -60.1, "threshold_db": -47.0}
+    record |= {"p_human": 0.93, "p_pet": 0.07, "p_other": 0.0}
+    record |= {"fused_p_human": 0.95, "fused_p_pet": 0.05, "fused_p_other": 0.0}
+    return record | {"label": "human", "alarm": True, "range_m": 2.1, "tracks": []} | changes
 
 
 def hello(**changes) -> dict:
     """The first record."""
-    return {
-        "type": "hello",
-        "schema": 1,
-        "version": "0.1.0",
-        "sensor": "hall",
-        "device": "X2",
-        "model": "thesis",
-        "frame_rate_hz": 60.0,
-        "n_range": 256,
-        "port": "sim:demo",
-        **changes,
-    }
+    record = {"type": "hello", "schema": 1, "version": "0.1.0", "sensor": "hall", "device": "X2"}
+    record |= {"model": "thesis", "frame_rate_hz": 60.0, "n_range": 256, "port": "sim:demo"}
+    return record | changes
 
 
 def status(state: str, reason: str = "") -> dict:
@@ -159,20 +124,16 @@ class MqttBroker:
     def start(self):
         listener = {"type": "tcp", "bind": f"127.0.0.1:{self.port}"}
         if self._cert:
-            listener |= {
-                "ssl": True,
-                "certfile": str(self._cert[0]),
-                "keyfile": str(self._cert[1]),
-            }
-        plugins = {"amqtt.plugins.authentication.AnonymousAuthPlugin": {"allow_anonymous": True}}
+            cert, key = map(str, self._cert)
+            listener |= {"ssl": True, "certfile": cert, "keyfile": key}
+        kinds = "amqtt.plugins.authentication."
+        plugins = {f"{kinds}AnonymousAuthPlugin": {"allow_anonymous": True}}
         if self._auth:
             from pwdlib.hashers.argon2 import Argon2Hasher
 
             words = self._folder / "passwords"
             words.write_text(f"{USER}:{Argon2Hasher().hash(PASSWORD)}\n")
-            plugins = {
-                "amqtt.plugins.authentication.FileAuthPlugin": {"password_file": str(words)}
-            }
+            plugins = {f"{kinds}FileAuthPlugin": {"password_file": str(words)}}
         plugins |= self._plugins
         config = {"listeners": {"default": listener}, "plugins": plugins}
         self.process = subprocess.Popen(

@@ -20,14 +20,8 @@ from x2train.nets.map_fit import MAPS, MapFitSettings, MapTrained, fit_maps
 from x2train.nets.temporal_head import Given, HeadSettings, HeadTrained, fit_head
 from x2train.sets.shards import ShardSet
 
-TINY = MapFitSettings(
-    epochs=20,
-    batch=16,
-    widths=(4, 6, 6, 6),
-    long_widths=(4, 6, 6, 6),
-    hidden=8,
-    learning_rate=1e-2,
-)
+_SIZE = {"widths": (4, 6, 6, 6), "long_widths": (4, 6, 6, 6), "hidden": 8}
+TINY = MapFitSettings(epochs=20, batch=16, learning_rate=1e-2, **_SIZE)
 STREAM = {
     "frame_rate_hz": (14.5, 210.0),
     "bin_length_m": (0.003, 0.054),
@@ -67,16 +61,11 @@ def toy(n=96, seed=0):
         maps["velocity_time"][k, 10 + 30 * at : 24 + 30 * at] = 220
         maps["range_time"][k, 30:34] = 200
     known = rng.random((n, N_INSTALLATION), np.float32)
-    return {
-        **maps,
-        INSTALLATION: known,
-        "label": label.astype(np.int64),
-        "passage": np.arange(n) // 4,
-        "t_s": 3.0 + np.arange(n) % 4,
-        "is_physical": np.ones(n, bool),
-        **{name: np.ones(n) for name in ("share", "speed_mps", "aspect", "height_m", "tilt_deg")},
-        **{name: np.full(n, 60.0) for name in ("frame_rate_hz", "echo_db", "level_db")},
-    }
+    count = np.arange(n)
+    made = {**maps, INSTALLATION: known, "label": label.astype(np.int64), "passage": count // 4}
+    made |= {"t_s": 3.0 + count % 4, "is_physical": np.ones(n, bool)}
+    made |= {k: np.ones(n) for k in ("share", "speed_mps", "aspect", "height_m", "tilt_deg")}
+    return made | {k: np.full(n, 60.0) for k in ("frame_rate_hz", "echo_db", "level_db")}
 
 
 def trained(settings=TINY, *, n=96):
@@ -104,18 +93,10 @@ def _exported(net):
 
 def write_tiny(folder, network, *, name="tiny", evidence=None, metrics=None):
     """Write a bundle of toy windows."""
-    bundle = Bundle(
-        name=name,
-        onnx=_exported(network.net),
-        inputs=INPUTS,
-        features=FEATURES,
-        stream=STREAM,
-        classes=CLASSES,
-        temperature=network.temperature,
-        pet_limit=0.8,
-        policy="fused",
-        evidence=asdict(evidence or EvidenceSettings()),
-    )
+    own = {"name": name, "policy": "fused", "evidence": asdict(evidence or EvidenceSettings())}
+    same = {"inputs": INPUTS, "features": FEATURES, "stream": STREAM, "classes": CLASSES}
+    onnx, temperature = _exported(network.net), network.temperature
+    bundle = Bundle(onnx=onnx, temperature=temperature, pet_limit=0.8, **own, **same)
     training = {"recipe": "a toy.", "command": "train-export fit"}
     write_bundle(
         folder, bundle, training=training, metrics=metrics or {}, gate={}, notes="some notes"

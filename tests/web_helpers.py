@@ -31,16 +31,11 @@ def open_decision(seq=1, t_s=2.45, *, human, other=0.0, **changes):
     pet = round(1 - human - other, 6)
     harmless = pet + other > 0.8
     chances = {"human": human, "pet": pet, "other": other}
-    record = {
-        "gate": "open",
-        "power_db": -20.0,
-        **{f"p_{k}": v for k, v in chances.items()},
-        **{f"fused_p_{k}": v for k, v in chances.items()},
-        "label": "pet" if harmless else "human",
-        "alarm": not harmless,
-        "range_m": 1.8,
-    }
-    return decision(seq, t_s, **{**record, **changes})
+    record = {"gate": "open", "power_db": -20.0, "range_m": 1.8, "alarm": not harmless}
+    record |= {f"p_{k}": v for k, v in chances.items()}
+    record |= {f"fused_p_{k}": v for k, v in chances.items()}
+    record["label"] = "pet" if harmless else "human"
+    return decision(seq, t_s, **record | changes)
 
 
 def event(event_id="01J0000000000000000000000A", phase="new", kind="alarm", **changes):
@@ -196,14 +191,8 @@ class Client:
         """Return an open WebSocket."""
         line = socket.create_connection(("127.0.0.1", self.port), timeout=60)
         try:
-            return connect(
-                f"ws://{host or self.host}/ws",
-                sock=line,
-                origin=origin,
-                additional_headers=self._cookie(),
-                proxy=None,
-                close_timeout=0.5,
-            )
+            own = {"origin": origin, "additional_headers": self._cookie(), "proxy": None}
+            return connect(f"ws://{host or self.host}/ws", sock=line, close_timeout=0.5, **own)
         except BaseException:
             line.close()
             raise

@@ -27,14 +27,9 @@ def asked(tmp_path):
 
     def ask(*words, config=SHIPPED, **environ):
         (tmp_path / "config.yaml").write_text(config)
-        done = subprocess.run(
-            [here / "run", *words],
-            cwd=tmp_path,
-            env={"PATH": os.environ["PATH"], **environ},
-            capture_output=True,
-            text=True,
-            check=True,
-        )
+        given = {"env": {"PATH": os.environ["PATH"], **environ}, "cwd": tmp_path}
+        argv = [here / "run", *words]
+        done = subprocess.run(argv, capture_output=True, text=True, check=True, **given)
         return done.stdout.splitlines()
 
     return ask

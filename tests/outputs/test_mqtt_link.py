@@ -26,18 +26,12 @@ class Link:
     def __init__(self, port):
         self.said, self.gate, self.is_held = [], threading.Event(), threading.Event()
         self.gate.set()
-        self.link = MqttLink(
-            Broker(host="127.0.0.1", port=port, is_tls=False, client_id="hall", username=None),
-            MqttSection(keepalive_s=2),
-            Backoff(0.02, 0.05, "hall"),
-            will=None,
-            subscriptions=[],
-            on_up=lambda: None,
-            on_down=lambda _reason: None,
-            on_message=lambda *_: None,
-            is_alive=self._pass_gate,
-            say=self.said.append,
-        )
+        broker = Broker(host="127.0.0.1", port=port, is_tls=False, client_id="hall", username=None)
+        calls = {"on_up": lambda: None, "on_down": lambda _reason: None}
+        calls |= {"on_message": lambda *_: None, "is_alive": self._pass_gate}
+        options = MqttSection(keepalive_s=2), Backoff(0.02, 0.05, "hall")
+        given = {"will": None, "subscriptions": [], "say": self.said.append, **calls}
+        self.link = MqttLink(broker, *options, **given)
         self.link.start()
         wait_for(lambda: self.link.is_up)
 

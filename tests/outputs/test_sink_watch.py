@@ -19,27 +19,21 @@ class Spy:
 
 REFUSED = {"status": "retrying", "reason": "refused"}
 # What the sink's state is, how much later, and what is said of it.
+WAITS = {"n_sent": 5, "n_waiting": 3}
 STORIES = {
     "a retry that helps soon is no trouble": [
-        ({}, 0.0, ""),
-        (REFUSED, GRACE_S / 2, ""),
-        ({"n_sent": 1}, 1.0, ""),
-        (REFUSED, 0.0, ""),
-        (REFUSED, GRACE_S - 0.1, ""),
-        (REFUSED, 0.2, "refused"),
+        *(({}, 0.0, ""), (REFUSED, GRACE_S / 2, ""), ({"n_sent": 1}, 1.0, "")),
+        *((REFUSED, 0.0, ""), (REFUSED, GRACE_S - 0.1, ""), (REFUSED, 0.2, "refused")),
         ({"n_sent": 2}, 0.1, ""),
     ],
     "records wait while nothing moves": [
-        ({"n_sent": 5, "n_waiting": 3}, 0.0, ""),
-        ({"n_sent": 5, "n_waiting": 3}, STUCK_S - 0.1, ""),
-        ({"n_sent": 5, "n_waiting": 3}, 0.2, "stands still, 3 records wait"),
-        ({"n_sent": 6, "n_waiting": 3}, 0.1, ""),
-        ({"n_sent": 6}, 10 * STUCK_S, ""),
+        *((WAITS, 0.0, ""), (WAITS, STUCK_S - 0.1, "")),
+        (WAITS, 0.2, "stands still, 3 records wait"),
+        *(({"n_sent": 6, "n_waiting": 3}, 0.1, ""), ({"n_sent": 6}, 10 * STUCK_S, "")),
         ({"n_sent": 9, "n_waiting": 1, "busy_s": STUCK_S}, 0.1, "stands still, 1 records wait"),
     ],
     "dropped records are said for a while": [
-        ({}, 0.0, ""),
-        ({"n_dropped": 1}, 1.0, "drops records"),
+        *(({}, 0.0, ""), ({"n_dropped": 1}, 1.0, "drops records")),
         ({"n_dropped": 1}, DROPPED_S - 1.0, "drops records"),
         ({"n_dropped": 1}, 1.1, ""),
         ({**REFUSED, "n_dropped": 2}, GRACE_S, "refused, drops records"),

@@ -12,23 +12,8 @@ from radard.outputs.mqtt import link as link_module
 from radard.outputs.mqtt.link import MqttLink, PacketLimits, Publication
 from radard.outputs.mqtt.topics import MqttTopics
 from radard.outputs.registry import make_output
-from tests.sink_helpers import (
-    MQTT_MARKS,
-    PASSWORD,
-    QUICK,
-    USER,
-    Listener,
-    MqttBroker,
-    Relay,
-    decision,
-    event,
-    hello,
-    make_cert,
-    open_sink,
-    status,
-    ulid,
-    well_host,
-)
+from tests import sink_helpers as far
+from tests.sink_helpers import MQTT_MARKS, Listener, Relay, decision, event, hello, status, ulid
 from tests.waiting import wait_for
 
 BASE = "radard/hall"
@@ -79,21 +64,21 @@ def test_that_it_is_there_is_said_again_and_again():
 
 def test_health_is_asked_for_and_not_only_heard_of(publish, listen):
     listener = listen(f"{BASE}/#")
-    radar = well_host()
+    radar = far.well_host()
     publish(hello(), decision(1), discovery="off", radar=radar)
     wait_for(lambda: last(listener, "availability") == "online")
     # No record says so: the thread that writes them is the one that hangs.
     radar.health.on_failure("no answer")
     wait_for(lambda: last(listener, "availability") == "offline")
     wait_for(lambda: json.loads(last(listener, "health"))["reason"] == "no answer")
-    radar.health, radar.state = well_host().health, SensorState(armed=False)
+    radar.health, radar.state = far.well_host().health, SensorState(armed=False)
     wait_for(lambda: last(listener, "availability") == "online")
     wait_for(lambda: json.loads(last(listener, "state"))["armed"] is False)
 
 
 def test_commands_and_what_is_none(publish, listen, caplog):
     listener = listen(f"{BASE}/#")
-    radar = well_host()
+    radar = far.well_host()
     listener.say(f"{BASE}/command/disarm", "now", retain=True)
     publish(hello(), discovery="off", radar=radar)
     wait_for(lambda: "retained" in caplog.text)
@@ -112,7 +97,7 @@ def test_commands_and_what_is_none(publish, listen, caplog):
 
 def test_a_stranger_cannot_disarm_where_nothing_is_said_of_commands(publish, listen, caplog):
     listener, found = listen(f"{BASE}/#"), listen("homeassistant/#")
-    radar = well_host()
+    radar = far.well_host()
     sink = publish(hello(), status("online"), commands="auto", radar=radar)
     wait_for(lambda: last(listener, "availability") == "online")
     listener.say(f"{BASE}/command/disarm")
@@ -251,12 +236,12 @@ def test_what_no_module_sends_has_topics_entities_and_a_client_of_its_own(
 
 
 def test_over_tls_and_with_a_password_commands_are_taken(tmp_path):
-    cert = make_cert(tmp_path)
-    broker = MqttBroker(tmp_path, cert=cert, auth=True)
+    cert = far.make_cert(tmp_path)
+    broker = far.MqttBroker(tmp_path, cert=cert, auth=True)
     trusted = ssl.create_default_context(cafile=cert[0])
-    listener = Listener(broker.port, f"{BASE}/#", tls=trusted, user=(USER, PASSWORD))
-    good, bad, radar = tmp_path / "good", tmp_path / "bad", well_host()
-    good.write_text(f"{PASSWORD}\n")
+    listener = Listener(broker.port, f"{BASE}/#", tls=trusted, user=(far.USER, far.PASSWORD))
+    good, bad, radar = tmp_path / "good", tmp_path / "bad", far.well_host()
+    good.write_text(f"{far.PASSWORD}\n")
     bad.write_text("wrong\n")
     try:
         for section, words in (
@@ -265,8 +250,10 @@ def test_over_tls_and_with_a_password_commands_are_taken(tmp_path):
             ({"password_file": good, "ca_file": cert[0]}, ""),
         ):
             # Nothing is said of commands.
-            options = SinkOptions(log=QUICK, mqtt=MqttSection(discovery="off", **section))
-            sink = open_sink(f"mqtts://{USER}@localhost:{broker.port}", options, hosts=[radar])
+            options = SinkOptions(log=far.QUICK, mqtt=MqttSection(discovery="off", **section))
+            sink = far.open_sink(
+                f"mqtts://{far.USER}@localhost:{broker.port}", options, hosts=[radar]
+            )
             for record in (hello(), status("online"), event(1)):
                 sink.write(record)
             if words:

@@ -25,13 +25,9 @@ class Room:
     """A worker without threads, before a room whose echoes a test covers."""
 
     def __init__(self, *, port="replay:x", gate=None, state=None, **alarm):
-        options = {
-            "sensor": {"port": port},
-            "model": {"name": "none"},
-            "gate": gate or {"calibration": "none"},
-            "alarm": {"armed": False, **alarm},
-            "service": {"state_dir": state},
-        }
+        options = {"sensor": {"port": port}, "alarm": {"armed": False, **alarm}}
+        options |= {"model": {"name": "none"}, "service": {"state_dir": state}}
+        options["gate"] = gate or {"calibration": "none"}
         config = load_config(environ={}, options=options)
         self.config, self.pipeline = config, Pipeline(STREAM, config)
         parts = make_parts(config, self.pipeline, now=lambda _t_s: None, is_live=False)

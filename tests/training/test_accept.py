@@ -86,19 +86,10 @@ def test_short_form(tmp_path, monkeypatch, capsys):
 
 def passage(entry, *, alarm, p_human, enters_s=1.0, setting="X2, 1.2 m"):
     n = 4
-    return passage_of(
-        [0.0] * n,
-        entry.label,
-        window=[1 - p_human] * n,
-        family=entry.name,
-        split=setting,
-        suite=entry.name,
-        duration_s=entry.duration_s or 1800.0,
-        enters_s=enters_s,
-        t_s=np.arange(n) + 2.45,
-        is_alarm=np.full(n, alarm),
-        p_human=np.full(n, p_human),
-    )
+    told = {"family": entry.name, "suite": entry.name, "split": setting, "enters_s": enters_s}
+    told |= {"t_s": np.arange(n) + 2.45, "duration_s": entry.duration_s or 1800.0}
+    told |= {"is_alarm": np.full(n, alarm), "p_human": np.full(n, p_human)}
+    return passage_of([0.0] * n, entry.label, window=[1 - p_human] * n, **told)
 
 
 def test_the_report_counts_misses_alarms_and_hours():

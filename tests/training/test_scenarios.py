@@ -201,15 +201,8 @@ def test_its_clock_never_stops_and_never_runs_back(kind, style):
 
 
 def randomization(**more):
-    settings = {
-        "gain": np.array([0.5, 1.0, 1.5]),
-        "contrast": 1.0,
-        "joins": False,
-        "is_constant": False,
-        "begin_s": 0.0,
-        "pace": 1.0,
-        "wave": np.zeros((3, 4)),
-    }
+    settings = {"gain": np.array([0.5, 1.0, 1.5]), "contrast": 1.0, "joins": False}
+    settings |= {"is_constant": False, "begin_s": 0.0, "pace": 1.0, "wave": np.zeros((3, 4))}
     return DomainRandomization(Clock(), **settings | more)
 
 

@@ -233,7 +233,7 @@ def what_the_sandbox_forbids(_folder: Path) -> Iterator[str]:
 
 
 def units_of_systemd(folder: Path) -> Iterator[str]:
-    """systemd finds no fault in the units, and the first as tight as is said; if it is here."""
+    """Where it is, systemd finds no fault in units, and the first is as tight as told."""
     if (program := shutil.which("systemd-analyze")) is None:
         return
     units = {
