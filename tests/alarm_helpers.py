@@ -5,9 +5,12 @@ import socket
 import h5py
 import numpy as np
 
+from radard.clips.clip_file import ClipFile
 from radard.detect.gate import GateReading
 from radard.judge.classifier import Probabilities
 from radard.judge.decision import Decision, TrackVerdict
+from tests.radar_helpers import BASEBAND, frames_of, noise
+from x2radar.frame import StreamInfo
 
 
 def decision(t_s, human=None, *, alarm=None, range_m=1.5, label=None, fault="", **more):
@@ -75,6 +78,15 @@ class NotifySocket:
 
     def close(self):
         self._socket.close()
+
+
+def begun_clip(path, n):
+    """A clip of n frames that is being written."""
+    stream = StreamInfo(BASEBAND, 60.0, "test")
+    about = {"first_index": 0, "started_utc": "2026-01-01T00:00:00Z", "attributes": {}}
+    clip = ClipFile(path, stream, **about)
+    clip.write(list(frames_of(noise(n))))
+    return clip
 
 
 def write_recording(path, samples, rate_hz=60.0, sets=None, **attributes):

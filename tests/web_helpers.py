@@ -15,6 +15,7 @@ from websockets.sync.client import connect
 from tests import processes, sink_helpers
 from tests.waiting import free_port, wait_for
 
+ULID = "01J0000000000000000000000A"
 HEADERS = {"Content-Type": "application/json", "X-Radard": "1"}
 
 
@@ -38,7 +39,7 @@ def open_decision(seq=1, t_s=2.45, *, human, other=0.0, **changes):
     return decision(seq, t_s, **record | changes)
 
 
-def event(event_id="01J0000000000000000000000A", phase="new", kind="alarm", **changes):
+def event(event_id=ULID, phase="new", kind="alarm", **changes):
     """A record of an event."""
     own = {"id": event_id, "time": "2026-11-21T06:00:02.000Z", "end_t_s": None, "peak": 0.9}
     own |= {"reason": "human at 1.8 m"}

@@ -12,10 +12,10 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-from radard.clips.clip_file import ClipFile
 from radard.clips.keeper import ClipKeeper
 from radard.clips.spectrogram_png import PictureMaker, decode_png, encode_png
 from radard.config.sections import ClipsSection
+from tests.alarm_helpers import begun_clip
 from tests.processes import ran
 from tests.radar_helpers import BASEBAND, decisions, events, noise, run_radard
 from tests.sink_helpers import decision, event, ulid
@@ -233,16 +233,9 @@ def test_a_run_whose_clips_fail_goes_on_degraded(tmp_path):
     assert {alarm["clip"] for alarm in events(records, "alarm")} == {None}
 
 
-def begun(path):
-    """A clip of 150 frames that is being written."""
-    clip = ClipFile(path, STREAM, first_index=0, started_utc="2026-01-01T00:00:00Z", attributes={})
-    clip.write([frame(k) for k in range(150)])
-    return clip
-
-
 def test_a_reader_keeps_no_decision_out_of_a_clip(tmp_path):
     path = tmp_path / "read.h5"
-    clip = begun(path)
+    clip = begun_clip(path, 150)
     with path.open("rb") as reader:
         fcntl.flock(reader, fcntl.LOCK_SH)
         clip.finish([decision(t_s=2.0)], event(0))
@@ -258,7 +251,7 @@ from tests.outputs.test_clips import *
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 for extra in range(0, 40_000, 1_000):
     path = Path(f"{extra}.h5")
-    clip = begun(path)
+    clip = begun_clip(path, 150)
     limit = path.stat().st_size + extra
     resource.setrlimit(resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
     with contextlib.suppress(OutputError):

@@ -33,6 +33,11 @@ def opened(path):
         each.close()
 
 
+@pytest.fixture
+def log(opened):
+    return opened()
+
+
 def everything(_record):
     return True
 
@@ -64,8 +69,7 @@ def test_an_output_that_is_new_or_was_absent_for_a_run_begins_with_what_comes_ne
     assert ids(cursor) == [ulid(4)]
 
 
-def test_an_output_with_another_filter_keeps_what_it_is_owed(opened):
-    log = opened()
+def test_an_output_with_another_filter_keeps_what_it_is_owed(log):
     log.cursor("a", everything)
     log.append(event(1, kind="fault"))
     log.append(event(2))
@@ -76,8 +80,7 @@ def test_an_output_with_another_filter_keeps_what_it_is_owed(opened):
     assert ids(cursor) == []
 
 
-def test_what_was_put_off_stays_so_whatever_its_place_and_whoever_takes_over(opened):
-    log = opened()
+def test_what_was_put_off_stays_so_whatever_its_place_and_whoever_takes_over(log):
     cursor = log.cursor("a", everything)
     filled(log, 4)
     _, second, third, _ = cursor.waiting()
@@ -87,8 +90,7 @@ def test_what_was_put_off_stays_so_whatever_its_place_and_whoever_takes_over(ope
     assert ids(log.cursor("a", everything)) == [ulid(k) for k in (1, 4, 2, 3)]
 
 
-def test_a_cursor_says_what_waits_in_order_and_up_to_a_record(opened):
-    log = opened()
+def test_a_cursor_says_what_waits_in_order_and_up_to_a_record(log):
     cursor = log.cursor("a", everything)
     filled(log, 4)
     first, second, third, _ = cursor.waiting()
@@ -107,9 +109,8 @@ def test_a_cursor_says_what_waits_in_order_and_up_to_a_record(opened):
 
 
 @pytest.mark.parametrize("act", ["done", "defer"])
-def test_what_a_cursor_does_alone_is_written(opened, path, act):
+def test_what_a_cursor_does_alone_is_written(opened, log, path, act):
     """Also when nothing is appended that would be written with it."""
-    log = opened()
     cursor = log.cursor("a", everything)
     filled(log, 3)
     log.keep("word", "before")
@@ -159,8 +160,7 @@ def test_too_many_events_drop_the_oldest_and_that_is_said(opened, caplog):
     assert ids(cursor) == [ulid(3), ulid(1), ulid(2)]
 
 
-def test_a_disk_that_hangs_delays_an_event_by_half_a_second_at_most(opened, path):
-    log = opened()
+def test_a_disk_that_hangs_delays_an_event_by_half_a_second_at_most(opened, log, path):
     cursor = log.cursor("a", everything)
     with closing(sqlite3.connect(path)) as db:
         db.execute("BEGIN EXCLUSIVE")
@@ -177,9 +177,8 @@ def test_a_disk_that_hangs_delays_an_event_by_half_a_second_at_most(opened, path
 
 
 def test_what_was_put_before_the_file_could_be_read_comes_behind_what_it_holds(
-    opened, path, monkeypatch
+    opened, log, path, monkeypatch
 ):
-    log = opened()
     log.cursor("a", everything)
     filled(log, 2)
     log.keep("panel", "armed")
@@ -220,8 +219,7 @@ def test_waiting_is_counted_by_a_clock_that_nobody_sets(opened, path, monkeypatc
 
 
 @pytest.mark.parametrize("damage", ["'{broken'", "'[1]'", "x'ff00fe'", "'null'", "'{\"a\":1e'"])
-def test_a_row_that_cannot_be_read_is_skipped_and_said(damage, path, opened, caplog):
-    log = opened()
+def test_a_row_that_cannot_be_read_is_skipped_and_said(damage, path, opened, log, caplog):
     log.cursor("a", everything)
     filled(log)
     log.close()
@@ -245,8 +243,7 @@ def test_a_damaged_file_is_put_aside_and_said_for_an_hour(path, opened, caplog):
 
 
 @pytest.mark.parametrize("gone", ["log.db", "log.db-wal", "log.db-shm"])
-def test_whatever_part_of_the_file_is_taken_away_nothing_is_lost(path, opened, gone):
-    log = opened()
+def test_whatever_part_of_the_file_is_taken_away_nothing_is_lost(path, opened, log, gone):
     filled(log)
     path.with_name(gone).unlink()
     log.append(event(4))
@@ -254,8 +251,9 @@ def test_whatever_part_of_the_file_is_taken_away_nothing_is_lost(path, opened, g
     assert [e.id for e in opened().events()] == [ulid(k) for k in range(1, 5)]
 
 
-def test_a_file_that_goes_while_it_is_looked_at_is_written_whole_again(path, opened, monkeypatch):
-    log = opened()
+def test_a_file_that_goes_while_it_is_looked_at_is_written_whole_again(
+    path, opened, log, monkeypatch
+):
     filled(log)
 
     whole = log_module.check_pages
@@ -312,8 +310,7 @@ def test_without_events_the_file_has_what_is_kept_alone(path, opened):
     assert (log.kept("panel"), log.events()) == ("armed", [])
 
 
-def test_phases_become_one_event_in_memory_in_the_file_and_in_sql_alike(path, opened):
-    log = opened()
+def test_phases_become_one_event_in_memory_in_the_file_and_in_sql_alike(path, log):
     began = {**event(1), "clip": "a.h5", "peak": 0.5, "sensor": "hall", "simulated": True}
     tamper = {**event(2, kind="tamper"), "sensor": "hall"}
     for record in (

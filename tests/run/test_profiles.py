@@ -46,12 +46,11 @@ def test_none_is_dearer_and_no_better_than_another():
 
 
 def test_a_profile_wins_over_what_stands_beside_or_before_it(tmp_path):
-    path = write(
-        tmp_path / "c.yaml",
-        "sensor: {port: 'sim:dog?seed=1'}\n"
-        "model: {name: fast, profile: eco}\n"
-        "decision: {hop_s: 0.5, pet_limit: 0.7}\n",
+    text = (
+        "sensor: {port: 'sim:dog?seed=1'}\nmodel: {name: fast, profile: eco}\n"
+        "decision: {hop_s: 0.5, pet_limit: 0.7}\n"
     )
+    path = write(tmp_path / "c.yaml", text)
     config = load_config(path, environ={})
     assert (config.model.name, config.decision.hop_s) == (ECO.model, ECO.hop_s)
     assert config.decision.pet_limit == 0.7

@@ -53,23 +53,15 @@ def gltf(times, turns):
     uri = "data:application/octet-stream;base64," + base64.b64encode(data).decode()
     channel = {"sampler": 0, "target": {"node": 1, "path": "rotation"}}
     curve = {"input": 0, "output": 1, "interpolation": "LINEAR"}
-    return {
-        "asset": {"version": "2.0"},
-        "nodes": [
-            {"name": "hand", "translation": [0, 2, 0]},
-            {"name": "shoulder", "translation": [1, 0, 0], "children": [0]},
-        ],
-        "buffers": [{"byteLength": len(data), "uri": uri}],
-        "bufferViews": [
-            {"buffer": 0, "byteOffset": 0, "byteLength": 4 * n},
-            {"buffer": 0, "byteOffset": 4 * n, "byteLength": 16 * n},
-        ],
-        "accessors": [
-            {"bufferView": 0, "componentType": 5126, "count": n, "type": "SCALAR"},
-            {"bufferView": 1, "componentType": 5126, "count": n, "type": "VEC4"},
-        ],
-        "animations": [{"name": "wave", "channels": [channel], "samplers": [curve]}],
-    }
+    times_at, turns_at = ({"buffer": 0, "byteOffset": at} for at in (0, 4 * n))
+    shoulder = {"name": "shoulder", "translation": [1, 0, 0], "children": [0]}
+    made = {"asset": {"version": "2.0"}, "buffers": [{"byteLength": len(data), "uri": uri}]}
+    made["nodes"] = [{"name": "hand", "translation": [0, 2, 0]}, shoulder]
+    views = {**times_at, "byteLength": 4 * n}, {**turns_at, "byteLength": 16 * n}
+    kinds = {"bufferView": 0, "type": "SCALAR"}, {"bufferView": 1, "type": "VEC4"}
+    made["bufferViews"] = list(views)
+    made["accessors"] = [{"componentType": 5126, "count": n, **kind} for kind in kinds]
+    return made | {"animations": [{"name": "wave", "channels": [channel], "samplers": [curve]}]}
 
 
 def test_acclaim_bones_turn_about_their_own_axes(tmp_path):

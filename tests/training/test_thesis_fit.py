@@ -142,15 +142,14 @@ def test_retraining_goes_on_from_what_was_learnt():
     assert np.abs(again.scores[1] - again.scores[0]).max() < 0.05
 
 
+WRONG = {"layers": (100, 0), "learning_rate": float("nan"), "momentum": 1.0, "decay": -1}
+WRONG |= {"averaging": 1, "sparsity": -0.1}
+
+
 @pytest.mark.parametrize(
     ("wrong", "says"),
     [
-        ({"layers": (100, 0)}, "layers"),
-        ({"learning_rate": float("nan")}, "learning_rate"),
-        ({"momentum": 1.0}, "momentum"),
-        ({"decay": -1}, "decay"),
-        ({"averaging": 1}, "averaging"),
-        ({"sparsity": -0.1}, "sparsity"),
+        *(({key: value}, key) for key, value in WRONG.items()),
         ({"pretrain_epochs": (500,)}, "none, or one a layer"),
         ({"pretrain_epochs": (5, -1)}, "none below 0"),
         ({"epochs": 50}, "at least look_every"),

@@ -11,6 +11,12 @@ from tests.web_helpers import Running
 make = pytest.fixture(maker)
 
 
+@pytest.fixture
+def client(make):
+    """A client of a dashboard that is asked without a network."""
+    return make()
+
+
 @pytest.fixture(scope="session")
 def browser():
     playwright = pytest.importorskip(
@@ -72,3 +78,9 @@ def tab(browser, request):
     for one in made:
         one.page.close()
         assert one.complaints == []
+
+
+@pytest.fixture
+def one(tab):
+    """One tab, which shows the live page."""
+    return tab().open()

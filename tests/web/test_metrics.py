@@ -113,8 +113,7 @@ def test_a_test_alarm_is_no_alarm_for_those_who_count():
     assert not any(name == "radard_events_total" for name, *_ in found)
 
 
-def test_ready_is_more_than_alive(make):
-    client = make()
+def test_ready_is_more_than_alive(client):
     health = client.run.health
     assert client.get("/readyz").status_code == 503
     health.on_decision(alarm_helpers.decision(1.0, t_mono_s=time.monotonic()))
@@ -127,8 +126,7 @@ def test_ready_is_more_than_alive(make):
     assert client.get("/readyz").status_code == 503
 
 
-def test_what_the_process_uses(make):
-    client = make()
+def test_what_the_process_uses(client):
     client.tell({"type": "status", "state": "online", "reason": ""})
 
     def scrape():

@@ -190,8 +190,7 @@ def test_the_shell_opens_while_the_daemon_is_away(browser, empty):
     one.page.close()
 
 
-def test_the_page_can_be_installed(tab, radard):
-    one = tab().open()
+def test_the_page_can_be_installed(one, radard):
     session = one.page.context.new_cdp_session(one.page)
     told = session.send("Page.getAppManifest")
     assert told["errors"] == []

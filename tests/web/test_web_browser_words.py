@@ -8,8 +8,7 @@ pytestmark = MARKS
 SHOWN = "[...document.querySelectorAll('{}')].filter(e => e.checkVisibility()).length"
 
 
-def test_a_simulated_module_does_not_look_real(tab, radard):
-    one = tab().open()
+def test_a_simulated_module_does_not_look_real(one, radard):
     one.until("document.querySelector('#badge').textContent === 'Simulated'")
     assert one.page.is_visible("#badge")
     header = one.page.inner_text("header")
@@ -22,8 +21,7 @@ def test_a_simulated_module_does_not_look_real(tab, radard):
     one.page.wait_for_selector(".event .mark-unreal")
 
 
-def test_details_are_for_those_who_ask(tab):
-    one = tab().open()
+def test_details_are_for_those_who_ask(one):
     assert one.page.evaluate(SHOWN.format(".exact")) == 0
     assert one.page.evaluate(SHOWN.format(".plain")) > 5
     words = one.page.inner_text("main")
@@ -99,8 +97,7 @@ def test_nothing_overlaps_in_any_state_and_the_alarm_is_the_largest_word(tab, wi
     assert one.page.evaluate("document.documentElement.scrollWidth") <= width
 
 
-def test_nothing_is_well_while_no_frames_come(tab):
-    one = tab().open()
+def test_nothing_is_well_while_no_frames_come(one):
     one.until("document.querySelectorAll('.decisions tbody tr').length > 0")
     banner, told, is_dim = one.page.evaluate(
         """async (panel) => {

@@ -9,20 +9,16 @@ from pathlib import Path
 import h5py
 import pytest
 
-from radard.clips.clip_file import ClipFile
 from radard.web.pictures import clip_process
 from radard.web.pictures.clip_process import read_clip
 from radard.web.pictures.clip_view import clip_view
-from tests.alarm_helpers import write_recording
-from tests.radar_helpers import BASEBAND, frames_of, noise
+from tests.alarm_helpers import begun_clip, write_recording
+from tests.radar_helpers import noise
 from tests.sink_helpers import decision
 from tests.waiting import wait_for
-from tests.web_helpers import event
-from x2radar.frame import StreamInfo
+from tests.web_helpers import ULID, event
 
 pytestmark = pytest.mark.integration
-
-ULID = "01J0000000000000000000000A"
 
 
 @pytest.fixture
@@ -53,9 +49,8 @@ def is_running(pid):
         return False
 
 
-def test_pictures_of_a_clip(make, clip):
-    client = make()
-    client.tell(event(ULID, clip=str(clip)))
+def test_pictures_of_a_clip(client, clip):
+    client.tell(event(clip=str(clip)))
     answer = client.get(f"/api/v1/events/{ULID}/pictures")
     assert answer.status_code == 200
     (n,) = struct.unpack_from("<I", answer.content)
@@ -70,7 +65,7 @@ def test_pictures_of_a_clip(make, clip):
 def test_a_clip_that_does_not_end_stops_nothing_else(make, clip, hanging, monkeypatch):
     monkeypatch.setattr(clip_process, "DEADLINE_S", 3.0)
     client = make(served=True)
-    client.tell(event(ULID, clip=str(clip)))
+    client.tell(event(clip=str(clip)))
     answers = []
 
     def ask():
@@ -103,14 +98,6 @@ def test_nobody_waits_for_the_process_when_the_dashboard_ends(clip, hanging):
     assert not is_running(hanging.read_text().strip())
 
 
-def begun(path):
-    """A clip of 200 frames that is being written."""
-    stream = StreamInfo(BASEBAND, 60.0, "test")
-    clip = ClipFile(path, stream, first_index=0, started_utc="2026-01-01T00:00:00Z", attributes={})
-    clip.write(list(frames_of(noise(200))))
-    return clip
-
-
 def decisions_of(data):
     (n,) = struct.unpack_from("<I", data)
     return json.loads(data[4 : 4 + n])["decisions"]
@@ -119,7 +106,7 @@ def decisions_of(data):
 @pytest.mark.parametrize("damage", ["none", "huge", "elsewhere", "link", "short", "flat"])
 def test_decisions_of_a_clip_are_read_without_trust(tmp_path, damage):
     path = tmp_path / f"{ULID}.h5"
-    begun(path).finish([decision()], {})
+    begun_clip(path, 200).finish([decision()], {})
     with h5py.File(path, "r+") as file:
         group = file["decisions"]
         if damage != "none":
@@ -140,7 +127,7 @@ def test_decisions_of_a_clip_are_read_without_trust(tmp_path, damage):
 
 def test_a_clip_is_shown_while_it_is_written(tmp_path):
     path = tmp_path / f"{ULID}.h5"
-    clip = begun(path)
+    clip = begun_clip(path, 200)
     assert decisions_of(asyncio.run(read_clip(path))) == []
     clip.finish([], {})
     assert asyncio.run(read_clip(path))

@@ -17,11 +17,10 @@ from radard.web.auth import SESSION_S, AccessControl, Tokens, is_loopback, read_
 from radard.web.guard import MAX_BODY
 from radard.web.sink import parse_address
 from tests.dashboard_helpers import post
-from tests.web_helpers import HEADERS, decision, event, open_decision
+from tests.web_helpers import HEADERS, ULID, decision, event, open_decision
 
 VIEWER, OPERATOR = "look-but-not-touch", "may-arm-and-disarm"
 ANYWHERE = "0.0.0.0"  # noqa: S104 - with a token
-ULID = "01J0000000000000000000000A"
 
 
 # Addresses and tokens -----------------------------------------------------------------------
@@ -123,8 +122,7 @@ def test_tokens_are_compared_in_constant_time(monkeypatch):
 # Loopback -----------------------------------------------------------------------------------
 
 
-def test_on_loopback_everybody_is_the_operator_and_unknown_commands_reach_nobody(make):
-    client = make()
+def test_on_loopback_everybody_is_the_operator_and_unknown_commands_reach_nobody(client):
     assert client.get("/api/v1/status").json()["role"] == "operator"
     known = ("arm", "disarm", "ack", "calibrate")
     for name in (*known, "reboot", "", None, 1, ["arm"], {"arm": 1}):
@@ -133,8 +131,7 @@ def test_on_loopback_everybody_is_the_operator_and_unknown_commands_reach_nobody
     assert client.run.asked == list(known)
 
 
-def test_a_flood_of_commands_is_cut(make):
-    client = make()
+def test_a_flood_of_commands_is_cut(client):
     codes = [post(client, "/api/v1/command", {"command": "ack"}).status_code for _ in range(60)]
     assert set(codes) == {202, 429}
     assert len(client.run.asked) < 40
@@ -205,8 +202,7 @@ KINDS = [{"Content-Type": k} for k in ("text/plain", "application/x-www-form-url
         *(({}, body, 400) for body in (b"", b"[", b"[1]", b"\xff", b'"arm"', b"[" * 4000)),
     ],
 )
-def test_only_our_own_page_arms_and_with_json_alone(make, headers, body, code):
-    client = make()
+def test_only_our_own_page_arms_and_with_json_alone(client, headers, body, code):
     answer = client.post("/api/v1/command", body, {**HEADERS, **headers})
     assert answer.status_code == code
     assert client.run.asked == (["arm"] if code == 202 else [])
@@ -226,8 +222,7 @@ def test_only_our_own_page_arms_and_with_json_alone(make, headers, body, code):
         ("", "localhost", 403),
     ],
 )
-def test_a_proxy_may_name_the_usual_port(make, origin, host, code):
-    client = make()
+def test_a_proxy_may_name_the_usual_port(client, origin, host, code):
     headers = {**HEADERS, "Origin": origin, "Host": host}
     assert client.post("/api/v1/command", ARM, headers).status_code == code
 
@@ -253,8 +248,7 @@ def test_another_page_gets_no_socket(make):
     client.socket(origin=f"http://{client.host}").close()
 
 
-def test_long_bodies(make):
-    client = make()
+def test_long_bodies(client):
     body = b'{"command": "arm", "x": "' + b"x" * MAX_BODY + b'"}'
     assert client.post("/api/v1/command", content=body, headers=HEADERS).status_code == 413
     chunks = (body[i : i + 1000] for i in range(0, len(body), 1000))
@@ -265,8 +259,7 @@ def test_long_bodies(make):
 OUTSIDE = ("/static/../sink.py", "/static/%2e%2e/sink.py", "/static//etc/passwd", "/nowhere")
 
 
-def test_only_the_pages_own_files_are_served_and_every_answer_shields_the_page(make):
-    client = make()
+def test_only_the_pages_own_files_are_served_and_every_answer_shields_the_page(client):
     for path in ("/", "/healthz", "/static/app.js", "/api/v1/status", *OUTSIDE):
         answer = client.get(path)
         assert (answer.status_code == 404) is (path in OUTSIDE)
@@ -341,8 +334,7 @@ def test_no_secret_is_shown(make, caplog):
 # Answers ------------------------------------------------------------------------------------
 
 
-def test_decisions_and_reasons(make):
-    client = make()
+def test_decisions_and_reasons(client):
     for k in range(1, 11):
         client.tell(decision(k, k + 1.45))
     found = client.get("/api/v1/decisions?limit=3&before_seq=9").json()["decisions"]
@@ -353,9 +345,8 @@ def test_decisions_and_reasons(make):
         assert client.get(f"/api/v1/decisions?{query}").status_code == 400
 
 
-def test_events_of_a_run_are_one_row_each(make):
-    client = make()
-    client.tell(event(ULID))
+def test_events_of_a_run_are_one_row_each(client):
+    client.tell(event())
     client.tell(event(ULID, "end", end_t_s=9.0, peak=0.5, reason="acknowledged"))
     client.tell(event("01J0000000000000000000000B", kind="fault", reason="no frames"))
     (alarm,) = client.get("/api/v1/events?kind=alarm").json()["events"]
@@ -366,9 +357,8 @@ def test_events_of_a_run_are_one_row_each(make):
         assert client.get(f"/api/v1/events?{query}").status_code == 400
 
 
-def test_export(make):
-    client = make()
-    client.tell(event(ULID, reason="=cmd|' /C calc'!A0", simulated=True))
+def test_export(client):
+    client.tell(event(reason="=cmd|' /C calc'!A0", simulated=True))
     csv = client.get("/api/v1/events/export?format=csv")
     assert "attachment" in csv.headers["content-disposition"]
     assert "'=cmd" in csv.text
@@ -378,9 +368,8 @@ def test_export(make):
     assert line["id"] == ULID
 
 
-def test_labels_become_lines(make, tmp_path):
-    client = make()
-    client.tell(event(ULID))
+def test_labels_become_lines(client, tmp_path):
+    client.tell(event())
     path = tmp_path / "labels.jsonl"
     for label in ("pet", "wrong"):
         body = {"event": ULID, "label": label}
@@ -395,16 +384,15 @@ def test_labels_become_lines(make, tmp_path):
     assert post(client, "/api/v1/labels", unknown).status_code == 404
 
 
-def test_a_clip_is_only_ever_the_events_own_file(make, tmp_path):
-    client = make()
+def test_a_clip_is_only_ever_the_events_own_file(client, tmp_path):
     secret = tmp_path / "secret.h5"
     secret.write_text("x")
-    client.tell(event(ULID, clip=str(secret)))
+    client.tell(event(clip=str(secret)))
     assert client.get(f"/api/v1/events/{ULID}/clip").status_code == 404
     assert client.get("/api/v1/events/..%2f..%2fetc/clip").status_code == 404
     clip = tmp_path / f"{ULID}.h5"
     clip.write_bytes(b"no recording")
-    client.tell(event(ULID, clip=str(clip)))
+    client.tell(event(clip=str(clip)))
     assert client.get(f"/api/v1/events/{ULID}/clip").content == b"no recording"
 
 
@@ -412,7 +400,7 @@ def test_a_clip_is_only_ever_the_events_own_file(make, tmp_path):
 def test_a_page_is_welcomed_with_what_there_is_and_those_beyond_the_limit_are_sent_away(make):
     client = make(served=True, section={"max_viewers": 1})
     client.tell(open_decision(1, 2.45, human=0.9))
-    client.tell(event(ULID))
+    client.tell(event())
     with client.socket() as page:
         welcome = json.loads(page.recv(60))
         with client.socket() as second, pytest.raises(ConnectionClosed) as err:

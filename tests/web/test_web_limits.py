@@ -21,7 +21,6 @@ from tests.web_helpers import HEADERS, ask, event
 
 TOKEN = "-".join(("may", "look", "and", "arm"))
 STRANGER = "127.0.0.9"
-ULID = "01J0000000000000000000000A"
 
 
 @pytest.fixture
@@ -142,7 +141,7 @@ def test_a_page_stays_connected_beyond_the_time_for_a_header(make, monkeypatch):
         while time.monotonic() < end_s:
             page.send('{"drawn": 0}')
             time.sleep(0.1)
-        client.tell(event(ULID))
+        client.tell(event())
         while json.loads(page.recv(60))["type"] != "event":
             pass
 
@@ -210,9 +209,8 @@ def test_lengths_of_bodies_that_are_no_numbers(make):
 # Nothing changes by looking -------------------------------------------------------------------
 
 
-def test_no_get_changes_anything(make):
-    client = make()
-    client.tell(event(ULID))
+def test_no_get_changes_anything(client):
+    client.tell(event())
     changing = [r for r in all_routes() if isinstance(r, Route) and "POST" in r.methods]
     assert len(changing) == 8
     for route in changing:

@@ -18,17 +18,14 @@ from radard.detect.calibration import Calibration, restless_spans
 from radard.errors import ConfigError, OutputError
 from tests.dashboard_helpers import post
 from tests.waiting import wait_for
-from tests.web_helpers import decision, event
-
-ULID = "01J0000000000000000000000A"
+from tests.web_helpers import ULID, decision, event
 
 
 def settings_file(client):
     return client.run.held.service.state_dir / "radar.sim.settings.yaml"
 
 
-def test_variables_and_options_stand_before_what_was_saved(make, tmp_path):
-    client = make()
+def test_variables_and_options_stand_before_what_was_saved(client, tmp_path):
     assert post(client, "/api/v1/settings", {"alarm": {"sensitivity": "low"}}).status_code == 202
     assert settings_file(client).is_file()
     base = {"service": {"state_dir": tmp_path}, "sensor": {"port": "sim:empty"}}
@@ -84,16 +81,14 @@ def test_changes_from_two_threads_at_once_are_all_kept(tmp_path):
         ({"mount": {"height_m": "5 m"}}, "mount.height_m: input should be a valid num"),
     ],
 )
-def test_what_may_not_be_set_is_refused_and_nothing_is_written(make, body, words):
-    client = make()
+def test_what_may_not_be_set_is_refused_and_nothing_is_written(client, body, words):
     answer = post(client, f"/api/v1/{'zones' if 'include' in body else 'settings'}", body)
     assert answer.status_code == 400
     assert words in answer.json()["error"]
     assert not list(settings_file(client).parent.glob("*.yaml"))
 
 
-def test_a_file_of_settings_that_was_tampered_with_is_named(make, tmp_path):
-    client = make()
+def test_a_file_of_settings_that_was_tampered_with_is_named(client, tmp_path):
     path = settings_file(client)
     path.write_text("output:\n  - exec:/bin/sh\n")
     answer = post(client, "/api/v1/settings", {"alarm": {"sensitivity": "low"}})
@@ -104,8 +99,7 @@ def test_a_file_of_settings_that_was_tampered_with_is_named(make, tmp_path):
     assert not path.exists()
 
 
-def test_the_calibration_is_told_with_its_restless_ranges_where_there_is_one(make, tmp_path):
-    client = make()
+def test_the_calibration_is_told_with_its_restless_ranges_where_there_is_one(client, tmp_path):
     assert client.get("/api/v1/calibration").json() is None
     floor_db, threshold_db = np.full(40, -60.0), np.full(40, 3.0)
     # A fan at 1.6 to 2.1 m, with a bin between that is calm; one bin that is not enough.
@@ -123,11 +117,10 @@ def test_the_calibration_is_told_with_its_restless_ranges_where_there_is_one(mak
     assert restless_spans(nothing) == []
 
 
-def test_an_alarm_links_to_the_decision_it_began_with(make):
-    client = make()
+def test_an_alarm_links_to_the_decision_it_began_with(client):
     for seq in range(1, 5):
         client.tell(decision(seq, float(seq)))
-    client.tell(event(ULID, start_t_s=4.0, t_s=4.0))
+    client.tell(event(start_t_s=4.0, t_s=4.0))
     # An hour and more later.
     for seq in range(5, 3700):
         client.tell(decision(seq, float(seq)))
@@ -142,11 +135,10 @@ def test_an_alarm_links_to_the_decision_it_began_with(make):
     assert found[0]["why"] is None
 
 
-def test_a_thumbnail_with_its_axes(make, tmp_path):
-    client = make()
+def test_a_thumbnail_with_its_axes(client, tmp_path):
     clip = tmp_path / f"{ULID}.h5"
     clip.write_bytes(b"")
-    client.tell(event(ULID, clip=str(clip)))
+    client.tell(event(clip=str(clip)))
     path = f"/api/v1/events/{ULID}/thumbnail"
     assert client.get(path).status_code == 404
     assert client.get("/api/v1/events").json()["events"][0]["has_picture"] is False
@@ -161,8 +153,7 @@ def test_a_thumbnail_with_its_axes(make, tmp_path):
     assert client.get(path).status_code == 422
 
 
-def test_files_of_the_pages_are_packed_for_those_who_ask(make):
-    client = make()
+def test_files_of_the_pages_are_packed_for_those_who_ask(client):
     plain = client.get("/static/pages/live.js")
     packed = client.get("/static/pages/live.js", {"Accept-Encoding": "gzip, br"})
     assert packed.headers["content-encoding"] == "gzip"
