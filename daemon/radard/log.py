@@ -49,7 +49,7 @@ class EventLog:
         self, path: Path | None, *, max_events: int = 10_000, keeps_events: bool = True
     ) -> None:
         self._path = path
-        self._max_events = max_events
+        self.max_events = max_events
         self._keeps_events = keeps_events
         self._id = uuid.uuid4().hex[:12]
         # The lock of the log and of its cursors.
@@ -178,7 +178,7 @@ class EventLog:
 
     def _bound(self) -> None:
         n_lost = 0
-        while len(self._entries) > self._max_events:
+        while len(self._entries) > self.max_events:
             entry = self._entries.popleft()
             n_lost += sum([cursor.lose(entry) for cursor in self._cursors.values()])
         if n_lost:

@@ -2,8 +2,10 @@
 
 import json
 import signal
+import socket
 import sqlite3
 import subprocess
+import time
 from contextlib import closing
 
 import pytest
@@ -112,6 +114,26 @@ def test_a_secret_that_was_renewed_holds_after_a_reload(out, server, tmp_path, i
     old, renewed = ({"Authorization": f"Bearer {t}"} for t in ("old token of it", "a renewed one"))
     wait_for(lambda: ask(f"{base}/api/v1/config", headers=renewed)[0] == 200)
     assert ask(f"{base}/api/v1/config", headers=old)[0] == 401
+
+
+def test_many_that_hang_hold_up_a_reload_as_long_as_one(out, tmp_path):
+    """Before, each took two seconds, and with the main thread away the watchdog is not fed."""
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        urls = [f"webhook:http://127.0.0.1:{silent.getsockname()[1]}/{k}" for k in range(8)]
+        out.open(config_of(tmp_path, *urls))
+        out.put(event(1))
+        wait_for(lambda: all(sink.state.busy_s > 0 for _, sink in out.sinks))
+        began_s = time.monotonic()
+        out.reload(config_of(tmp_path, *urls, webhook={"phases": ["new"]}), [hello()])
+        assert time.monotonic() - began_s < 8.0
+
+
+def test_how_many_events_are_kept_holds_after_a_reload(out, tmp_path):
+    out.open(config_of(tmp_path, "null"))
+    out.reload(config_of(tmp_path, "null", log={"max_events": 100}), [hello()])
+    for k in range(150):
+        out.log.append(event(k))
+    assert len(out.log.events()) == 100
 
 
 def test_a_sink_goes_on_until_the_one_that_replaces_it_can_be_opened(

@@ -172,19 +172,19 @@ class Outputs:
         close_sinks([each.sink for each in gone if each.sink is not None])
         for each in gone:
             self._forget(each.sink)
-        for each in kept + new:
+        self.log.max_events = config.log.max_events
+        outdated = [each for each in kept + new if each.is_outdated(config)]
+        for each in kept:
             each.fault = ""
-            if each.is_outdated(config):
-                self._reopen(each)
-            elif each.name.startswith("json:"):
+            if each not in outdated and each.name.startswith("json:"):
                 _write_hellos(each, hellos)
+        self._reopen(outdated)
         self._retry_s = time.monotonic() + _RETRY_S
 
     def retry(self) -> None:
         """Try outputs again that could not be opened; to be called now and then."""
         if time.monotonic() >= self._retry_s:
-            for each in [each for each in self._open if each.fault]:
-                self._reopen(each)
+            self._reopen([each for each in self._open if each.fault])
             self._retry_s = time.monotonic() + _RETRY_S
 
     def close(self) -> None:
@@ -202,28 +202,34 @@ class Outputs:
             found += [(name, sensor) for sensor in (self._hosts if is_apart else (None,))]
         return found
 
-    def _reopen(self, each: _Open) -> None:
-        """Replace a sink by one of the options that hold now, or note why that cannot be."""
-        read = _read_by(each.name, self._config)
-        try:
-            sink = self._make(each.name, each.sensor, each.after)
-        except (BriefError, OSError) as err:
-            why = " ".join(str(err).split())
-            if why != each.fault:
-                log.warning("reload: %s", why)
-            each.fault = why
-            return
-        before = each.sink
+    def _reopen(self, outdated: Sequence[_Open]) -> None:
+        """Replace sinks by ones of the options that hold now, or note why that cannot be."""
+        made = []
+        for each in outdated:
+            read = _read_by(each.name, self._config)
+            try:
+                made.append((each, read, self._make(each.name, each.sensor, each.after)))
+            except (BriefError, OSError) as err:
+                why = " ".join(str(err).split())
+                if why != each.fault:
+                    log.warning("reload: %s", why)
+                each.fault = why
         with self._lock:
-            each.held = each.held or RecordQueue()
-        if before is not None:
-            close_sinks([before])
+            for each, _, _ in made:
+                each.held = each.held or RecordQueue()
+        # All at once: those that hang take the time of one, as nobody supervises meanwhile.
+        close_sinks([each.sink for each, _, _ in made if each.sink is not None])
+        for each, read, sink in made:
+            self._exchange(each, read, sink)
+
+    def _exchange(self, each: _Open, read: list[object], sink: Sink) -> None:
+        before = each.sink
         start_sink(sink)
         if _cursor_of(before) != _cursor_of(sink):
             self._forget(before)
         self._attach(sink, each.sensor)
         with self._lock:
-            held, each.held = each.held, None
+            held, each.held = each.held or RecordQueue(), None
             each.sink, each.read, each.fault, each.is_left = sink, read, "", False
             _write_hellos(each, self._hellos)
             while (record := held.take(0)) is not None:
