@@ -73,21 +73,17 @@ class EventTracker:
     def kept(self, t_s: float) -> KeptState:
         """Return what must outlive the daemon, at a stream time."""
         panel, alarm = self.panel, self._open.get("alarm")
-        if alarm is None:
-            return KeptState(
-                is_armed=panel.is_armed,
-                mode=panel.mode,
-                entry_reason=panel.entry_reason,
-                alarm_peak=self._entry_peak if panel.entry_reason is not None else 0.0,
-                exit_left_s=panel.left_s(t_s) if panel.state == "exit" else None,
-            )
+        if alarm is not None:
+            about = {
+                f"alarm_{key}": getattr(alarm, key) for key in ("id", "reason", "peak", "clip")
+            }
+            return KeptState(is_armed=True, mode=panel.mode, **about)
         return KeptState(
-            is_armed=True,
+            is_armed=panel.is_armed,
             mode=panel.mode,
-            alarm_id=alarm.id,
-            alarm_reason=alarm.reason,
-            alarm_peak=alarm.peak,
-            alarm_clip=alarm.clip,
+            entry_reason=panel.entry_reason,
+            alarm_peak=self._entry_peak if panel.entry_reason is not None else 0.0,
+            exit_left_s=panel.left_s(t_s) if panel.state == "exit" else None,
         )
 
     def resume(self, kept: KeptState) -> list[Event]:

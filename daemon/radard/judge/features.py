@@ -193,7 +193,8 @@ class FeatureStream:
         if streams is None or not 0 < n_new < n_slow:
             self._streams = streams = _Streams(settings, self._names, dwell)
             n_new = n_slow
-        streams.push(dwell.frames[-n_new:], dwell.valid[-n_new:])
+        if streams.shared is not None:
+            streams.shared.push(dwell.frames[-n_new:], dwell.valid[-n_new:])
         self._end_frame = dwell.end_frame
         inputs = {INSTALLATION: installation(dwell.frame_rate_hz) if known is None else known}
         if streams.doppler is not None:
@@ -255,11 +256,7 @@ class _Streams:
         others = (s for s in (self.doppler, self.ranges) if s is not None)
         made = (*others, *self.velocity.values())
         # Plug-ins alone share nothing.
-        self._shared = SharedSteps(*made) if made else None
-
-    def push(self, frames: NDArray[np.complex64], valid: NDArray[np.bool_]) -> None:
-        if self._shared is not None:
-            self._shared.push(frames, valid)
+        self.shared = SharedSteps(*made) if made else None
 
 
 def _spectrogram(doppler: StreamingDoppler, n_columns: int) -> NDArray[np.float32]:

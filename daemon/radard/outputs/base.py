@@ -202,10 +202,11 @@ class Sink(Protocol):
 class StateKeeper:
     """Holds a sink's state, and logs what becomes of it; any thread may take or see a step."""
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, waits_for: str = "") -> None:
         self._name = name
         self._lock = threading.Lock()
-        self._state = SinkState(n_events=0)
+        status: Literal["ok", "retrying"] = "retrying" if waits_for else "ok"
+        self._state = SinkState(status=status, reason=waits_for, n_events=0)
         self._told, self._told_s, self._n_untold = "", float("-inf"), 0
         self._remark, self._remarked_s = "", float("-inf")
 
@@ -221,11 +222,6 @@ class StateKeeper:
         log.warning("%s: %s", self._name, text)
         with self._lock:
             self._remark, self._remarked_s = text, time.monotonic()
-
-    def begin(self, reason: str) -> None:
-        """Begin with nothing connected yet."""
-        with self._lock:
-            self._state = replace(self._state, status="retrying", reason=reason)
 
     def sent(self, n: int = 1, *, is_event: bool = False) -> None:
         """Count `n` records that were handed on; a failure is over."""

@@ -132,11 +132,11 @@ class Api:
     async def _why(self, request: Request) -> Response:
         seq = whole_number(request.path_params["seq"], _MAX_SEQ)
         view, history = self._view, self._view.history
-        records = history.around(seq) if seq is not None else ()
-        if not records or seq is None:
+        held = history.around(seq) if seq is not None else []
+        if not held:
             return refusal(404, "this decision is not remembered any more")
-        held = view.states.get(seq)
-        reasons = explain(records, history.hello, view.config, history.events(), held)
+        records, states = zip(*held, strict=True)
+        reasons = explain(records, history.hello, view.config, history.events(), states[-1])
         return JSONResponse({"decision": dict(records[-1]), **reasons})
 
     def _choices(self) -> dict[str, Any]:

@@ -24,7 +24,7 @@ DECISIONS, EVENTS = 3600, 500  # an hour of decisions, and as many events as a p
 N_BEFORE = 16  # decisions that confirmation looks at, at most (`alarm.confirm_n`)
 _MAX_ALARMS = 100  # whose decisions are kept for longer: days of them
 Post = Callable[[Callable[[Any], None], Any], None]  # a call in the web's own thread
-_MAX_STATES = 4000  # above `DECISIONS`
+Held = tuple[Record, SensorState | None]  # a decision, and what held just before it
 
 
 class History:
@@ -33,16 +33,16 @@ class History:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self.hello: Record = {}  # the run's first record; empty before it came
-        self._decisions: deque[Record] = deque(maxlen=DECISIONS)
+        self._decisions: deque[Held] = deque(maxlen=DECISIONS)
         self._events: dict[str, Record] = {}
-        self._causes: dict[str, list[Record]] = {}
+        self._causes: dict[str, list[Held]] = {}
 
-    def take(self, record: Record) -> None:
-        """Keep a decision or an event, and what began an alarm."""
+    def take(self, record: Record, state: SensorState | None = None) -> None:
+        """Keep a decision with the state before it, or an event, and what began an alarm."""
         kind = record["type"]
         with self._lock:
             if kind == "decision":
-                self._decisions.append(record)
+                self._decisions.append((record, state))
             elif kind == "event":
                 first = self._events.pop(record["id"], record)
                 if first is record and record["kind"] == "alarm":
@@ -62,31 +62,31 @@ class History:
     def decisions(self, limit: int, *, before_seq: int | None = None) -> list[Record]:
         """Return the newest decisions, oldest first."""
         with self._lock:
-            known = list(self._decisions)
+            known = [record for record, _ in self._decisions]
         if before_seq is not None:
             known = [d for d in known if d["seq"] < before_seq]
         return known[-limit:] if limit else []
 
-    def around(self, seq: int) -> list[Record]:
+    def around(self, seq: int) -> list[Held]:
         """Return a decision and `N_BEFORE` before it, oldest first; empty when it is not known."""
         with self._lock:
             known = list(self._decisions)
             causes = list(self._causes.values())
-        at = next((i for i, d in enumerate(known) if d["seq"] == seq), None)
+        at = next((i for i, (record, _) in enumerate(known) if record["seq"] == seq), None)
         if at is not None:
             return known[max(0, at - N_BEFORE) : at + 1]
-        return next((found for found in causes if found[-1]["seq"] == seq), [])
+        return next((found for found in causes if found[-1][0]["seq"] == seq), [])
 
     def cause(self, event_id: str) -> int | None:
         """Return the number of the decision that an alarm began with; None if not known."""
         with self._lock:
             found = self._causes.get(event_id)
-        return None if found is None else int(found[-1]["seq"])
+        return None if found is None else int(found[-1][0]["seq"])
 
     def _keep_cause(self, alarm: Record) -> None:
         """Keep the decisions up to the one that an alarm began with, if there was one."""
         last = list(self._decisions)[-N_BEFORE - 1 :]
-        if last and last[-1]["t_s"] == alarm["start_t_s"]:
+        if last and last[-1][0]["t_s"] == alarm["start_t_s"]:
             self._causes[alarm["id"]] = last
         while len(self._causes) > _MAX_ALARMS:
             del self._causes[next(iter(self._causes))]
@@ -106,7 +106,7 @@ class View:
         self.section, self.log, self.sensor = section, log, sensor
         self.host: Host | None = None  # the sensor's run, once there is one
         self.history, self.metrics = History(), Metrics(sensor)
-        self.states: dict[int, SensorState] = {}  # held just before each decision, by number
+
         self.hub = Hub(lambda is_wanted: self.picture_thread.want(is_wanted=is_wanted))
         self.picture_thread = PictureThread(
             lambda: self.host.ring() if self.host is not None else None,
@@ -128,13 +128,8 @@ class View:
 
     def take(self, record: Record) -> None:
         """Take a record; returns at once."""
-        self.history.take(record)
+        self.history.take(record, self.host.panel() if self.host is not None else None)
         self.metrics.on_record(record)
-        state = self.host.panel() if self.host is not None else None
-        if record["type"] == "decision" and state is not None:
-            self.states[record["seq"]] = state
-            while len(self.states) > _MAX_STATES:
-                del self.states[next(iter(self.states))]
         if len(self.hub):
             self._post(self.hub.broadcast, record)
 

@@ -34,7 +34,6 @@ _COMPLETIONS = {
 }
 _PACKAGED = Path("usr/lib/systemd/system/radard.service")
 _CLOSED_HOMES = ("/home", "/root", "/run/user")  # what ProtectHome= hides (systemd.exec(5))
-_USERADD = ("useradd", "--system", "--home-dir", "/var/lib/radard", "--shell", "/usr/sbin/nologin")
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,8 +228,6 @@ def _make_user(what: Installation, left: list[str]) -> Iterator[str]:
         return
     if shutil.which("systemd-sysusers"):
         yield from _ran(["systemd-sysusers", f"--root={what.root}", "radard.conf"])
-    elif what.root == Path("/") and shutil.which("useradd"):
-        yield from _ran([*_USERADD, "--groups", "dialout", "radard"])
     else:
         left.append("systemd-sysusers radard.conf        on the machine itself: makes the user")
 

@@ -21,7 +21,7 @@ from radard.config.sink_table import MqttSection, SinkOptions
 from radard.errors import UsageError
 from radard.log_cursor import Cursor
 from radard.outputs.alarm_picture import PictureWatch
-from radard.outputs.base import COMMANDS, Record, SinkContext, SinkState
+from radard.outputs.base import COMMANDS, Record, SinkContext, SinkState, StateKeeper
 from radard.outputs.delivery import Delivery
 from radard.outputs.mqtt.link import Broker, MqttLink, Publication
 from radard.outputs.mqtt.topics import MqttTopics
@@ -182,7 +182,9 @@ class MqttSink(ThreadSink):
         name = f"{scheme}://{shown_host(broker.host)}:{broker.port}/{prefix}"
         name += f"/{context.sensor}" if context.is_one_of_several else ""
         super().__init__(name)
+        self._keeper = StateKeeper(name, "not connected yet")
         self._context = context
+        self.cursor: Cursor | None = None  # what it has still to deliver, once at work
         self._commands = options.mqtt.commands
         self._takes_commands = takes_commands = _takes_commands(broker, options.mqtt)
         code = code_of(options.mqtt)
@@ -191,7 +193,7 @@ class MqttSink(ThreadSink):
             prefix,
             options.mqtt,
             takes_commands=takes_commands,
-            code_form=("digits" if code.isdigit() else "text") if code else None,
+            code_form="REMOTE_CODE" if code.isdigit() else "REMOTE_CODE_TEXT" if code else "",
         )
         self._warned_s, self._n_unsaid = float("-inf"), 0
         self._must_announce = self._must_describe = False
@@ -223,7 +225,6 @@ class MqttSink(ThreadSink):
             lambda entry: self._link.publish_confirmed(topics.event(entry.record)),
             self._keeper,
         )
-        self._keeper.begin("not connected yet")
 
     @property
     def state(self) -> SinkState:
@@ -231,13 +232,8 @@ class MqttSink(ThreadSink):
         state = self._delivery.state
         return replace(state, n_waiting=state.n_waiting + len(self._queue))
 
-    @property
-    def cursor(self) -> Cursor | None:
-        """What it has still to deliver; None before it is at work."""
-        return self._delivery.cursor
-
     def _begin(self) -> None:
-        self._delivery.start()
+        self.cursor = self._delivery.start().cursor
         if not self._takes_commands and self._commands == "auto":
             log.warning(
                 "%s: takes no commands: that needs mqtts:// with a password or a client "
@@ -276,8 +272,7 @@ class MqttSink(ThreadSink):
 
     def _owes_events(self, now_s: float) -> bool:
         """Return whether events wait that may yet be taken; not for ever, if they are refused."""
-        cursor = self._delivery.cursor
-        if cursor is None or not len(cursor):
+        if not self.cursor:
             self._owed_s = now_s
         return now_s > self._owed_s and now_s - self._owed_s < _PATIENCE_S
 

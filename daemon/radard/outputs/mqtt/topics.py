@@ -120,9 +120,8 @@ _COMMAND_ENTITIES = (
     _button("ack", "Acknowledge", ic="mdi:check"),
     _button("calibrate", "Calibrate", ic="mdi:tune", ent_cat="config"),
 )
-CodeForm = Literal["digits", "text"] | None  # what a code is made of; None without one
-_CODES = {"digits": "REMOTE_CODE", "text": "REMOTE_CODE_TEXT"}
-"""By which Home Assistant asks for a code and hands it on; it is checked here, not published."""
+CodeForm = Literal["REMOTE_CODE", "REMOTE_CODE_TEXT", ""]  # of digits, or any text; none
+"""How Home Assistant asks for a code and hands it on; it is checked here, not published."""
 _WITH_CODE = {"cod_dis_req": True, "cmd_tpl": "{{ {'action': action, 'code': code} | to_json }}"}
 
 
@@ -149,7 +148,7 @@ class MqttTopics:
         options: MqttSection,
         *,
         takes_commands: bool,
-        code_form: CodeForm = None,
+        code_form: CodeForm = "",
     ) -> None:
         self._code_form = code_form
         self._sensor = sensor
@@ -331,7 +330,7 @@ class MqttTopics:
         }
         config["uniq_id"] = f"radard_{self._sensor}_{entity.key}"
         if entity is _PANEL and self._code_form:
-            config |= {**_WITH_CODE, "code": _CODES[self._code_form]}
+            config |= {**_WITH_CODE, "code": self._code_form}
         if entity.expires:
             config["exp_aft"] = round(self._options.expire_after_s)
         return config
