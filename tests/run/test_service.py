@@ -223,14 +223,6 @@ def test_first_help_fits_a_screen(capsys):
     assert max(map(len, lines)) <= 80
 
 
-@pytest.mark.parametrize("name", cli._COMMANDS)
-def test_every_command_shows_an_example(name, capsys):
-    out = said(capsys, name, "--help")
-    _, _, examples = out.partition("example")
-    assert f"radard {name}" in examples
-    assert max(map(len, examples.splitlines())) <= 85
-
-
 @pytest.mark.parametrize(("empty_s", "closed_s"), [(0, 24), (70, 31)])
 def test_motion_in_one_place_becomes_background(empty_s, closed_s, tmp_path):
     walk = "{body: human, style: walk, waypoints_m: [[0.3, 4.8], [0.0, 2.0]], speed_mps: 0.9"

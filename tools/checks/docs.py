@@ -266,8 +266,11 @@ def commands() -> Iterator[str]:
         todo += manual.subparsers(parser).values()
         if not (parser.description or "")[:1].isupper():
             yield f"{parser.prog}: no description"
-        if parser.prog not in (parser.epilog or "").partition("example")[2]:
+        examples = (parser.epilog or "").partition("example")[2]
+        if parser.prog not in examples:
             yield f"{parser.prog}: no example"
+        if parser.prog.startswith("radard") and max(map(len, examples.splitlines())) > 85:
+            yield f"{parser.prog}: an example is too long"
         said = (a for a in parser._actions if not a.help and a.nargs != argparse.PARSER)
         yield from (f"{parser.prog} {a.dest}: no help" for a in said)
     if groff := shutil.which("groff"):
