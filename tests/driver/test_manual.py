@@ -1,6 +1,5 @@
 """Help, man pages and completion of the three commands: complete, and made from the parsers."""
 
-import argparse
 import shutil
 import subprocess
 
@@ -33,28 +32,6 @@ def trees():
                 main(["--print-man"])
     assert set(seen) == set(MAINS)
     return seen
-
-
-def below(parser):
-    for sub in manual.subparsers(parser).values():
-        yield sub
-        yield from below(sub)
-
-
-def actions(parser):
-    return [a for a in parser._actions if not isinstance(a, argparse._SubParsersAction)]
-
-
-@pytest.mark.parametrize("name", MAINS)
-@pytest.mark.parametrize("shell", manual.SHELLS)
-def test_completion_names_every_option_and_subcommand(name, shell, trees):
-    script = manual.completion(trees[name], shell)
-    for parser in below(trees[name]):
-        assert parser.prog.rpartition(" ")[2] in script
-        for action in actions(parser):
-            for option in action.option_strings:
-                is_shown = action.help != argparse.SUPPRESS
-                assert (option in script) is is_shown, (parser.prog, option)
 
 
 @pytest.mark.integration

@@ -250,17 +250,10 @@ def notebooks() -> Iterator[str]:
             yield f"{path.name}: run tools/notebooks.py {path.stem}"
 
 
-def commands() -> Iterator[str]:
-    """Every command says what it does, with an example and help for all; so do the man pages."""
-    wholes: list[argparse.ArgumentParser] = []
-    manual.man_page, made = lambda parser: wholes.append(parser) or "", manual.man_page
-    for package in PACKAGES:
-        with contextlib.suppress(SystemExit), contextlib.redirect_stdout(None):
-            importlib.import_module(f"{package}.cli").main(["--print-man"])
-    manual.man_page = made
-    if len(wholes) < len(PACKAGES):
-        yield "a command prints no man page"
-    todo = list(wholes)
+def _commands(whole: argparse.ArgumentParser) -> Iterator[str]:
+    """Yield what a command's help lacks, and what completion does not name."""
+    scripts = [manual.completion(whole, shell) for shell in manual.SHELLS]
+    todo = [whole]
     while todo:
         parser = todo.pop()
         todo += manual.subparsers(parser).values()
@@ -271,8 +264,27 @@ def commands() -> Iterator[str]:
             yield f"{parser.prog}: no example"
         if parser.prog.startswith("radard") and max(map(len, examples.splitlines())) > 85:
             yield f"{parser.prog}: an example is too long"
-        said = (a for a in parser._actions if not a.help and a.nargs != argparse.PARSER)
-        yield from (f"{parser.prog} {a.dest}: no help" for a in said)
+        for action in parser._actions:
+            if not action.help and action.nargs != argparse.PARSER:
+                yield f"{parser.prog} {action.dest}: no help"
+            is_shown = action.help != argparse.SUPPRESS
+            for option in () if parser is whole else action.option_strings:
+                if any((option in each) is not is_shown for each in scripts):
+                    yield f"{parser.prog} {option}: completion is wrong of it"
+
+
+def commands() -> Iterator[str]:
+    """Every command says what it does, with an example and help for all; so do the man pages."""
+    wholes: list[argparse.ArgumentParser] = []
+    manual.man_page, made = lambda parser: wholes.append(parser) or "", manual.man_page
+    for package in PACKAGES:
+        with contextlib.suppress(SystemExit), contextlib.redirect_stdout(None):
+            importlib.import_module(f"{package}.cli").main(["--print-man"])
+    manual.man_page = made
+    if len(wholes) < len(PACKAGES):
+        yield "a command prints no man page"
+    for whole in wholes:
+        yield from _commands(whole)
     if groff := shutil.which("groff"):
         for whole in wholes:
             argv, page = [groff, "-man", "-Tutf8", "-ww", "-z"], made(whole)
