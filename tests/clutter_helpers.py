@@ -40,31 +40,27 @@ def jitter_of(n_slow, *, jitter_s=0.2e-12, gain=1e-3, seed=1):
     return rng.standard_normal(n_slow) * jitter_s, rng.standard_normal(n_slow) * gain
 
 
-def clutter(delay_s, gain, *, peak_db=57.0, n_echoes=60, seed=2, axis=AXIS):
-    """Static echoes over the whole swath, shape (n_slow, n_range), complex128.
+def room(n_slow=147, *, peak_db=57.0, jitter_s=0.2e-12, gain=1e-3, seed=1, target=0.0):
+    """Clutter with jitter, noise of power one and a target, shape (n_slow, 96), complex64.
 
-    The strongest bin lies `peak_db` over a noise of power one.
+    Static echoes lie over the whole swath; the strongest bin is `peak_db` over the noise.
     """
-    rng = np.random.default_rng(seed)
-    range_m = np.sort(rng.uniform(0.5, 3.5, n_echoes))
-    amplitude = np.exp(-range_m) * rng.lognormal(0, 0.7, n_echoes)
-    still = baseband_echo(range_m[None], amplitude[None], axis)
+    delay_s, gains = jitter_of(n_slow, jitter_s=jitter_s, gain=gain, seed=seed)
+    rng = np.random.default_rng(2)
+    range_m = np.sort(rng.uniform(0.5, 3.5, 60))
+    amplitude = np.exp(-range_m) * rng.lognormal(0, 0.7, 60)
+    still = baseband_echo(range_m[None], amplitude[None], AXIS)
     amplitude *= 10 ** (peak_db / 20) / np.abs(still).max()
     moved = range_m + delay_s[:, None] * SPEED_OF_LIGHT_MPS / 2
     # In float64: baseband_echo is exact to its complex64 output only.
-    out = np.zeros((len(delay_s), axis.n_range), np.complex128)
-    sigma_m = np.sqrt(np.log(10) / 2) / (np.pi * axis.bandwidth_hz / 2) * SPEED_OF_LIGHT_MPS / 2
-    for k in range(n_echoes):
-        envelope = np.exp(-((axis.range_m - moved[:, k, None]) ** 2) / (2 * sigma_m**2))
-        turns = 2 * moved[:, k, None] * axis.carrier_hz / SPEED_OF_LIGHT_MPS
+    out = np.zeros((n_slow, AXIS.n_range), np.complex128)
+    sigma_m = np.sqrt(np.log(10) / 2) / (np.pi * AXIS.bandwidth_hz / 2) * SPEED_OF_LIGHT_MPS / 2
+    for k in range(60):
+        envelope = np.exp(-((AXIS.range_m - moved[:, k, None]) ** 2) / (2 * sigma_m**2))
+        turns = 2 * moved[:, k, None] * AXIS.carrier_hz / SPEED_OF_LIGHT_MPS
         out += amplitude[k] * envelope * np.exp(-2j * np.pi * (turns % 1))
-    return out * (1 + gain[:, None])
-
-
-def room(n_slow=147, *, peak_db=57.0, jitter_s=0.2e-12, gain=1e-3, seed=1, target=0.0, axis=AXIS):
-    """Clutter with jitter, noise of power one and a target, shape (n_slow, 96), complex64."""
-    moved = clutter(*jitter_of(n_slow, jitter_s=jitter_s, gain=gain, seed=seed), peak_db=peak_db)
-    return (moved + noise(n_slow, axis.n_range, seed=seed + 50) + target).astype(np.complex64)
+    out = out * (1 + gains[:, None]) + noise(n_slow, AXIS.n_range, seed=seed + 50) + target
+    return out.astype(np.complex64)
 
 
 def body(range_m, level_db, axis=AXIS):
