@@ -60,6 +60,11 @@ def files(tmp_path_factory):
         ),
         ("record w.h5 --port sim:dog --capture-wire a.h5", 2, "like this ends in .x2cap"),
         ("convert in.h5", 2, "the following arguments are required: OUT"),
+        # As of a variable of the shell that is not set: not the folder at hand, nor the usual.
+        *(
+            (line, 2, "nothing is named")
+            for line in ("convert '' a.npz", "info ''", "simulate --pty --scene ''")
+        ),
         (
             "convert in.h5 out.foo",
             2,

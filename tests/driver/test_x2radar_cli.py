@@ -12,7 +12,6 @@ import x2radar
 from tests.processes import started
 from tests.recording_helpers import run
 from tests.waiting import unmeasured
-from x2radar.cli import main
 from x2radar.command import run_command
 from x2radar.device.device import X2Radar
 from x2radar.device.transport import SerialTransport
@@ -47,16 +46,6 @@ def test_record_round_trip(capsys, tmp_path, kind):
     with x2radar.open(f"sim:dog?seed=4&kind={kind}", speed=None) as radar:
         for ours, live in zip(frames, radar, strict=False):
             assert np.array_equal(ours.samples, live.samples)
-
-
-@pytest.mark.parametrize(
-    "argv", [["convert", "", "a.npz"], ["info", ""], ["simulate", "--pty", "--scene", ""]]
-)
-def test_an_empty_name_is_neither_the_folder_at_hand_nor_the_usual(capsys, argv):
-    """As of a variable of the shell that is not set."""
-    with pytest.raises(SystemExit):
-        main(argv)
-    assert "nothing is named" in capsys.readouterr().err
 
 
 def test_debug_adds_the_traceback(capsys):

@@ -1,14 +1,12 @@
 """The driver, and whoever opens the terminal, survive a module that misbehaves."""
 
 import itertools
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from tests.device_helpers import faulty
 from x2radar.device.link import Deadlines
-from x2radar.errors import DeviceError, SafeModeError
 from x2radar.modules.x2 import RadarSettings
 from x2radar.ports import parse_port
 from x2radar.radars import make_radar
@@ -90,12 +88,3 @@ SLOW = [("slow_ack:0.1", None), ("slow_ack:0.03", 1.0), ("not_ready:0.3", 1.0)]
 def test_it_opens_all_the_same(faults, speed):
     with faulty(faults, speed, deadlines=QUICK) as radar:
         assert next(radar.frames()).index == 0
-
-
-def test_what_cannot_be_opened():
-    with pytest.raises(SafeModeError):
-        faulty("safe_mode:1", deadlines=QUICK).open()
-    with pytest.raises(DeviceError, match="command failed"):
-        faulty("error_reply:1", deadlines=QUICK).open()
-    with pytest.raises(DeviceError, match="not ready"):
-        faulty("not_ready:60", 1.0, deadlines=replace(QUICK, ready_s=0.5)).open()
