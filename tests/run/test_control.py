@@ -24,6 +24,8 @@ from tests.processes import environ, started
 from tests.radar_helpers import copy_ring, events, faults, frames_of, noise, records_in, walker
 from tests.sink_helpers import WebServer
 from tests.waiting import free_port, wait_for
+from tests.web_helpers import HEADERS
+from tests.web_helpers import ask as web_ask
 
 pytestmark = pytest.mark.integration
 
@@ -350,8 +352,11 @@ def test_what_is_commanded_before_there_is_a_stream_holds_after_a_kill(tmp_path,
     events.close()
     absent, out = str(tmp_path / "ttyX2"), tmp_path / "out.jsonl"
     sensor = {"port": absent, "wait": True}
-    daemon = launch(sensor=sensor, output=[f"json:{out}"], alarm={"exit_delay_s": 600})
+    base = f"http://127.0.0.1:{free_port()}"
+    daemon = launch(sensor=sensor, output=[f"json:{out}", base], alarm={"exit_delay_s": 600})
     wait_for(control_path(tmp_path, "radar").exists)
+    asked = {"data": '{"command": "calibrate"}', "headers": HEADERS}
+    wait_for(lambda: web_ask(f"{base}/api/v1/command", **asked)[0] == 409)
     assert said("disarm") == (0, "disarm: taken, there is no stream yet")
     kept = killed(tmp_path, "radar", is_armed=True)
     assert (kept.is_armed, kept.alarm_id) == (False, None)

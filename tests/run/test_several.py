@@ -290,6 +290,23 @@ def test_a_reload_adds_and_removes_radars_and_leaves_the_others(tmp_path, launch
     assert states(of(records, "attic"))[-1] == ("offline", "stopped")
 
 
+def test_a_reload_begins_a_radar_again_whose_settings_are_right_now(launch):
+    """Before, one that had never come to work stayed away until a restart."""
+    wrong, right = (
+        {**ROOMS["attic"], "zones": {"include": [span]}} for span in ([90, 95], [1, 2])
+    )
+    daemon = launch(
+        sensors={**ROOMS, "attic": wrong},
+        reload=lambda: with_others(daemon, {**ROOMS, "attic": right}),
+    )
+    hall, attic = daemon.run.sensors
+    wait_for(lambda: attic.health.is_over)
+    daemon.ask("reload")
+    wait_for(lambda: told(daemon.run.sensors[-1]).get("seq"))
+    assert daemon.run.sensors[0] is hall
+    assert daemon.run.sensors[1].sensor == "attic"
+
+
 def test_an_alarm_ends_with_a_radar_that_a_reload_takes_away(tmp_path, launch):
     """Before, a siren that waits for the end went on for ever."""
     out, rooms = tmp_path / "out.jsonl", {**ROOMS, "attic": {"port": "sim:human"}}

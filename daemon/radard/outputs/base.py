@@ -61,7 +61,7 @@ class Host(Protocol):
         """Return what holds now; None before there is a stream."""
 
     def command(self, name: str) -> None:
-        """Take one of `COMMANDS`; raises ValueError at any other."""
+        """Take one of `COMMANDS`; raises ValueError at any other, and where one cannot be."""
 
     def ring(self) -> FrameRing | None:
         """Return the ring of the stream; None before there is one."""

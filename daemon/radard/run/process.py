@@ -229,10 +229,14 @@ class Process:
         self._notifier.ready(self._heart.status.state)
 
     def _compare(self, config: Config) -> tuple[list[Keeper], list[Keeper]]:
-        """Return which radars go and come; one on another port goes, and comes again."""
+        """Return which radars go and come.
+
+        One on another port goes, and comes again; so does one whose work a fault has ended.
+        """
         if not config.is_one_of_several:
             return [], []
-        before = {each.sensor: _source_of(each.config()) for each in self.sensors}
+        at_work = [k.sensor for k in self._keepers if k.is_alive or k.failure is None]
+        before = {each.sensor: _source_of(each.config()) for each in at_work}
         after = {each.sensor.name: each for each in config.each()}
         stay = {name for name, each in after.items() if before.get(name) == _source_of(each)}
         gone = [keeper for keeper in self._keepers if keeper.sensor.sensor not in stay]

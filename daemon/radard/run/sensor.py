@@ -132,7 +132,9 @@ class Sensor:
         with self._commanding:
             if (worker := self._worker()) is not None:
                 worker.command(name)
-            elif name != "calibrate":
+            elif name == "calibrate":
+                raise ValueError("calibrate: there is no stream yet")
+            else:
                 self._command_alone(name)
 
     def test_alarm(self, halt: threading.Event | None = None) -> list[dict[str, str]]:

@@ -50,7 +50,10 @@ class Actions:
             return refusal(400, f"command is one of {', '.join(COMMANDS)}")
         host = self._host
         log.info("command from the dashboard: %s", name)
-        host.command(name)
+        try:
+            host.command(name)
+        except ValueError as err:
+            return refusal(409, str(err))
         return JSONResponse({"accepted": name}, 202)
 
     async def _change(self, kind: Kind, body: dict[str, Any], sections: Any) -> Response:
