@@ -15,6 +15,7 @@ import pytest
 
 from radard.alarm.sensor_state import KeptState, SensorState, StateStore
 from radard.cli import main
+from radard.health.status_file import status_path
 from radard.log import EventLog
 from radard.run import control
 from radard.run.control import ask, control_path, range_time
@@ -75,6 +76,24 @@ def test_disarm_arm_and_status_over_the_socket(tmp_path, launch, said):
     assert not control_path(tmp_path, "radar").exists()
     code, line = said("arm")
     assert (code, "no radard runs here" in line) == (1, True)
+
+
+@pytest.mark.parametrize("text", ["alarm: {nosuch: 1}\n", "sensor: {port: 'socket://h:99999'}\n"])
+def test_a_configuration_that_is_being_edited_keeps_nobody_from_the_daemon(
+    tmp_path, launch, said, text
+):
+    """Before, `disarm` ended with 78, and so did `health`, on which a container is restarted."""
+    config = tmp_path / "radard.yaml"
+    config.write_text(text)
+    assert said("disarm", "--config", str(config))[0] == 78
+    daemon = running(launch, tmp_path)
+    wait_for(status_path(tmp_path, "radar").exists)
+    code, line = said("disarm", "--config", str(config))
+    assert (code, "asked is who runs here: radar" in line) == (0, True)
+    assert daemon.panel()["armed"] is False
+    for name in ("health", "status", "top"):
+        assert said(name, "--config", str(config))[0] == 0
+    assert said("disarm", "--sensor", "attic", "--config", str(config))[0] == 2
 
 
 def test_a_folder_of_any_length_has_a_socket(tmp_path):

@@ -2,16 +2,20 @@
 
 import json
 import os
+import sys
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from radard.config.config import Config, load_config
 from radard.config.directories import status_dirs
 from radard.config.options import add_options
+from radard.config.sections import SensorEntry
 from radard.errors import NotAllowed, RadardError, UsageError
 from radard.health.status_file import read_status, status_path
 from radard.run.control import ask, control_path
 from x2radar.command import Parser, new_parser
+from x2radar.errors import BriefError
 
 _ASKS = {
     "health": (
@@ -73,7 +77,7 @@ def make_parser(name: str) -> Parser:
 def run(argv: Sequence[str], name: str) -> int:
     """Run the subcommand of a name; 1 when nobody is well, or a test alarm failed somewhere."""
     args = make_parser(name).parse_args(argv)
-    config = load_config(args.config)
+    config = config_to_ask(args.config)
     if name in _ASKS:
         return _report(config, args.sensor, as_json=args.json, is_status=name == "status")
     command = "arm-home" if name == "arm" and args.home else name
@@ -92,6 +96,22 @@ def run(argv: Sequence[str], name: str) -> int:
     if faults:
         raise NoDaemon("; ".join(faults))
     return 0 if is_well else 1
+
+
+def config_to_ask(file: Path | None) -> Config:
+    """Return the configuration; where it is none by now, one of the sensors that report here."""
+    try:
+        return load_config(file)
+    except BriefError as err:
+        config, tail = Config(), ".status.json"
+        # The daemon goes on with what it has read; a file that is edited keeps nobody from it.
+        found = (path for folder in status_dirs(config) for path in folder.glob(f"*{tail}"))
+        names = sorted({path.name.removesuffix(tail) for path in found})
+        if not names:
+            raise
+        sys.stderr.write(f"radard: {err}; asked is who runs here: {', '.join(names)}\n")
+        sensors = {name: SensorEntry(port="auto") for name in names}
+        return config.model_copy(update={"sensors": sensors})
 
 
 def sensors_asked(config: Config, sensor: str | None) -> list[str]:

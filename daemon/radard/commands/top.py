@@ -14,8 +14,8 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from radard.commands.control import asked, sensors_asked, told
-from radard.config.config import Config, load_config
+from radard.commands.control import asked, config_to_ask, sensors_asked, told
+from radard.config.config import Config
 from radard.config.options import add_options
 from radard.errors import RadardError
 from x2radar.command import Parser, new_parser
@@ -38,7 +38,7 @@ Answer = Mapping[str, Any]
 
 def run(argv: Sequence[str]) -> int:
     args = make_parser().parse_args(argv)
-    config = load_config(args.config)
+    config = config_to_ask(args.config)
     view = View(config, sensors_asked(config, args.sensor))
     view.look(is_first=True)
     console = Console(highlight=False)
