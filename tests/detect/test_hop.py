@@ -1,6 +1,7 @@
 """How often decisions come, whom they judge, and what they know of an installation."""
 
 import itertools
+import math
 
 import numpy as np
 import pytest
@@ -201,3 +202,32 @@ def test_a_level_changes_the_verdict_by_what_size_says_and_nothing_else():
     assert made[None][0] == made[20.0][0] == made[90.0][0]
     assert large - plain == pytest.approx(np.full(len(plain), 0.5), abs=1e-6)
     assert small - plain == pytest.approx(np.full(len(plain), -2.0), abs=1e-6)
+
+
+def test_a_body_that_stands_and_goes_on_is_remembered_one_elsewhere_is_not():
+    stream, bundle = StreamInfo(BASEBAND, 60.0, "module"), load_bundle("fast")
+    swing = 0.3 * np.sin(2 * np.pi * 0.4 * np.arange(1080) / 60)
+    quiet = noise(1080, seed=1, sigma=2**0.5)
+    is_still = np.arange(1080)[:, None] // 360 == 1
+
+    def visits(first_bin):
+        """The last decision of the first visit and the first of the next, at bin 40."""
+        begins_m = BASEBAND.range_m[np.where(np.arange(1080) < 360, first_bin, 40)]
+        moved = np.where(is_still, 0, body((begins_m + swing)[:, None], 35.6, BASEBAND))
+        frames = (quiet + moved).astype(np.complex64)
+        pipeline = Pipeline(stream, Config(), Classifier(bundle))
+        made = [pipeline.decide(d) for d in dwells_in(pipeline.make_ring(), frames_of(frames))]
+        gates = [d.gate for d in made]
+        closed = gates.index("closed", gates.index("open"))
+        return made[closed - 1], made[gates.index("open", closed)]
+
+    (before, here), (_, elsewhere) = visits(40), visits(12)
+    assert here.window.human == pytest.approx(elsewhere.window.human, abs=1e-5)
+    assert here.t_s == elsewhere.t_s
+    logit = [math.log(d.fused.human / (d.fused.pet + d.fused.other)) for d in (elsewhere, here)]
+    prior = 1 / (1 + 2 * math.exp(-bundle.evidence["prior_human"]))
+    same = 0.8 * math.exp((before.t_s - here.t_s) / 60)
+    mixed = same * before.fused.human + (1 - same) * prior
+    lean = math.log(mixed / (1 - mixed)) - math.log(prior / (1 - prior))
+    assert abs(lean) > 0.2
+    assert logit[1] - logit[0] == pytest.approx(lean, abs=1e-3)
