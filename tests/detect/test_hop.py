@@ -211,8 +211,8 @@ def test_a_body_that_stands_and_goes_on_is_remembered_one_elsewhere_is_not():
     is_still = np.arange(1080)[:, None] // 360 == 1
 
     def visits(first_bin):
-        """The last decision of the first visit and the first of the next, at bin 40."""
-        begins_m = BASEBAND.range_m[np.where(np.arange(1080) < 360, first_bin, 40)]
+        """The last decision of the first visit and the first of the next, at bin 50."""
+        begins_m = BASEBAND.range_m[np.where(np.arange(1080) < 360, first_bin, 50)]
         moved = np.where(is_still, 0, body((begins_m + swing)[:, None], 35.6, BASEBAND))
         frames = (quiet + moved).astype(np.complex64)
         pipeline = Pipeline(stream, Config(), Classifier(bundle))
@@ -221,7 +221,7 @@ def test_a_body_that_stands_and_goes_on_is_remembered_one_elsewhere_is_not():
         closed = gates.index("closed", gates.index("open"))
         return made[closed - 1], made[gates.index("open", closed)]
 
-    (before, here), (_, elsewhere) = visits(40), visits(12)
+    (before, here), (_, elsewhere) = visits(50), visits(10)
     assert here.window.human == pytest.approx(elsewhere.window.human, abs=1e-5)
     assert here.t_s == elsewhere.t_s
     logit = [math.log(d.fused.human / (d.fused.pet + d.fused.other)) for d in (elsewhere, here)]
