@@ -1,6 +1,7 @@
 """The dashboard as an output of a running daemon: it helps, and never hinders."""
 
 import json
+import os
 import socket
 import struct
 
@@ -45,8 +46,12 @@ def test_a_busy_port_is_a_warning_and_waited_for(launched, monkeypatch):
         assert code == 0
         assert sum(r["type"] == "decision" for r in records) == 8
         assert err.count("cannot listen") == 1
+<<<<<<< ours
         assert "Address already in use" in err
         assert "listening at" not in err
+=======
+        assert f"Address already in use by process {os.getpid()} (" in err
+>>>>>>> theirs
         running = launched("--port", "sim:empty", "--model", "none", port=port)
         running.wait(lambda: "cannot listen" in running.log)
     running.wait_online()

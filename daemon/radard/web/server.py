@@ -19,6 +19,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from radard.web.auth import is_loopback
 from radard.web.hub import MAX_MESSAGE
+from radard.web.port_holder import port_holder
 
 log = logging.getLogger("radard")
 # A stranger's bytes that are no HTTP would be a line each.
@@ -185,7 +186,9 @@ class WebServer:
         except OSError as err:
             if sock is not None:
                 sock.close()
-            self._on_trouble(f"cannot listen: {err.strerror or err}")
+            holder = port_holder(self._port) if err.errno == errno.EADDRINUSE else ""
+            by = f" by {holder}" if holder else ""
+            self._on_trouble(f"cannot listen: {err.strerror or err}{by}")
             return None
         self.address = sock.getsockname()[:2]
         self._on_trouble("")
