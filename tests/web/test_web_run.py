@@ -46,12 +46,8 @@ def test_a_busy_port_is_a_warning_and_waited_for(launched, monkeypatch):
         assert code == 0
         assert sum(r["type"] == "decision" for r in records) == 8
         assert err.count("cannot listen") == 1
-<<<<<<< ours
-        assert "Address already in use" in err
-        assert "listening at" not in err
-=======
         assert f"Address already in use by process {os.getpid()} (" in err
->>>>>>> theirs
+        assert "listening at" not in err
         running = launched("--port", "sim:empty", "--model", "none", port=port)
         running.wait(lambda: "cannot listen" in running.log)
     running.wait_online()
