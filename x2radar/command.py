@@ -59,6 +59,13 @@ class Parser(argparse.ArgumentParser):
             if word.startswith("--") and not is_known:
                 self._refuse([word], self._option_string_actions)
 
+    def _print_message(self, message: str, file: Any = None) -> None:
+        if file is sys.stdout:
+            # argparse would drop what goes wrong, such as a full disk.
+            print(message, end="", flush=True)  # noqa: T201 - help is what was asked for
+        else:
+            _tell(message)
+
     def _refuse(self, left: Sequence[str], known: Iterable[str]) -> NoReturn:
         self.error(f"unrecognized arguments: {' '.join(left)}{nearest(left[0], known)}")
 
@@ -159,7 +166,7 @@ def run_command(
         return 0
     except BrokenPipeError:
         # The reader of our output has gone, as with `| head`: nothing is left to say.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _give_up(sys.stdout)
         return 0
     except Exception as err:  # noqa: BLE001 - the last line of defence of a command
         if isinstance(err.__context__, KeyboardInterrupt):
@@ -171,12 +178,29 @@ def run_command(
         text = str(err) if known is not None else _missing_extra(prog, err)
         if isinstance(err, OSError) and err.strerror and not text:
             text = f"{err.filename or 'stdout'}: {err.strerror}"
+            if not err.filename:
+                _give_up(sys.stdout)
+        if isinstance(err, MemoryError) or "start new thread" in str(err):
+            text = "the system gives no more memory, or no more threads"
         text = text or f"internal error: {err!r}; --debug shows more"
-        # The exit code tells what went wrong also where nobody can be told in words.
-        with contextlib.suppress(OSError):
-            print(f"{prog}: {' '.join(text.split())}", file=sys.stderr)  # noqa: T201 - the one line
+        _tell(f"{prog}: {' '.join(text.split())}\n")
         return known if isinstance(known, int) else 1
     return code
+
+
+def _tell(text: str) -> None:
+    """Print to stderr; where that cannot be, the exit code still tells what went wrong."""
+    try:
+        sys.stderr.write(text)
+        sys.stderr.flush()
+    except OSError:
+        _give_up(sys.stderr)
+
+
+def _give_up(stream: TextIO) -> None:
+    """Have what is still to be printed go nowhere: Python would say once more that it cannot."""
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def _missing_extra(prog: str, err: BaseException) -> str:

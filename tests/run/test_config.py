@@ -197,21 +197,24 @@ def test_the_first_line_of_a_file_or_a_variable_is_the_secret(tmp_path, monkeypa
     assert read_secret("x", file, None) == read_secret("x", None, "SECRET") == "wört"
 
 
-@pytest.mark.parametrize("is_private", [True, False])
+@pytest.mark.parametrize(("home", "is_private"), [(None, True), (None, False), ("here", True)])
 def test_a_user_without_a_home_keeps_state_among_temporary_files(
-    tmp_path, monkeypatch, is_private
+    tmp_path, monkeypatch, home, is_private
 ):
     def nobody(number):
         msg = f"uid not found: {number}"
         raise KeyError(msg)
 
     monkeypatch.delenv("HOME", raising=False)
+    if home is not None:
+        monkeypatch.setenv("HOME", home)
     monkeypatch.setattr("pwd.getpwuid", nobody)
     monkeypatch.setattr("tempfile.gettempdir", lambda: str(tmp_path))
     folder = tmp_path / f"radard-{os.getuid()}"
     folder.mkdir(mode=0o700 if is_private else 0o755)
     if is_private:
-        assert state_dir(load_config(environ={}), {}) == folder / "state"
+        for environ in ({}, {"XDG_STATE_HOME": "here"}):
+            assert state_dir(load_config(environ=environ), environ) == folder / "state"
     else:
         with pytest.raises(ConfigError, match=r"service\.state_dir"):
             load_config(environ={})

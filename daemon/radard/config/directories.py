@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from radard.config.saved import Kind
+from radard.config.sections import path_at_home
 from radard.errors import ConfigError, NotAllowed
 from x2radar.ports import parse_port
 
@@ -40,22 +41,25 @@ def state_dir(config: "Config", environ: Mapping[str, str] = os.environ) -> Path
     """Return the folder of what outlives a restart; ConfigError if others could write it."""
     if (folder := named_state_dir(config, environ)) is not None:
         return folder
-    if home := environ.get("XDG_STATE_HOME"):
-        return Path(home) / "radard"
-    try:
-        return Path.home() / ".local" / "state" / "radard"
-    except RuntimeError as err:
-        if (folder := _temporary_dir()) is not None:
-            return folder / "state"
-        msg = "there is no home folder to keep state in: name one in service.state_dir"
-        raise ConfigError(msg) from err
+    # A relative one is void (XDG Base Directory Specification).
+    if (home := Path(environ.get("XDG_STATE_HOME", ""))).is_absolute():
+        return home / "radard"
+    if (home := path_at_home("~")).is_absolute():
+        return home / ".local" / "state" / "radard"
+    if (folder := _temporary_dir()) is not None:
+        return folder / "state"
+    raise ConfigError("there is no home folder to keep state in: name one in service.state_dir")
 
 
 @cache
 def own_folder() -> Path:
     """Return the folder of what simulated and replayed sensors are told in this process."""
+    try:
+        among = Path(tempfile.gettempdir())
+    except OSError:
+        among = Path("/tmp")  # noqa: S108 - nobody can write there or elsewhere, and who tries says so
     # Made by the first who writes there, and by nobody else: its name cannot be guessed.
-    folder = Path(tempfile.gettempdir()) / f"radard-{secrets.token_hex(12)}"
+    folder = among / f"radard-{secrets.token_hex(12)}"
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder
 
@@ -134,8 +138,8 @@ def runtime_dir(config: "Config", environ: Mapping[str, str] = os.environ) -> Pa
         return config.service.runtime_dir
     if given := environ.get("RUNTIME_DIRECTORY"):
         return Path(given.partition(":")[0])
-    if given := environ.get("XDG_RUNTIME_DIR"):
-        return Path(given) / "radard"
+    if (own := Path(environ.get("XDG_RUNTIME_DIR", ""))).is_absolute():
+        return own / "radard"
     return _temporary_dir() or state_dir(config, environ) / "run"
 
 
@@ -151,8 +155,8 @@ def demo_state(config: "Config", environ: Mapping[str, str] = os.environ) -> "Co
 
 def _temporary_dir() -> Path | None:
     """Return radard-UID among the temporary files; None unless it is private to the user."""
-    folder = Path(tempfile.gettempdir()) / f"radard-{os.getuid()}"
     try:
+        folder = Path(tempfile.gettempdir()) / f"radard-{os.getuid()}"
         with contextlib.suppress(FileExistsError):
             folder.mkdir(mode=0o700)
         found = folder.lstat()
