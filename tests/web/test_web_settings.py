@@ -11,6 +11,7 @@ import pytest
 
 from radard.clips.spectrogram_png import encode_png
 from radard.commands.config import shown
+from radard.config import saved as saved_module
 from radard.config.config import Config, load_config, load_with_origins
 from radard.config.directories import saved_file
 from radard.config.saved import change, forget
@@ -58,6 +59,26 @@ def test_changes_from_two_threads_at_once_are_all_kept(tmp_path):
     text = path.read_text()
     for line in ("entry_delay_s: 40.000", 'sensitivity: "high"', "height_m: 4.000"):
         assert line in text
+
+
+def test_what_is_forgotten_while_another_page_saves_is_not_written_again(
+    tmp_path, gate, monkeypatch
+):
+    path = tmp_path / "radar.settings.yaml"
+    change(path, "settings", {"alarm": {"sensitivity": "high"}})
+    gate.before(monkeypatch, saved_module, "write_atomically")
+    gate.shut()
+    sections = {"mount": {"height_m": 2.0}}
+    saves = threading.Thread(target=change, args=(path, "settings", sections))
+    forgets = threading.Thread(target=forget, args=(path,))
+    saves.start()
+    wait_for(lambda: gate.n_before)
+    forgets.start()
+    forgets.join(0.3)
+    gate.open()
+    saves.join(60)
+    forgets.join(60)
+    assert not path.exists()
 
 
 @pytest.mark.parametrize(

@@ -108,7 +108,9 @@ def change(path: Path, kind: Kind, sections: Sections) -> None:
 def forget(path: Path) -> None:
     """Delete what was saved; raises OutputError if that cannot be done."""
     try:
-        path.unlink(missing_ok=True)
+        # Not while another page saves: it would write again what it has read before.
+        with _lock:
+            path.unlink(missing_ok=True)
     except OSError as err:
         raise OutputError(f"{path}: cannot be taken away: {err.strerror or err}") from err
 
