@@ -63,7 +63,7 @@ class Daemon:
         folders = {"runtime_dir": tmp_path, "state_dir": tmp_path / "state"}
         given = {"sensor": {**one, "speed": "10"}, "service": folders, "output": ["null"]}
         given |= {"model": {"name": "none"}, **options}
-        self.config = load_config(environ={}, options=given)
+        self.options, self.config = given, load_config(environ={}, options=given)
         self.result, self.is_stopped = None, False
         self.run = Process(self.config, RunOptions(reload=reload))
         self.radar = self.run.sensors[0]

@@ -53,29 +53,6 @@ def test_the_page_runs(path, tmp_path, monkeypatch, capfd):
 WITH_TRIALS = [path for path in PAGES if any(b.reason and any(b.tried()) for b in BLOCKS[path])]
 
 
-@pytest.mark.integration
-def test_the_start_page_shows_what_its_commands_print(capfd):
-    page = ROOT / "docs/index.md"
-    (shown,) = (block.text for block in BLOCKS[page] if block.kind == "text")
-    seed = re.search(r"`seed=(\d+)` is one that does", page.read_text("utf-8"))[1]
-
-    def printed(seed):
-        where = ["--port", f"sim:cat?seed={seed}", "--speed", "max", "--duration", "10"]
-        assert radard([*where, "-o", "table"]) == 0
-        return capfd.readouterr().out
-
-    now = printed(1)
-    assert "ALARM" not in now
-    rows = {words[0]: words for words in map(str.split, now.splitlines()) if len(words) == 8}
-    for wanted in map(str.split, shown.splitlines()[1:]):
-        told = rows[wanted[0]]
-        assert (told[1], told[-1]) == (wanted[1], wanted[-1])
-        # Processors round differently.
-        if wanted[5] != "-":
-            assert float(told[5]) == pytest.approx(float(wanted[5]), abs=0.02)
-    assert "ALARM new" in printed(seed)
-
-
 @pytest.mark.nightly
 @pytest.mark.parametrize("path", WITH_TRIALS, ids=lambda path: str(path.relative_to(ROOT)))
 def test_what_takes_long_runs_when_it_is_made_short(path, tmp_path, monkeypatch, capfd):

@@ -256,20 +256,15 @@ def test_unknown_names_stay_what_they_were(folder, capsys):
         parse_scene("steps: [{body: odd, duration_s: 1}]", "x", "x")
 
 
+TAKEN = {"sources": ["sim", "replay"], "sinks": ["json", "null"], "features": ["thesis_type1"]}
+
+
 def test_built_in_names_cannot_be_taken(folder):
-    offer(
-        folder,
-        {
-            "radard.sources": {"sim": "odd:thing", "replay": "odd:thing"},
-            "radard.sinks": {"json": "odd:thing", "null": "odd:thing"},
-            "radard.features": {"thesis_type1": "odd:thing"},
-            "x2radar.bodies": {"human": "odd:thing"},
-        },
-        odd="raise RuntimeError('was loaded')",
-    )
-    code, records, _ = run_radard(
-        *("--port", "sim:human", "--speed", "max", "--duration", "4", "-o", "json")
-    )
+    points = {f"radard.{kind}": dict.fromkeys(names, "odd:thing") for kind, names in TAKEN.items()}
+    points["x2radar.bodies"] = {"human": "odd:thing"}
+    offer(folder, points, odd="raise RuntimeError('was loaded')")
+    argv = ("--port", "sim:human", "--speed", "max", "--duration", "4", "-o", "json")
+    code, records, _ = run_radard(*argv)
     assert code == 0
     assert len(decisions(records)) == 2
 

@@ -76,28 +76,26 @@ def discovery(request, home):
     return request.param
 
 
-def running(launch, broker, tmp_path, **options):
-    """A daemon on a simulated module that publishes to the broker and takes commands."""
-    mqtt = {"commands": "always", **options.pop("mqtt", {})}
-    given = {
-        "sensor": {"port": "sim:empty", "speed": "10"},
-        "service": {"runtime_dir": tmp_path, "state_dir": tmp_path / "state"},
-        "model": {"name": "none"},
-        "output": [f"mqtt://127.0.0.1:{broker.port}"],
-        "mqtt": mqtt,
-        **options,
-    }
-    return launch(reload=lambda: load_config(environ={}, options=given), **given)
+@pytest.fixture
+def running(launch, broker):
+    """Start a daemon that publishes to the broker, takes commands, and can be reloaded."""
+
+    def begin(*, mqtt=None, **options):
+        given = {"output": [f"mqtt://127.0.0.1:{broker.port}"], **options}
+        given |= {"mqtt": {"commands": "always", **(mqtt or {})}}
+        given |= {"reload": lambda: load_config(environ={}, options=daemon.options)}
+        daemon = launch(**given)
+        return daemon
+
+    return begin
 
 
 @pytest.mark.skipif(not PYTHON, reason=WITHOUT)
-def test_a_house_arms_disarms_and_chooses_the_sensitivity(
-    home, discovery, launch, broker, tmp_path
-):
+def test_a_house_arms_disarms_and_chooses_the_sensitivity(home, discovery, running, tmp_path):
     (tmp_path / "code").write_text("4711\n")
     mqtt = {"code_file": tmp_path / "code", "dashboard_url": "http://radar.lan:8434/"}
     mqtt["discovery"] = discovery
-    daemon = running(launch, broker, tmp_path, mqtt=mqtt, alarm={"exit_delay_s": 5})
+    daemon = running(mqtt=mqtt, alarm={"exit_delay_s": 5})
     panel = "alarm_control_panel.radar_simulated_panel"
     select = "select.radar_simulated_sensitivity"
     home.shows(panel, "armed_away")
@@ -121,16 +119,12 @@ def test_a_house_arms_disarms_and_chooses_the_sensitivity(
 
 
 @pytest.mark.skipif(not PYTHON, reason=WITHOUT)
-def test_an_alarm_reaches_a_phone_with_its_picture(home, discovery, launch, broker, tmp_path):
+def test_an_alarm_reaches_a_phone_with_its_picture(home, discovery, running):
     event, picture = "event.radar_simulated_event", "image.radar_simulated_last_alarm"
+    alarm = {"sensitivity": "high", "latch_s": 86_400, "armed": False}
+    sensor = {"port": "sim:human", "speed": "10"}
     daemon = running(
-        launch,
-        broker,
-        tmp_path,
-        sensor={"port": "sim:human", "speed": "10"},
-        model={"name": "thesis"},
-        alarm={"sensitivity": "high", "latch_s": 86_400, "armed": False},
-        mqtt={"discovery": discovery},
+        sensor=sensor, model={"name": "thesis"}, alarm=alarm, mqtt={"discovery": discovery}
     )
     wait_for(lambda: {event, picture} <= set(home.ask(states=True)))
     given = {"radar_event": event, "radar_picture": picture, "notifier": "phone"}
@@ -149,13 +143,13 @@ def test_an_alarm_reaches_a_phone_with_its_picture(home, discovery, launch, brok
     assert home.ask(calls=True) == [call]
 
 
-def test_a_sensitivity_chosen_over_mqtt_outlives_a_restart(launch, broker, tmp_path, listen):
+def test_a_sensitivity_chosen_over_mqtt_outlives_a_restart(running, listen):
     listener, base = listen("radard/#"), "radard/radar-simulated"
 
     def shown():
         return [json.loads(body)["sensitivity"] for body in listener.on(f"{base}/state")]
 
-    daemon = running(launch, broker, tmp_path, model={"name": "accurate"})
+    daemon = running(model={"name": "accurate"})
     wait_for(lambda: shown() and shown()[-1] == "normal")
     pipeline = daemon.radar.parts.pipeline
     assert pipeline.verdict.pet_limit == 0.8
@@ -165,5 +159,5 @@ def test_a_sensitivity_chosen_over_mqtt_outlives_a_restart(launch, broker, tmp_p
     wait_for(lambda: pipeline.verdict.pet_limit == 0.9)
     assert daemon.radar.parts.pipeline is pipeline
     assert daemon.stop() == 0
-    daemon = running(launch, broker, tmp_path, alarm={"exit_delay_s": 1})
+    daemon = running(alarm={"exit_delay_s": 1})
     assert daemon.config.alarm.sensitivity == "high"

@@ -11,19 +11,8 @@ import threading
 import pytest
 
 from radard.config.sink_table import MqttSection, SinkOptions
-from tests.sink_helpers import (
-    QUICK,
-    Listener,
-    MqttBroker,
-    Relay,
-    Silent,
-    WebServer,
-    decision,
-    event,
-    hello,
-    open_sink,
-    ulid,
-)
+from tests import sink_helpers as far
+from tests.sink_helpers import QUICK, Listener, WebServer, decision, event, hello, ulid
 from tests.waiting import free_port, wait_for
 
 pytestmark = pytest.mark.integration
@@ -86,9 +75,9 @@ class Store(FarEnd):
 class Mqtt(FarEnd):
     def __init__(self, folder):
         # The listener is there before the sink is: it must not be late for what is published.
-        self._broker = MqttBroker(folder)
+        self._broker = far.MqttBroker(folder)
         self._listener = Listener(self._broker.port, "radard/hall/event")
-        self._relay = Relay(self._broker.port)
+        self._relay = far.Relay(self._broker.port)
         self.url = f"mqtt://127.0.0.1:{self._relay.port}"
 
     def mend(self):
@@ -180,7 +169,7 @@ def far_end(request, tmp_path):
 
 def opened(far_end, tmp_path):
     """The sink of a broken far end that has noticed it."""
-    sink = open_sink(far_end.url, OPTIONS, state_dir=tmp_path / "state")
+    sink = far.open_sink(far_end.url, OPTIONS, state_dir=tmp_path / "state")
     sink.write(hello())
     if hasattr(far_end, "damage"):
         wait_for(lambda: sink.state.n_waiting == 0)
@@ -230,12 +219,12 @@ def test_a_broken_far_end_does_not_hold_up_the_end(far_end, tmp_path):
 
 @pytest.mark.parametrize("scheme", ["mqtt", "webhook"])
 def test_a_far_end_that_is_there_but_silent(scheme, tmp_path):
-    silent = Silent()
+    silent = far.Silent()
     address = f"127.0.0.1:{silent.port}"
     url = {"mqtt": f"mqtt://{address}", "webhook": f"webhook:http://{address}/"}[scheme]
     web = OPTIONS.webhook.model_copy(update={"timeout_s": 0.1})
     options = OPTIONS.model_copy(update={"webhook": web})
-    sink = open_sink(url, options, sensor="hall", state_dir=tmp_path)
+    sink = far.open_sink(url, options, sensor="hall", state_dir=tmp_path)
     for k in range(1, 6):
         sink.write(event(k))
     wait_for(lambda: "no answer" in sink.state.reason)
@@ -255,7 +244,7 @@ class Pipe:
         """Open a sink on it; in the test itself, for pytest puts its own stdout in place."""
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(sys, "stdout", self.stream)
-            return open_sink(url, SinkOptions(), **context)
+            return far.open_sink(url, SinkOptions(), **context)
 
     def hang_up(self):
         if self.read_fd is not None:

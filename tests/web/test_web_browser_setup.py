@@ -130,14 +130,9 @@ def test_a_walk_test_disarms_and_arms_again(empty, tab):
 def test_zones_are_suggested_from_the_calibration(empty, tab):
     floor = np.full(40, 1e-6)
     floor[10:16] = 1e-3
-    made = Calibration(
-        frame_rate_hz=60.0,
-        bin_length_m=0.07,
-        range_offset_m=0.6,
-        floor=floor,
-        threshold_db=np.full(40, 3.0),
-        provenance=Provenance(made_utc="2026-11-21T06:00:00Z"),
-    )
+    axis = {"frame_rate_hz": 60.0, "bin_length_m": 0.07, "range_offset_m": 0.6}
+    origin = Provenance(made_utc="2026-11-21T06:00:00Z")
+    made = Calibration(**axis, floor=floor, threshold_db=np.full(40, 3.0), provenance=origin)
     made.save(empty.folder / "radar.sim.calibration.json")
     one = tab(empty).open("setup")
     one.page.get_by_role("button", name="Suggest zones").click()

@@ -125,13 +125,8 @@ def test_the_calibration_is_told_with_its_restless_ranges_where_there_is_one(cli
     floor_db, threshold_db = np.full(40, -60.0), np.full(40, 3.0)
     # A fan at 1.6 to 2.1 m, with a bin between that is calm; one bin that is not enough.
     floor_db[[10, 11, 13, 14]], threshold_db[30] = -45.0, 12.0
-    calibration = Calibration(
-        frame_rate_hz=60.0,
-        bin_length_m=0.1,
-        range_offset_m=0.6,
-        floor=10 ** (floor_db / 10),
-        threshold_db=threshold_db,
-    )
+    axis = {"frame_rate_hz": 60.0, "bin_length_m": 0.1, "range_offset_m": 0.6}
+    calibration = Calibration(**axis, floor=10 ** (floor_db / 10), threshold_db=threshold_db)
     calibration.save(tmp_path / "radar.sim.calibration.json")
     assert client.get("/api/v1/calibration").json()["restless"] == [[1.6, 2.1]]
     nothing = replace(calibration, floor=np.zeros(40), threshold_db=np.full(40, 3.0))

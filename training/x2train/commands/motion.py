@@ -32,8 +32,8 @@ def register(commands: Commands) -> None:
     )
     add("--species", required=True, help="human, or the animal: dog, cat, rabbit, ...")
     add("--who", required=True, help="the individual; clips of one individual follow each other")
-    add("--licence", default="", help="for cards of bundles that learn from it")
-    add("--source", default="", help="where it is from, for the same")
+    add("--licence", help="for cards of bundles that learn from it")
+    add("--source", help="where it is from, for the same")
     add("--asf", type=Path, metavar="FILE", help="skeleton of .amc files (the one beside them)")
     add("--rate", type=float, default=120.0, metavar="HZ", help="frame rate of .amc files (120)")
     parser.set_defaults(run=_run)
@@ -53,8 +53,8 @@ def _run(args: argparse.Namespace) -> int:
     about = {
         "species": args.species,
         "person" if is_person else "animal": args.who,
-        "licence": args.licence,
-        "source": args.source,
+        "licence": args.licence or "",
+        "source": args.source or "",
     }
     made = {}
     for file in args.files:
