@@ -18,7 +18,7 @@ from radard.judge.features import FeatureSettings, FeatureStream, feature_shape
 from radard.outputs.base import SinkContext
 from radard.outputs.registry import make_output
 from radard.stream.source import open_source
-from tests.radar_helpers import dwell_of, noise, run_radard
+from tests.radar_helpers import decisions, dwell_of, noise, run_radard
 from x2radar.errors import PluginError, SceneError
 from x2radar.plugins import find_plugin, plugin_names
 from x2radar.sim.scene.scene import parse_scene
@@ -84,10 +84,6 @@ def shell(word, command="radard"):
     program, *arguments = shlex.split(line)
     assert program == command
     return arguments
-
-
-def decisions(records):
-    return [record for record in records if record["type"] == "decision"]
 
 
 def test_source(page):

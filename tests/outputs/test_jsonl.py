@@ -1,13 +1,13 @@
 """JSON Lines files on disks that fail for a while, and who may read what outputs write."""
 
 import errno
-import json
 import os
 
 import pytest
 
 from radard.config.sink_table import JsonlSection, SinkOptions
 from radard.errors import OutputError
+from tests.radar_helpers import records_in
 from tests.sink_helpers import decision, event, hello, open_sink, status, ulid
 from tests.waiting import wait_for
 
@@ -43,10 +43,6 @@ def disk(monkeypatch):
     return Disk(monkeypatch)
 
 
-def lines_of(path):
-    return [json.loads(line) for line in path.read_text().splitlines()]
-
-
 @pytest.mark.parametrize("rotate_mb", [100.0, 0.0005])
 def test_a_file_goes_on_after_a_full_disk_with_whole_lines_also_at_a_rotation(
     tmp_path, disk, rotate_mb
@@ -63,10 +59,10 @@ def test_a_file_goes_on_after_a_full_disk_with_whole_lines_also_at_a_rotation(
     wait_for(lambda: sink.state.n_sent == 3)
     assert sink.state.is_ok
     sink.close()
-    before = lines_of(tmp_path / "a.jsonl.1") if rotate_mb < 1 else []
+    before = records_in(tmp_path / "a.jsonl.1") if rotate_mb < 1 else []
     # Each file has its hello, and no line is lost.
-    ids = [line["id"] for line in (*before, *lines_of(path)) if line["type"] == "event"]
-    assert (lines_of(path)[0]["type"], ids) == ("hello", [ulid(1), ulid(2)])
+    ids = [line["id"] for line in (*before, *records_in(path)) if line["type"] == "event"]
+    assert (records_in(path)[0]["type"], ids) == ("hello", [ulid(1), ulid(2)])
 
 
 def test_a_file_that_cannot_be_made_on_a_full_disk_is_made_later(tmp_path, disk):
@@ -79,7 +75,7 @@ def test_a_file_that_cannot_be_made_on_a_full_disk_is_made_later(tmp_path, disk)
     disk.is_full = False
     wait_for(lambda: sink.state.n_sent == 2)
     sink.close()
-    assert [line["type"] for line in lines_of(path)] == ["hello", "event"]
+    assert [line["type"] for line in records_in(path)] == ["hello", "event"]
     disk.is_full = True
     with pytest.raises(OutputError, match="cannot write there"):
         open_sink(f"json:{tmp_path / 'b'}", SinkOptions(), can_wait=True)

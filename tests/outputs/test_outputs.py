@@ -17,6 +17,7 @@ from radard.outputs.fanout import Outputs
 from radard.outputs.registry import start_sink
 from tests.host_helpers import FakeHost
 from tests.processes import started
+from tests.radar_helpers import records_in
 from tests.run.test_tamper_commands import Room
 from tests.sink_helpers import event, hello, ulid
 from tests.waiting import free_port, wait_for
@@ -67,10 +68,6 @@ def configured(tmp_path, server):
 
 def posted(server):
     return [json.loads(body)["id"] for _, _, body in list(server.posts)]
-
-
-def records_in(path):
-    return [json.loads(line) for line in path.read_text().splitlines()]
 
 
 def types_in(path):

@@ -1,6 +1,5 @@
 """Trouble of outputs: health says it, names the output, and takes it back."""
 
-import json
 import time
 
 import pytest
@@ -12,6 +11,7 @@ from radard.outputs.jsonl import JsonLinesSink
 from radard.outputs.mqtt.link import MqttLink
 from radard.outputs.mqtt.sink import MqttSink
 from radard.outputs.store import StoreSink
+from tests.radar_helpers import records_in, states
 from tests.sink_helpers import MQTT_MARKS, MqttBroker
 from tests.waiting import free_port, wait_for
 
@@ -55,13 +55,12 @@ def test_a_broker_that_is_away_degrades_until_it_is_back(tmp_path, launch, quick
     broker.start()
     wait_for_state(tmp_path, "online")
     assert daemon.stop() == 0
-    told = [json.loads(line) for line in out.read_text().splitlines()]
-    states = [r["state"] for r in told if r["type"] == "status"]
-    assert (states[0], states[-1]) == ("starting", "offline")
+    told = [state for state, _ in states(records_in(out))]
+    assert (told[0], told[-1]) == ("starting", "offline")
     # In this order; on a busy machine an output may be in trouble besides.
-    left = iter(states[1:-1])
+    left = iter(told[1:-1])
     assert all(state in left for state in ("online", "degraded", "online"))
-    assert set(states[1:-1]) <= {"degraded", "online"}
+    assert set(told[1:-1]) <= {"degraded", "online"}
 
 
 SINKS = {
@@ -118,6 +117,5 @@ def test_a_replay_says_the_same_whatever_its_outputs_do(tmp_path, launch, quick)
     wait_for(lambda: report(tmp_path).get("seq", 0) > 100)
     time.sleep(0.5)
     assert daemon.stop() == 0
-    told = [json.loads(line) for line in out.read_text().splitlines()]
-    states = [r["state"] for r in told if r["type"] == "status"]
-    assert states == ["starting", "online", "offline"]
+    told = [state for state, _ in states(records_in(out))]
+    assert told == ["starting", "online", "offline"]

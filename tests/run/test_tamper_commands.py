@@ -15,7 +15,7 @@ from radard.pipeline import Pipeline
 from radard.run.components import make_parts
 from radard.run.worker import Worker
 from radard.stream.ring import Notice
-from tests.radar_helpers import BASEBAND, dwell_of, noise, run_radard
+from tests.radar_helpers import BASEBAND, dwell_of, events, noise, run_radard
 from x2radar.frame import StreamInfo
 
 STREAM = StreamInfo(axis=BASEBAND, frame_rate_hz=60.0, device="test")
@@ -42,7 +42,7 @@ class Room:
         self.records.append(record)
 
     def events(self, kind):
-        return [r for r in self.records if r["type"] == "event" and r["kind"] == kind]
+        return events(self.records, kind)
 
     def listen(self, seconds, gain=1.0):
         for _ in range(seconds):

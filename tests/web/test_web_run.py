@@ -9,7 +9,7 @@ import pytest
 
 from radard.dsp.pictures import COLUMN_RATE_HZ
 from tests.alarm_helpers import write_recording
-from tests.radar_helpers import noise, run_radard, stable
+from tests.radar_helpers import decisions, noise, records_in, run_radard, stable
 from tests.web_helpers import Client, wait
 
 pytestmark = pytest.mark.integration
@@ -44,7 +44,7 @@ def test_a_busy_port_is_a_warning_and_waited_for(launched, monkeypatch):
         argv = ("--port", "sim:empty", "--model", "none", "--speed", "max", "--duration", "10")
         code, records, err = run_radard(*argv, "-o", "json", "-o", f"http://127.0.0.1:{port}")
         assert code == 0
-        assert sum(r["type"] == "decision" for r in records) == 8
+        assert len(decisions(records)) == 8
         assert err.count("cannot listen") == 1
         assert f"Address already in use by process {os.getpid()} (" in err
         assert "listening at" not in err
@@ -73,8 +73,7 @@ def test_decisions_are_the_same_with_a_dashboard_and_pages(launched, tmp_path):
         # Some never read.
         pages.append(page)
     running.process.wait(60)
-    lines = [json.loads(line) for line in (tmp_path / "o.jsonl").read_text().splitlines()]
-    assert stable(lines) == stable(alone)
+    assert stable(records_in(tmp_path / "o.jsonl")) == stable(alone)
     for page in pages:
         page.close()
 
