@@ -88,7 +88,7 @@ def test_a_clip_that_does_not_end_stops_nothing_else(make, clip, hanging, monkey
 def test_nobody_waits_for_the_process_when_the_dashboard_ends(clip, hanging):
     async def end_early():
         task = asyncio.create_task(read_clip(clip))
-        while not hanging.exists():
+        while not (hanging.exists() and hanging.read_text()):
             await asyncio.sleep(0.01)
         task.cancel()
         with pytest.raises(asyncio.CancelledError):
