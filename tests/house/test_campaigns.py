@@ -6,12 +6,15 @@ import re
 from contextlib import ExitStack
 from pathlib import Path
 
+import pytest
+
 from campaigns.kept import House
 from campaigns.processes import HARM, end_with
 
 ROOT = Path(__file__).parents[2]
 
 
+@pytest.mark.integration
 def test_a_reset_of_a_module_that_a_busy_machine_kept_waiting_is_no_other_decision(tmp_path):
     """Before, what came behind it was held against a run that had no reset."""
     with ExitStack() as stack:

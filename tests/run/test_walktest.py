@@ -160,6 +160,7 @@ def test_the_page_has_the_same_rule():
         assert f"const {name} = {getattr(walk_report, name):g};" in page
 
 
+@pytest.mark.integration
 def test_an_adults_level_is_kept_where_the_daemon_finds_it(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("RADARD_SERVICE__STATE_DIR", str(tmp_path))
     with plugged(SimulatedModule(load_scene("human")), speed=20.0) as far:

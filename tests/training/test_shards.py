@@ -131,6 +131,7 @@ def test_rows_of_all_elements_in_order(tmp_path):
     assert [len(part["name"]) for part in parts] == [16, 16, 11]
 
 
+@pytest.mark.integration
 def test_two_workers_give_the_same_bytes(tmp_path, alone):
     log = tmp_path / "log"
     draws = Draws(meets=2, log=log)
@@ -142,6 +143,7 @@ def test_two_workers_give_the_same_bytes(tmp_path, alone):
     assert os.getpid() not in processes
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("workers", [1, 2])
 def test_failed_element_is_named_and_the_run_goes_on_later(tmp_path, alone, workers):
     with pytest.raises(ElementError, match=r"^element 25: ValueError: bad draw$"):
@@ -152,6 +154,7 @@ def test_failed_element_is_named_and_the_run_goes_on_later(tmp_path, alone, work
     assert checksums(tmp_path) == alone
 
 
+@pytest.mark.integration
 def test_progress_counts_to_the_end_and_on_from_earlier(tmp_path):
     told = []
     make(tmp_path, Draws(), report=lambda *now: told.append(now))
@@ -165,6 +168,7 @@ def test_progress_counts_to_the_end_and_on_from_earlier(tmp_path):
         make(tmp_path / "dead", Draws(dies_at=30), workers=2)
 
 
+@pytest.mark.integration
 def test_ctrl_c_ends_cleanly_and_the_run_goes_on(tmp_path, alone):
     code = (
         "import sys; from pathlib import Path; from tests.shard_helpers import Draws\n"
@@ -203,6 +207,7 @@ def cluster():
         yield made
 
 
+@pytest.mark.integration
 def test_cluster_gives_the_same_bytes_also_when_a_worker_is_killed(tmp_path, alone, cluster):
     draws = Draws(killed_once_at=25, meets=2, log=tmp_path / "log")
     make(tmp_path / "cluster", draws, cluster=cluster.scheduler_address)
