@@ -148,7 +148,14 @@ def test_a_name_that_sqlite_knows_is_a_file_all_the_same(tmp_path, monkeypatch):
     assert ids(filled(Path(":memory:"), [event(1)])) == [ulid(1)]
 
 
-def test_what_is_no_file_is_left_alone(tmp_path):
+def test_what_is_no_file_and_a_file_of_another_kind_are_left_alone(tmp_path):
+    """A typing error took /etc/passwd for a damaged store, which is put aside."""
+    other = tmp_path / "passwd"
+    other.write_text("root:x:0:0:root:/root:/bin/bash\n")
+    with pytest.raises(OutputError, match="passwd: cannot be used: file is not a database"):
+        filled(other, [event(1)])
+    assert [path.name for path in tmp_path.iterdir()] == ["passwd"]
+    assert other.read_text().startswith("root:")
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(OutputError, match="pipe: cannot be used: it is no file"):
         filled(tmp_path / "pipe", [event(1)])

@@ -33,6 +33,7 @@ from x2radar.wall_clock import utc_text
 _COMMIT_S = 10.0  # what a power cut may cost of decisions
 _PRUNE_S = 600.0  # a file grows by less than a megabyte meanwhile
 _CHECK_S = 86_400.0  # reading 200 MB takes a memory card some seconds
+_MAGIC, _MIN_PAGE = b"SQLite format 3\0", 512  # bytes (SQLite, "Database File Format", 1.3)
 _DECISIONS = """
 CREATE TABLE IF NOT EXISTS decisions (
     n INTEGER PRIMARY KEY AUTOINCREMENT, run_s REAL NOT NULL, time_s REAL NOT NULL,
@@ -83,7 +84,8 @@ class StoreSink(DirectSink):
         except (OSError, sqlite3.Error, ForeignDatabase) as err:
             may_pass = is_passing(err) or (isinstance(err, OSError) and err.errno in PASSING)
             # Where nobody waits, a full disk must not keep the radar from its work.
-            if not self._begins_anew(err) and (self.waits or not may_pass):
+            is_other = is_damage(err) and _never_was_one(path)
+            if is_other or (not self._begins_anew(err) and (self.waits or not may_pass)):
                 raise OutputError(
                     f"--output {self.name}: cannot be used: {fault_text(err)}"
                 ) from err
@@ -173,6 +175,13 @@ class StoreSink(DirectSink):
         except (OSError, sqlite3.Error, ForeignDatabase):
             return False
         return True
+
+
+def _never_was_one(path: Path) -> bool:
+    """Return whether a file that is no database never was: a damaged one has whole pages."""
+    with path.open("rb") as file:
+        head = file.read(len(_MAGIC))
+    return not _MAGIC.startswith(head) and path.stat().st_size % _MIN_PAGE != 0
 
 
 def prune(db: sqlite3.Connection, options: StoreSection) -> None:

@@ -96,6 +96,7 @@ class ThreadSink:
         self._keeper = StateKeeper(name)
         self._queue = RecordQueue(waits=waits)
         self._fatal: Exception | None = None
+        self._is_broken = False  # it has failed for good, which is said once
         self._deadline_s = float("inf")
         self._thread = threading.Thread(target=self._run, name=f"sink {name}", daemon=True)
 
@@ -114,8 +115,9 @@ class ThreadSink:
     def write(self, record: Record) -> None:
         """Put a record into the queue; raises what ended the thread."""
         self._raise()
-        if not self._queue.is_ended:
-            self._keeper.dropped(self._queue.put(record), "no room")
+        n_dropped = self._queue.put(record)
+        if not self._is_broken:
+            self._keeper.dropped(n_dropped, "no room")
 
     def finish(self, timeout_s: float | None = None) -> None:
         """Take no more records; begin to hand on the rest within `timeout_s`."""
@@ -145,7 +147,7 @@ class ThreadSink:
 
     def _fail_for_good(self, error: Exception) -> None:
         """Refuse everything from here on; the next call of `write` or `close` raises."""
-        self._fatal = error
+        self._fatal, self._is_broken = error, True
         self._queue.end()
 
     def _left_s(self) -> float:
