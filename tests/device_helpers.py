@@ -11,7 +11,7 @@ import numpy as np
 
 from x2radar.device.device import X2Radar
 from x2radar.device.link import Deadlines
-from x2radar.device.transport import PtyTransport, SerialTransport, Transport, socket_pair
+from x2radar.device.transport import PtyTransport, SerialTransport, Transport, memory_pair
 from x2radar.errors import TransportClosed
 from x2radar.frame import Frame
 from x2radar.modules.x2 import RadarSettings
@@ -72,7 +72,7 @@ def plugged(
 def simulated(kind: str, speed: float | None = None) -> Iterator[Callable[[], Transport]]:
     """Run a simulated module at the far end; lend what connects to it."""
     if kind == "memory":
-        near, far = socket_pair()
+        near, far = memory_pair()
         connect: Callable[[], Transport] = lambda: near  # noqa: E731 - the other one is a call
     else:
         far = PtyTransport()
@@ -98,7 +98,7 @@ class FarEnd:
     """
 
     def __init__(self, answer: Callable[[Message], list[Message]]) -> None:
-        self.near, self._far = socket_pair()
+        self.near, self._far = memory_pair()
         self._answer = answer
         self.commands: list[Message] = []
         self._thread = in_thread(self._run)

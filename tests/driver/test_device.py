@@ -6,7 +6,7 @@ import pytest
 from tests.device_helpers import SETTINGS, SHORT, OnUsb, in_thread, module, simulated, take
 from x2radar.device.device import X2Radar
 from x2radar.device.link import Deadlines
-from x2radar.device.transport import Transport, socket_pair
+from x2radar.device.transport import Transport, memory_pair
 from x2radar.errors import DeviceError, PortNotFound, TransportClosed
 from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.module.host import serve
@@ -60,7 +60,7 @@ class UsbPort:
         if 1 < self.n_connects <= 1 + self._n_failures:
             msg = "gone for a moment"
             raise PortNotFound(msg)
-        near, far = socket_pair()
+        near, far = memory_pair()
         self._far.append(far)
         in_thread(serve, module(), far, speed=None)
         return OnUsb(near)

@@ -13,7 +13,7 @@ from x2radar.backoff import Backoff
 from x2radar.device.device import RadarStats, X2Radar
 from x2radar.device.link import Deadlines
 from x2radar.device.reconnect import ReconnectingRadar, StreamEvent
-from x2radar.device.transport import SerialTransport, socket_pair
+from x2radar.device.transport import SerialTransport, memory_pair
 from x2radar.errors import (
     DeviceError,
     NoPort,
@@ -118,7 +118,7 @@ def test_closing_from_another_thread_ends_it_at_once(socket, is_plugged):
 
 def test_gaps_repeats_and_reboots_are_told_before_the_frame_that_they_concern():
     plan = {"drop_frames": 0.03, "duplicate": 0.03, "reboot": 0.005}
-    near, far = socket_pair()
+    near, far = memory_pair()
     inner = X2Radar(lambda: near, SETTINGS, deadlines=SHORT)
     module = SimulatedModule(load_scene("empty"), 1, plan)
     with served(far, module, speed=20.0), ReconnectingRadar(inner) as radar:

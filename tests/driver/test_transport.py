@@ -14,7 +14,7 @@ import serial
 
 from tests.device_helpers import in_thread
 from x2radar.device import transport as transport_module
-from x2radar.device.transport import PtyTransport, SerialTransport, Transport, socket_pair
+from x2radar.device.transport import PtyTransport, SerialTransport, Transport, memory_pair
 from x2radar.errors import NoPort, PortBusy, PortDenied, PortError, PortNotFound, TransportClosed
 
 pytestmark = pytest.mark.integration
@@ -45,7 +45,7 @@ class SocketEnd:
 
 @contextmanager
 def memory_ends() -> Iterator[Ends]:
-    yield socket_pair()
+    yield memory_pair()
 
 
 @contextmanager

@@ -35,7 +35,7 @@ def test_every_record_keeps_the_contract():
 
 
 @pytest.mark.integration
-def test_socket_pair_terminal_and_recording_decide_alike(tmp_path):
+def test_memory_pair_terminal_and_recording_decide_alike(tmp_path):
     file = tmp_path / "own.h5"
     _, live, _ = run_radard("--port", "sim:demo", *FAST, "--duration", "22", "--record", str(file))
     with plugged(SimulatedModule(load_scene("demo"))) as pty:

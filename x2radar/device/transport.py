@@ -1,4 +1,4 @@
-"""Byte pipes: a serial port or pyserial URL, a pair of sockets, a pseudo-terminal.
+"""Byte pipes: a serial port or pyserial URL, a pair in memory, a pseudo-terminal.
 
 `read` waits for the first bytes, empty when the time is over; `write` sends everything; both raise
 `TransportClosed` once the far end or the port is gone.
@@ -9,8 +9,9 @@ import errno
 import os
 import re
 import select
-import socket
+import threading
 import tty
+from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Protocol
@@ -128,66 +129,127 @@ def _port_error(url: str, err: Exception) -> PortError:
     return PortError(f"{url}: cannot be opened: {getattr(inner, 'strerror', None) or text}")
 
 
-class DescriptorTransport:
-    """A pipe behind a descriptor; `others` are closed with it, `name` is for messages."""
+class _Pipe:
+    """One direction of a memory pair: bounded, so that a fast writer waits."""
+
+    def __init__(self, capacity: int, *, keeps_pieces: bool) -> None:
+        self._capacity = capacity
+        self._keeps_pieces = keeps_pieces
+        self._chunks: deque[bytes] = deque()
+        self._size = 0
+        self._closed = False
+        self._changed = threading.Condition()
+
+    def put(self, data: bytes) -> None:
+        with self._changed:
+            self._changed.wait_for(lambda: self._closed or self._size < self._capacity)
+            self._check()
+            self._chunks.append(data)
+            self._size += len(data)
+            self._changed.notify_all()
+
+    def get(self, timeout_s: float) -> bytes:
+        with self._changed:
+            if not self._chunks and not self._closed and timeout_s > 0:
+                self._changed.wait_for(lambda: self._closed or self._chunks, timeout_s)
+            if not self._chunks:
+                self._check()
+            n = min(1, len(self._chunks)) if self._keeps_pieces else len(self._chunks)
+            data = b"".join(self._chunks.popleft() for _ in range(n))
+            self._size -= len(data)
+            self._changed.notify_all()
+            return data
+
+    def close(self, *, forget: bool = False) -> None:
+        with self._changed:
+            self._closed = True
+            if forget:
+                self._chunks.clear()
+                self._size = 0
+            self._changed.notify_all()
+
+    def _check(self) -> None:
+        if self._closed:
+            raise TransportClosed("the far end of the memory pair is closed")
+
+
+class MemoryTransport:
+    """One end of a pair in memory; made by `memory_pair`."""
 
     is_usb = False
 
-    def __init__(self, descriptor: int, *others: int, name: str) -> None:
-        os.set_blocking(descriptor, False)
-        self._descriptor, self._others, self._name = descriptor, others, name
+    def __init__(self, incoming: _Pipe, outgoing: _Pipe) -> None:
+        self._incoming = incoming
+        self._outgoing = outgoing
 
     def read(self, timeout_s: float) -> bytes:
         """Return what the far end wrote; wait up to `timeout_s` for the first byte."""
-        with self._open() as descriptor:
-            ready, _, _ = select.select([descriptor], [], [], max(timeout_s, 0))
-            if not ready:
-                return b""
-            if data := os.read(self._descriptor, _READ_SIZE):
-                return data
-        raise TransportClosed(f"{self._name}: its far end is closed")
+        return self._incoming.get(timeout_s)
 
     def write(self, data: bytes) -> None:
-        """Send all of `data`; waits while the system's buffer is full."""
-        left = memoryview(data)
-        while left:
-            with self._open() as descriptor, contextlib.suppress(BlockingIOError):
-                _, ready, _ = select.select([], [descriptor], [], 1.0)
-                left = left[os.write(self._descriptor, left) if ready else 0 :]
-
-    @contextlib.contextmanager
-    def _open(self) -> Iterator[int]:
-        """Lend the descriptor; closed before or meanwhile means TransportClosed."""
-        try:
-            # select refuses -1 with a ValueError.
-            yield self._descriptor
-        except (OSError, ValueError) as err:
-            raise TransportClosed(f"{self._name} is closed") from err
+        """Send `data`; waits while the far end is `capacity` bytes behind."""
+        if data:
+            self._outgoing.put(bytes(data))
 
     def close(self) -> None:
-        """Close this end; what was not read here is dropped."""
-        descriptors = self._descriptor, *self._others
-        self._descriptor, self._others = -1, ()
+        """Close both directions; what was not read here is dropped."""
+        self._incoming.close(forget=True)
+        self._outgoing.close()
+
+
+def memory_pair(
+    capacity: int = 1 << 17, *, keeps_pieces: bool = False
+) -> tuple[MemoryTransport, MemoryTransport]:
+    """Return two connected ends; each waits to write while `capacity` bytes are unread."""
+    there, back = (_Pipe(capacity, keeps_pieces=keeps_pieces) for _ in range(2))
+    return MemoryTransport(there, back), MemoryTransport(back, there)
+
+
+class PtyTransport:
+    """The master side of a pseudo-terminal; the slave side is kept open for who comes back."""
+
+    is_usb = False
+
+    def __init__(self) -> None:
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self.path = os.ttyname(self._slave)
+
+    def read(self, timeout_s: float) -> bytes:
+        """Return what was written to the terminal; wait up to `timeout_s` for it."""
+        with self._open_master() as master:
+            ready, _, _ = select.select([master], [], [], max(timeout_s, 0))
+            return os.read(master, _READ_SIZE) if ready else b""
+
+    def write(self, data: bytes) -> None:
+        """Send all of `data`; waits while the terminal's buffer is full."""
+        left = memoryview(data)
+        while left:
+            left = left[self.write_some(left, 1.0) :]
+
+    def write_some(self, data: bytes | memoryview, timeout_s: float) -> int:
+        """Send what the terminal takes within `timeout_s`; return how many bytes that was."""
+        with self._open_master() as master:
+            _, ready, _ = select.select([], [master], [], timeout_s)
+            try:
+                return os.write(master, data) if ready else 0
+            except BlockingIOError:
+                return 0
+
+    @contextlib.contextmanager
+    def _open_master(self) -> Iterator[int]:
+        """Lend the master's descriptor; closed before or meanwhile means TransportClosed."""
+        try:
+            # select refuses -1 with a ValueError.
+            yield self._master
+        except (OSError, ValueError) as err:
+            raise TransportClosed(f"{self.path}: the pseudo-terminal is closed") from err
+
+    def close(self) -> None:
+        """Close both ends of the terminal."""
+        descriptors = self._master, self._slave
+        self._master = self._slave = -1
         for descriptor in descriptors:
             if descriptor >= 0:
                 os.close(descriptor)
-
-
-def socket_pair(*, keeps_pieces: bool = False) -> tuple[DescriptorTransport, DescriptorTransport]:
-    """Return two connected ends; with `keeps_pieces` a read gives what one write has sent."""
-    kind = socket.SOCK_SEQPACKET if keeps_pieces else socket.SOCK_STREAM
-    near, far = (
-        DescriptorTransport(end.detach(), name="the pair of sockets")
-        for end in socket.socketpair(socket.AF_UNIX, kind)
-    )
-    return near, far
-
-
-class PtyTransport(DescriptorTransport):
-    """The master side of a pseudo-terminal; the slave side is kept open for who comes back."""
-
-    def __init__(self) -> None:
-        master, slave = os.openpty()
-        tty.setraw(slave)
-        self.path = os.ttyname(slave)
-        super().__init__(master, slave, name=f"{self.path}: the pseudo-terminal")

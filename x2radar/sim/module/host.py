@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from x2radar.device.transport import Transport, socket_pair
+from x2radar.device.transport import Transport, memory_pair
 from x2radar.errors import TransportClosed
 from x2radar.sim.module.module import SimulatedModule
 
@@ -49,7 +49,7 @@ def serve(
 def connect(make: Callable[[], SimulatedModule], speed: float | None) -> Transport:
     """Return a transport to a new module that runs in a thread of this process, as `serve`."""
     module = make()
-    near, far = socket_pair(keeps_pieces=module.splits_output)
+    near, far = memory_pair(keeps_pieces=module.splits_output)
 
     def run() -> None:
         try:
