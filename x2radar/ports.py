@@ -11,6 +11,7 @@ replays start (seconds), loop and from (a format of recordings).
 import math
 import os
 import re
+import stat
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -133,7 +134,10 @@ def is_host(name: str) -> bool:
 
 def is_port(what: str) -> bool:
     """Return whether a word names a radar's port, rather than a file."""
-    return bool(_PORT.fullmatch(what)) or Path(what).is_char_device()
+    # Not that of Path, which raises for a name that is too long.
+    return bool(_PORT.fullmatch(what)) or (
+        os.path.exists(what) and stat.S_ISCHR(os.stat(what).st_mode)  # noqa: PTH110, PTH116
+    )
 
 
 def recording_path(what: str) -> Path:

@@ -53,7 +53,9 @@ def files(tmp_path_factory):
             66,
             "no/such: cannot make a capture",
         ),
-        ("record w.h5 --port sim:dog --label ''", 2, "--label: must be a word, such as human"),
+        ("record w.h5 --port sim:dog --label ''", 2, "argument --label: nothing is named"),
+        ("record w.h5 --port sim:dog --label ' '", 2, "--label: must be a word, such as human"),
+        (f"info {'a' * 300}.h5", 66, "cannot be read: File name too long"),
         *(
             (f"record a.{name} --port sim:dog", 2, "like this ends in .h5 or .hdf5")
             for name in ("csv", "npz", "x2cap", "dat")

@@ -132,7 +132,7 @@ def _check(args: argparse.Namespace) -> None:
     check_above_zero("--duration", args.duration, "seconds")
     check_above_zero("--rotate-size", args.rotate_size, "MB")
     check_above_zero("--rotate-time", args.rotate_time, "seconds")
-    if args.label is not None and not (args.label and args.label.isprintable()):
+    if args.label is not None and not (args.label.strip() and args.label.isprintable()):
         raise errors.SettingsError("--label: must be a word, such as human or pet")
     if not 0 <= args.free_floor < 1e9:
         raise errors.SettingsError(f"--free-floor {args.free_floor:g}: must be 0 or more, in MB")
