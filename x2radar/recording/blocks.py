@@ -163,7 +163,7 @@ class BlockReader(Closing):
         for first, last in self.ranges():
             with unreadable(self.path):
                 counted = self.read_counters(first, last)
-                is_whole = (np.abs(counted) < _MAX_COUNT) & (counted % 1 == 0)
+                is_whole = (np.abs(counted) < _MAX_COUNT) & (np.trunc(counted) == counted)
                 if counted.dtype.kind == "f" and not is_whole.all():
                     raise refuse(self.path, "counters that are no numbers of frames")
                 counter = counted.astype(np.int64) % _WRAP
