@@ -103,7 +103,6 @@ class Pipeline:
             frame_rate_hz=stream.frame_rate_hz,
             n_cpi=self._features.n_cpi,
         )
-
         self.gate = Gate(config.gate, hop_s)  # the gate, with what it saw of the last dwell
         self.calibration: Calibration | None = None
         self._remover = ClutterRemover()

@@ -1,4 +1,4 @@
-"""Sets of shards: the same ones whoever makes them, and whatever happens on the way."""
+"""Sets of shards: the same ones on any worker, and whatever happens on the way."""
 
 import errno
 import json

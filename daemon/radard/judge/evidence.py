@@ -56,7 +56,7 @@ class Evidence:
         self._before = None
 
     def end_visit(self) -> None:
-        """Begin anew, since nothing moves any more; what was there is remembered for a while."""
+        """Start over, since nothing moves any more; what was there is remembered for a while."""
         self._before, self._now = self._now or self._before, None
         self._log[:] = 0.0
         self._strongest_db = -math.inf
@@ -81,7 +81,7 @@ class Evidence:
         else:
             self._hidden.append(answer.hidden)
             made = self._with_prior(answer.fused_log_p)
-        # By its own evidence: no verdict is remembered for longer than it was seen.
+        # Without what was remembered itself: visits in a row must not confirm each other.
         own = _logit(made.human) - self._memory
         self._now = _Seen(t_s, range_m, 1 / (1 + math.exp(-own)))
         return made
