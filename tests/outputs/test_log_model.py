@@ -222,7 +222,7 @@ class LogMachine(RuleBasedStateMachine):
     def take_away(self):
         """Somebody deletes the file under a log that is at work."""
         for each in self.folder.glob(f"{self.path.name}*"):
-            each.unlink()
+            each.unlink(missing_ok=True)  # the log may close one just now
         for word in ("gone", "back"):
             self.log.keep("word", word)
         wait_for(self.path.exists, 20.0)
