@@ -113,11 +113,11 @@ def model_replaced(guard: Guard) -> None:
     """Give it a model of its own, and replace its files: by garbage, then by good ones."""
     own = guard.home / "own.onnx"
     good = [(ROOT / "models" / f"fast{suffix}").read_bytes() for suffix in (".onnx", ".json")]
-    for tau_s, files in ((30.5, good), (31.0, [b"\x00garbage" * 100] * 2), (31.5, good)):
+    for learn_s, files in ((20.5, good), (21.0, [b"\x00garbage" * 100] * 2), (21.5, good)):
         for suffix, data in zip((".onnx", ".json"), files, strict=True):
             own.with_suffix(suffix).write_bytes(data)
         guard.goes_on(3)
-        guard.reload({**CONFIG, "model": {"name": str(own)}, "gate": {"tau_s": tau_s}})
+        guard.reload({**CONFIG, "model": {"name": str(own)}, "gate": {"learn_s": learn_s}})
         guard.goes_on(3)
 
 

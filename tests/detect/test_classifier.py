@@ -61,6 +61,8 @@ def test_shipped_bundles_answer_extremes_too():
         ({"classes": ["pet", "human", "other"]}, "classes"),
         ({"features": {"n_cpi": 32}}, "input features"),
         ({"features": {"n_moon": 1}}, "n_moon"),
+        ({"features": {"cell_s": 1e-320}}, "features.cell_s: input should be greater than"),
+        ({"features": {"range_decimation": -8}}, "range_decimation: input should be greater"),
         ({"inputs": [{"name": "x", "shape": [1176], "feature": "thesis_type2"}]}, "takes"),
         (
             {"inputs": [{"name": "features", "shape": [9], "feature": "thesis_type2"}]},

@@ -61,6 +61,24 @@ def mat(path, n=40, lost=(), **fields):
     return path, rows, index
 
 
+@pytest.mark.parametrize(
+    ("good", "bad"),
+    [
+        (b"\x05\0\x04\0", b"\x80\0\x04\0"),  # values of a type that there is not
+        (b"\x01\0\0\0\0\0\0\0", b"\x01\0\0\0\x07\0\0\0"),  # a name in place of the values
+        (b"\x06\0\0\0\x08\0\0\0", b"\x06\0\0\0\x10\0\0\0"),  # flags of another length
+    ],
+)
+def test_an_array_that_holds_what_it_cannot_is_refused(tmp_path, good, bad):
+    """scipy, which reads on at any place and of any type, crashed the process."""
+    path, *_ = mat(tmp_path / "w.mat")
+    whole = path.read_bytes()
+    at = whole.index(good, whole.index(b"scn\0"))
+    path.write_bytes(whole[:at] + bad + whole[at + len(bad) :])
+    with pytest.raises(RecordingError, match=r"damaged|cut off"):
+        open_recording(path)
+
+
 def test_p4xx(tmp_path):
     path, _, _ = mat(tmp_path / "s.mat", Tstrt=[np.uint16(20_000)] * 40)
     with open_recording(path) as reader:

@@ -8,10 +8,11 @@ lost frame, take the mean of the others, so that they add nothing at any cadence
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Literal, Protocol
+from typing import Annotated, Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from radard.config.json_file import STRICT, parse_json
 from radard.dsp.cadence import cadence_velocity_diagram, extent_profile, type1_vector
@@ -26,6 +27,10 @@ from radard.stream.ring import Dwell
 from x2radar.frame import FastTimeAxis
 from x2radar.plugins import Plugin, find_plugin
 
+_Whole = Annotated[float, Field(ge=0, le=1e3)]
+_Part = Annotated[float, Field(ge=1e-3, le=1e3)]  # something is divided into so many
+_Count = Annotated[int, Field(ge=1, le=100_000)]
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FeatureSettings:
@@ -33,38 +38,40 @@ class FeatureSettings:
 
     __pydantic_config__ = STRICT
 
-    dwell_s: float = 2.0  # length of the spectrogram
-    n_cpi: int = 28  # frames in a CPI of the spectrogram; 0: 28/60 s at any rate
-    n_cadence: int = 28  # columns of the cadence velocity diagram that are used
-    n_profile: int = 392  # length of the range profile of the type 2 vector
-    range_decimation: int = 1  # keep every so many range bins behind the matched filter
+    dwell_s: _Part = 2.0  # length of the spectrogram
+    # frames in a CPI of the spectrogram; 0: 28/60 s at any rate
+    n_cpi: Annotated[int, Field(ge=0, le=100_000)] = 28
+    n_cadence: _Count = 28  # columns of the cadence velocity diagram that are used
+    n_profile: _Count = 392  # length of the range profile of the type 2 vector
+    range_decimation: _Count = 1  # keep every so many range bins behind the matched filter
     # Frames as they come, each CPI losing its own mean; or 'removed': without the clutter map and
     # its jitter (`radard.detect.clutter_map`).
     clutter: Literal["cpi", "removed"] = "cpi"
-    cell_s: float = 0.05  # time cell of the maps
-    velocity_max_mps: float = 5.0  # grid of the velocity-time map
-    velocity_step_mps: float = 0.1
-    velocity_cpi_s: float = CPI_S  # 0.47 resolves 0.07 m/s, 0.2 the swing of a leg
-    velocity_cpi_carrier_hz: float = 0.0  # see `VelocityGrid.carrier_hz`
-    velocity_cpi_frames: int = 4  # fewest of a CPI
-    medium_cpi_s: float = 0.6  # the map with the medium CPI, see `radard.judge.velocity_map`
-    medium_max_mps: float = 1.5
-    medium_step_mps: float = 0.05
-    medium_cell_s: float = 0.075
-    long_cpi_s: float = 1.5  # the map with the long CPI
-    long_max_mps: float = 0.6
-    long_step_mps: float = 0.015
-    long_cell_s: float = 0.1
-    long_sampling: float = 0.0  # of the maps with longer CPIs, see `VelocityGrid.sampling`
+    cell_s: _Part = 0.05  # time cell of the maps
+    velocity_max_mps: _Part = 5.0  # grid of the velocity-time map
+    velocity_step_mps: _Part = 0.1
+    velocity_cpi_s: _Part = CPI_S  # 0.47 resolves 0.07 m/s, 0.2 the swing of a leg
+    # see `VelocityGrid.carrier_hz`
+    velocity_cpi_carrier_hz: Annotated[float, Field(ge=0, le=1e12)] = 0.0
+    velocity_cpi_frames: _Count = 4  # fewest of a CPI
+    medium_cpi_s: _Part = 0.6  # the map with the medium CPI, see `radard.judge.velocity_map`
+    medium_max_mps: _Part = 1.5
+    medium_step_mps: _Part = 0.05
+    medium_cell_s: _Part = 0.075
+    long_cpi_s: _Part = 1.5  # the map with the long CPI
+    long_max_mps: _Part = 0.6
+    long_step_mps: _Part = 0.015
+    long_cell_s: _Part = 0.1
+    long_sampling: _Whole = 0.0  # of the maps with longer CPIs, see `VelocityGrid.sampling`
     # The range-time map shows `near_m` to `far_m`; or 'target': as many metres of the swath where
     # most moves, wherever that is (`radard.judge.velocity_map.busiest_rows`).
     range_window: Literal["fixed", "target"] = "fixed"
-    near_m: float = 0.4
-    far_m: float = 4.4
-    cell_m: float = 0.1  # cells outside the swath stay empty
-    velocity_depth_db: float = 25.0  # what is shown, see `radard.judge.velocity_map`
-    long_depth_db: float = 30.0  # of both maps with longer CPIs
-    range_depth_db: float = 30.0
+    near_m: _Whole = 0.4
+    far_m: _Whole = 4.4
+    cell_m: _Part = 0.1  # cells outside the swath stay empty
+    velocity_depth_db: _Part = 25.0  # what is shown, see `radard.judge.velocity_map`
+    long_depth_db: _Part = 30.0  # of both maps with longer CPIs
+    range_depth_db: _Part = 30.0
 
     @classmethod
     def from_mapping(cls, raw: Mapping[str, Any]) -> "FeatureSettings":

@@ -41,8 +41,10 @@ _HEAD_BYTES, _TEXT_BYTES = 128, 116
 _ORDERS = {b"IM": "<", b"MI": ">"}
 _COMPRESSED, _MATRIX = 15, 14
 _NAME_BYTES = 512  # unpacked to see a variable's name, of 63 letters at most
-_STRUCT = 2
-_CLASSES = frozenset({1, _STRUCT, 4, *range(6, 16)})  # cells, structs, text and numbers alone
+_CELL, _STRUCT, _TEXT = 1, 2, 4
+_CLASSES = frozenset({_CELL, _STRUCT, _TEXT, *range(6, 16)})  # of these and numbers alone
+_COMPLEX = 0x0800  # of an array's flags
+_VALUES = frozenset({*range(1, 8), 9, 12, 13, 16, 17, 18})  # elements of numbers and letters
 _MAX_DEPTH = 8  # structs within structs; a scan of a P4xx lies two deep
 _MAX_LETTERS, _MAX_FIELDS = 64, 1000  # MATLAB's longest field's name, and more fields than are
 
@@ -136,34 +138,44 @@ def _name_in(path: Path, order: str, kind: int, data: memoryview) -> str:
 
 
 def _check(path: Path, order: str, array: memoryview, depth: int = 0) -> None:
-    """Refuse an array that says more than it holds: each value, cell or field takes a byte."""
-    (flags, shape, _), rest = _first(path, order, array, 3)
-    (word,) = struct.unpack_from(f"{order}I", flags)
+    """Refuse an array that is not what it says: scipy reads on at places and types as they come.
+
+    Each value, cell or field takes a byte, so a shape beyond the bytes that are there is a lie.
+    """
+    parts = list(_elements(path, order, array))
+    if len(parts) < 3 or len(parts[0][1]) != 8 or (depth and len(array) % 8):
+        raise refuse(path, "cut off")
+    (word,) = struct.unpack_from(f"{order}I", parts[0][1])
+    shape, held = parts[1][1], parts[3:]
     dims = struct.unpack(f"{order}{len(shape) // 4}i", shape)
     if not dims or min(dims) < 0 or math.prod(dims) > len(array):
         raise refuse(path, f"damaged: {len(array)} bytes are an array of the shape {dims}")
-    if word & 0xFF not in _CLASSES or depth > _MAX_DEPTH:
-        raise refuse(path, f"an array of class {word & 0xFF}, {depth} deep, which is not read")
-    if word & 0xFF == _STRUCT:
-        (length, names), rest = _first(path, order, array, 5, 3)
-        (n_letters,) = struct.unpack(f"{order}i", length)
-        if not 0 < n_letters <= _MAX_LETTERS or len(names) > _MAX_FIELDS * n_letters:
-            raise refuse(path, f"a struct of fields with {n_letters} letters")
-    for kind, data in rest:
+    kind, n_held, kinds = word & 0xFF, math.prod(dims), frozenset({_MATRIX})
+    if kind not in _CLASSES or depth > _MAX_DEPTH:
+        raise refuse(path, f"an array of class {kind}, {depth} deep, which is not read")
+    if kind == _STRUCT:
+        n_held *= _n_fields(path, order, held[:2])
+        held = held[2:]
+    elif kind != _CELL:
+        n_held = 2 if word & _COMPLEX and kind != _TEXT else 1
+        kinds = _VALUES
+    if len(held) != n_held or not kinds.issuperset(each for each, _ in held):
+        raise refuse(path, f"damaged: an array of class {kind} holds what it cannot")
+    for _, data in held:
         # MATLAB writes an empty field as an element without bytes.
-        if kind == _MATRIX and data:
+        if kinds is not _VALUES and data:
             _check(path, order, data, depth + 1)
 
 
-def _first(
-    path: Path, order: str, array: memoryview, n: int, begin: int = 0
-) -> tuple[list[memoryview], Iterator[tuple[int, memoryview]]]:
-    """Return the first elements of an array, from `begin` to `n`, and the rest."""
-    parts = _elements(path, order, array)
-    found = [data for _, data in itertools.islice(parts, begin, n)]
-    if len(found) < n - begin:
+def _n_fields(path: Path, order: str, parts: list[tuple[int, memoryview]]) -> int:
+    """Return how many fields a struct has, by its elements for the names of them."""
+    if len(parts) < 2:
         raise refuse(path, "cut off")
-    return found, parts
+    n_letters: int = struct.unpack(f"{order}i", parts[0][1])[0]
+    n_bytes = len(parts[1][1])
+    if not 0 < n_letters <= _MAX_LETTERS or n_bytes > _MAX_FIELDS * n_letters:
+        raise refuse(path, f"a struct of fields with {n_letters} letters")
+    return n_bytes // n_letters
 
 
 class MatReader(BlockReader):
