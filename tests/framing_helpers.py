@@ -28,8 +28,6 @@ def encode(data: bytes, packing: Packing = Packing.ESCAPED) -> bytes:
     return bytes([START]) + body + bytes([checksum(body), END])
 
 
-TAIL = bytes.fromhex("7d 50 26 fe 75")
-
 payloads = st.one_of(
     st.binary(min_size=1, max_size=40),
     st.lists(st.sampled_from([0x7C, START, END, ESC, 0x51, 0, 2, 3]), min_size=1, max_size=24).map(
@@ -54,12 +52,3 @@ def cut(stream: bytes, places: Iterable[int]) -> Iterator[bytes]:
 def decode(pieces: Iterable[bytes], decoder: PacketDecoder | None = None) -> list:
     decoder = decoder or PacketDecoder()
     return [item for piece in pieces for item in decoder.feed(piece)]
-
-
-def read_three_ways(stream: bytes, expected: list) -> None:
-    """Decode whole, byte by byte, and with the beginning of another packet behind it."""
-    assert decode([stream]) == expected
-    assert decode(stream[k : k + 1] for k in range(len(stream))) == expected
-    decoder = PacketDecoder()
-    assert decode([stream + TAIL], decoder) == expected
-    assert decoder.n_buffered == len(TAIL)

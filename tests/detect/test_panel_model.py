@@ -33,7 +33,7 @@ class PanelMachine(RuleBasedStateMachine):
         self.hits = []  # since then
         self.exit_s = None  # when an exit delay is over
         self.entry_s = None  # when an entry delay is
-        self.is_on = False
+        self.is_on = self.is_seen = False
         self.seen_s = 0.0  # when somebody was seen last, or could have been
 
     def told(self, changes, *kinds):
@@ -43,8 +43,9 @@ class PanelMachine(RuleBasedStateMachine):
         self.is_on, self.hits = False, []
         self.ready_s = self.t_s + self.policy.refractory_s
 
-    def start(self):
+    def start(self, sight=None):
         self.is_on, self.entry_s, self.seen_s = True, None, self.t_s
+        self.is_seen = sight is None or sight.is_seen  # where nobody knows, somebody is there
 
     @rule(after_s=st.sampled_from([1.0, 1.0, 1.0, 0.25, 7.0]), sight=SIGHTS, quiet=st.booleans())
     def see(self, after_s, sight, quiet):
@@ -65,7 +66,7 @@ class PanelMachine(RuleBasedStateMachine):
             begins = self.entry_s is not None and self.t_s >= self.entry_s
         self.told(changes, *["new"] * begins)
         if begins:
-            self.start()
+            self.start(sight)
 
     def see_on(self, changes, sight):
         is_there = sight is None or sight.is_seen
@@ -73,8 +74,12 @@ class PanelMachine(RuleBasedStateMachine):
         if not is_there and self.t_s - self.seen_s >= self.policy.latch_s:
             self.told(changes, "end")
             self.over()
-        else:
-            assert all(change.kind == "update" for change in changes)
+            return
+        was_seen = self.is_seen
+        # One window in which somebody is missed does not say that they left.
+        if sight is not None and (is_there or self.t_s - self.seen_s >= 3.0):
+            self.is_seen = is_there
+        self.told(changes, *["update"] * (self.is_seen != was_seen))
 
     @rule()
     def lose(self):
@@ -118,6 +123,8 @@ class PanelMachine(RuleBasedStateMachine):
         assert (state == "entry") == (self.entry_s is not None)
         assert (state == "exit") == (self.exit_s is not None)
         assert self.panel.is_armed == (state != "disarmed")
+        assert self.panel.is_seen == (self.is_on and self.is_seen)
+        assert (self.panel.entry_reason is None) == (state != "entry")
         ends_s = self.exit_s if state == "exit" else self.entry_s
         assert left_s == (None if ends_s is None else max(0.0, ends_s - self.t_s))
 

@@ -43,8 +43,7 @@ class RingMachine(RuleBasedStateMachine):
             for _ in range(lost):
                 self.rows.append(self.rows[-1])
                 self.good.append(False)
-        else:
-            lost = 0
+        # What was lost before a stream begins is not counted.
         frame = Frame(samples, self.index, self.index, lost, is_restart, BASEBAND, 0.0)
         last = self.rows[-1] if self.rows else 0
         self.rows.append(last if is_bad else self.n)
@@ -62,6 +61,8 @@ class RingMachine(RuleBasedStateMachine):
         assert dwell.frames[:, 0].real.tolist() == self.rows[first:end]
         assert dwell.valid.tolist() == self.good[first:end]
         assert dwell.n_lost == self.good[first:end].count(False)
+        runs = "".join(" x"[not good] for good in self.good[first:end]).split()
+        assert round(dwell.longest_gap_s * self.rate) == max(map(len, runs), default=0)
         self.ends.append(end)
 
     def look_at_the_end(self):
@@ -77,9 +78,9 @@ class RingMachine(RuleBasedStateMachine):
     def lose(self, lost):
         self.push(lost=lost)
 
-    @rule()
-    def restart(self):
-        self.push(is_restart=True)
+    @rule(lost=st.integers(0, 9))
+    def restart(self, lost):
+        self.push(lost=lost, is_restart=True)
 
     @rule()
     def spoil(self):

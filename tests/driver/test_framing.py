@@ -7,19 +7,15 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from tests.framing_helpers import Packing, any_packet, cut, decode, encode, read_three_ways
+from tests.framing_helpers import Packing, any_packet, cut, decode, encode
 from x2radar.errors import ProtocolError
 from x2radar.wire.framing import (
     END,
     ESC,
     LENGTH_HEADER,
-    LENGTH_START,
     MAX_PACKET,
     START,
-    Fault,
-    LineFault,
     Packet,
-    PacketDecoder,
     checksum,
 )
 
@@ -61,60 +57,6 @@ def reference_flagged(line: Iterator[int]) -> tuple[bytes, Packing]:
         data.append(value)
     assert crc == 0
     return bytes(data[:-1]), Packing.ESCAPED
-
-
-def test_length_packets_and_what_waits_of_them() -> None:
-    data = bytes.fromhex("a0 12 7d 7e 7f")
-    wire = bytes.fromhex("7c 7c 7c 7c 05 00 00 00 00 a0 12 7d 7e 7f")
-    assert encode(data, Packing.LENGTH) == wire
-    read_three_ways(wire, [Packet(data)])
-    read_three_ways(wire * 3, [Packet(data)] * 3)
-    decoder = PacketDecoder()
-    assert decoder.feed(encode(b"\x10", Packing.LENGTH)) == [Packet(b"\x10")]
-    assert decoder.n_buffered == 0
-    assert decoder.feed(LENGTH_START[:2]) == []
-    assert decoder.n_buffered == 2
-    assert decoder.feed(encode(b"\x11", Packing.LENGTH)[2:]) == [Packet(b"\x11")]
-
-
-@pytest.mark.parametrize("end", [b"", b"\x7e"])
-def test_fast_packet_bytes_with_and_without_end_flag(end: bytes) -> None:
-    data = bytes.fromhex("7d 7e 7f")
-    wire = bytes.fromhex("7d 51 03 00 00 00 7d 7e 7f") + bytes([0x7D ^ 0x51 ^ 3 ^ 0x7C]) + end
-    if end:
-        assert encode(data, Packing.FAST) == wire
-    read_three_ways(wire, [Packet(data)])
-    read_three_ways(wire * 2, [Packet(data)] * 2)
-
-
-@pytest.mark.parametrize("flag", [START, END, ESC])
-def test_escaped_checksum(flag: int) -> None:
-    data = bytes([0x10, 0x10 ^ START ^ flag])
-    wire = encode(data)
-    assert wire == bytes([START, *data, ESC, flag, END])
-    read_three_ways(wire, [Packet(data)])
-
-
-GOOD = encode(b"\x10")
-LOST = encode(b"\x01\x02\x03")[:-1]
-
-
-@pytest.mark.parametrize(
-    ("wire", "expected"),
-    [
-        (b"\x7d\x10\x10\x7d\x7e", [b"\x10\x10"]),
-        # The same behind an escaped escape, and behind a lost end flag.
-        (b"\x7d\x10\x6f\x7f\x7f\x7d\x7e", [b"\x10\x6f\x7f"]),
-        (LOST + b"\x7d\x10\x10\x7d\x7e", [LineFault(Fault.LOST_BYTES, len(LOST)), b"\x10\x10"]),
-        # An escape for a checksum is one only where the next start flag is seen.
-        (b"\x7d\x10\x12\x7f\x7e" + GOOD, [b"\x10\x12", b"\x10"]),
-        (b"\x7d\x10\x12\x7f\x7e" * 2 + GOOD, [b"\x10\x12", b"\x10\x12", b"\x10"]),
-        # The part before the escaped end flag has 7F for a checksum.
-        (encode(b"\x02\x7e\x7c\x01"), [b"\x02\x7e\x7c\x01"]),
-    ],
-)
-def test_a_flag_for_a_checksum(wire: bytes, expected: list) -> None:
-    read_three_ways(wire, [Packet(e) if isinstance(e, bytes) else e for e in expected])
 
 
 @given(st.binary(max_size=70))

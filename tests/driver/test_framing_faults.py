@@ -28,46 +28,9 @@ GOOD = encode(b"\x10")
 SOUND = Packet(b"\x10")
 
 
-@pytest.mark.parametrize(
-    ("packing", "false_start"),
-    [
-        (Packing.LENGTH, b"\x7d\x01\x02"),
-        (Packing.LENGTH, b"\x7d\x01\x7f"),
-        (Packing.LENGTH, b"\x7d\x7d"),
-        (Packing.FAST, b"\x7d\x01\x02"),
-        (Packing.FAST, b"\x7d\x7d"),
-    ],
-)
-def test_packet_behind_a_false_start(packing: Packing, false_start: bytes) -> None:
-    # It holds a start and an end flag of its own, which the false start cannot tell apart.
-    data = b"\xa0\x7e\x01\x7d\x02"
-    items = decode([GOOD + false_start + encode(data, packing) + GOOD])
-    assert [item for item in items if isinstance(item, Packet)] == [
-        SOUND,
-        Packet(data),
-        SOUND,
-    ]
-
-
-def test_impossible_starts_are_passed_over_and_hidden_ones_found() -> None:
-    junk = b"\x7d\x51\xff\xff\xff\xff" + LENGTH_START + b"\xff\xff\xff\xff" + b"\x01\x7e"
-    assert decode([b"\x7d\x01" + junk + GOOD])[-1] == SOUND
-    hidden = encode(b"\x10\x7d\x11")
-    items = decode([b"\x7d\x01\x02\x7e" + b"\x7d\x7f\x7d\x03\x7f" + hidden + GOOD])
-    assert items[-2:] == [Packet(b"\x10\x7d\x11"), SOUND]
-
-
-def test_length_packet_handed_out_too_early_does_not_take_the_next_one_along() -> None:
-    # Who has the next packets, too, sees that this one is cut short.
+def test_a_length_packet_is_cut_short_where_the_next_ones_are_there() -> None:
     at_once = decode([LENGTH_START + b"\x02\0\0\0\0\x01" + GOOD + GOOD])
-    lost, junk = LineFault(Fault.LOST_BYTES, 1), LineFault(Fault.JUNK, 9)
-    assert at_once == [lost, junk, SOUND, SOUND]
-    short = encode(b"\x01\x02\x03\x04", Packing.LENGTH)[:-1]
-    stream = short + GOOD + GOOD
-    items = decode([stream[: len(short) + 1], stream[len(short) + 1 :]])
-    assert items[0] == Packet(b"\x01\x02\x03\x7d")
-    assert items[1].fault is Fault.LOST_BYTES
-    assert items[-2:] == [SOUND, SOUND]
+    assert at_once == [LineFault(Fault.LOST_BYTES, 1), LineFault(Fault.JUNK, 9), SOUND, SOUND]
 
 
 def test_start_flag_without_end_is_given_up_at_the_limit() -> None:
@@ -294,6 +257,35 @@ a fast packet of no byte in a broken packet is none:
     7d 7d 51 00 00 00 00 7d 28 7e = lost 7, nothing 3
 a length packet longer than the limit is refused by its header:
     7c 7c 7c 7c 00 00 02 00 7e = too long 1, junk 8
+length packets of flags, in pieces and with the beginning of another packet behind:
+    7c 7c 7c 7c 03 00 00 00 00 7d 7e 7f 7c 7c / 7c 7c 03 00 00 00 00 7d 7e 7f 7d 50
+        = <7d 7e 7f> +2 / <7d 7e 7f> +2
+fast packets of flags, without an end flag and with one:
+    7d 51 02 00 00 00 7e 7f 2f 7d 51 02 00 00 00 7e 7f 2f 7e 7d 50 = <7e 7f>, <7e 7f> +2
+an escaped checksum, a start flag: 7d 10 10 7f 7d 7e 7d 50 = <10 10> +2
+and an end flag: 7d 10 13 7f 7e 7e = <10 13>
+and an escape: 7d 10 12 7f 7f 7e = <10 12>
+a start flag for a checksum is no start: 7d 10 10 7d 7e 7d 50 = <10 10> +2
+nor is it behind an escaped escape: 7d 10 6f 7f 7f 7d 7e = <10 6f 7f>
+nor behind a lost end flag: 7d 01 02 03 7f 7d 7d 10 10 7d 7e = lost 6, <10 10>
+an escape for a checksum, twice: 7d 10 12 7f 7e 7d 10 12 7f 7e ok = <10 12>, <10 12>, ok
+what lies before an escaped end flag has 7f for a checksum: 7d 02 7f 7e 7c 01 7c 7e = <02 7e 7c 01>
+a length packet with flags of its own behind a false start:
+    ok 7d 01 02 7c 7c 7c 7c 05 00 00 00 00 a0 7e 01 7d 02 ok = ok, crc 3, <a0 7e 01 7d 02>, ok
+and behind one that ends with an escape:
+    ok 7d 01 7f 7c 7c 7c 7c 05 00 00 00 00 a0 7e 01 7d 02 ok = ok, crc 3, <a0 7e 01 7d 02>, ok
+and behind two flags:
+    ok 7d 7d 7c 7c 7c 7c 05 00 00 00 00 a0 7e 01 7d 02 ok = ok, lost 1, crc 1, <a0 7e 01 7d 02>, ok
+a fast packet with flags of its own behind a false start:
+    ok 7d 01 02 7d 51 05 00 00 00 a0 7e 01 7d 02 89 7e ok = ok, lost 3, <a0 7e 01 7d 02>, ok
+and behind two flags, too:
+    ok 7d 7d 7d 51 05 00 00 00 a0 7e 01 7d 02 89 7e ok = ok, lost 2, <a0 7e 01 7d 02>, ok
+impossible starts are passed over:
+    7d 01 7d 51 ff ff ff ff 7c 7c 7c 7c ff ff ff ff 01 7e ok = lost 2, crc 16, ok
+and hidden ones found: 7d 01 02 7e 7d 7f 7d 03 7f 7d 10 7f 7d 11 01 7e ok
+    = crc 4, crc 5, <10 7d 11>, ok
+a length packet handed out too early takes no other along:
+    7c 7c 7c 7c 04 00 00 00 00 01 02 03 7d / 10 6d 7e ok = <01 02 03 7d> / lost 1, junk 11, ok, ok
 """
 """What: bytes of the line in pieces = what is told of each piece, and of how many bytes it waits.
 A packet is shown by its bytes; `ok` is `7d 10 6d 7e`, and its packet."""
