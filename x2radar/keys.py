@@ -119,9 +119,11 @@ def unrepeated(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
     What `object_pairs_hook` takes: `json` itself drops the first of the two without a word.
     """
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        raise ValueError("a key stands twice")
+    found: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in found:
+            raise ValueError(f"the key '{key[:60]}' stands twice")
+        found[key] = value
     return found
 
 

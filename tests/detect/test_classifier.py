@@ -81,6 +81,16 @@ def test_a_sidecar_that_does_not_fit_is_refused(copy, changes, words):
         Classifier(load_bundle(copy(**changes)))
 
 
+@pytest.mark.parametrize("key", ["pet_limit", "n_cpi"])
+def test_a_sidecar_with_a_key_twice_is_refused_as_it_is_in_yaml(copy, tmp_path, key):
+    path, file = copy(), tmp_path / "mine.json"
+    text = file.read_text()
+    file.write_text(text.replace(f'"{key}": ', f'"{key}": 1, "{key}": ', 1))
+    assert file.read_text() != text
+    with pytest.raises(ModelMismatch, match=f"'{key}' stands twice"):
+        load_bundle(path)
+
+
 def test_missing_and_broken_files(copy, tmp_path):
     with pytest.raises(BundleError, match="no model"):
         load_bundle("nope")

@@ -1,15 +1,18 @@
 """JSON files that other runs and programs wrote, read into dataclasses: strictly, by pydantic.
 
 A dataclass whose `__pydantic_config__` is `STRICT` says what its file may hold: types, bounds,
-keys. Nothing is converted but whole numbers to floats and lists to tuples.
+keys, each once. Nothing is converted but whole numbers to floats and lists to tuples.
 """
 
+import json
 import reprlib
 from codecs import BOM_UTF8
 from functools import lru_cache
 from typing import Any, TypeVar
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+from x2radar.keys import unrepeated
 
 STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 LOOSE = ConfigDict(extra="ignore", strict=True, allow_inf_nan=False)
@@ -31,6 +34,8 @@ def parse_json(kind: type[T], text: str | bytes, within: str = "") -> T:
     try:
         data = text.encode() if isinstance(text, str) else text
         made: T = _adapter(key).validate_json(data.removeprefix(BOM_UTF8))
+        # pydantic takes the last of two keys that are the same, without a word.
+        json.loads(data.decode("utf-8-sig"), object_pairs_hook=unrepeated)
     except ValidationError as err:
         fault = err.errors()[0]
         kind_of = NotJson if fault["type"] == "json_invalid" else ValueError
