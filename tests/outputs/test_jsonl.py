@@ -81,6 +81,15 @@ def test_a_file_that_cannot_be_made_on_a_full_disk_is_made_later(tmp_path, disk)
         open_sink(f"json:{tmp_path / 'b'}", SinkOptions(), can_wait=True)
 
 
+def test_a_recording_or_a_configuration_gets_no_lines(tmp_path):
+    path = tmp_path / "night.h5"
+    for text in (b"\x89HDF\r\n\x1a\n", b"sensors:\n"):
+        path.write_bytes(text)
+        with pytest.raises(OutputError, match="no JSON Lines"):
+            open_sink(f"json:{path}", SinkOptions())
+        assert path.read_bytes() == text
+
+
 def test_a_stream_that_waits_is_told_of_a_full_disk_once(tmp_path, disk, caplog):
     """Before, also by a line of the log, which a command without one printed beside its own."""
     sink = open_sink(f"json:{tmp_path / 'a'}", SinkOptions(), can_wait=True)

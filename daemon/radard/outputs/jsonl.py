@@ -19,6 +19,7 @@ from radard.outputs.thread_sink import DirectSink
 from x2radar.backoff import Backoff
 
 _FLAGS = os.O_WRONLY | os.O_APPEND | os.O_CLOEXEC | os.O_NONBLOCK
+_BEGINS = frozenset(b"{ \r\n\0")  # a power cut may leave zeros where lines were
 
 
 def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "JsonLinesSink":
@@ -39,6 +40,8 @@ class JsonLinesSink(DirectSink):
         self._is_regular = True
         self._lacks_hello = False
         self._mode = 0o600
+        if _is_other(path):
+            raise OutputError(f"--output {self.name}: what stands in that file is no JSON Lines")
         try:
             self._open()
         except OSError as err:
@@ -138,3 +141,12 @@ class JsonLinesSink(DirectSink):
                     # Nothing can be taken back from a pipe; its reader sees the end of it.
                     self._shut()
             raise
+
+
+def _is_other(path: Path) -> bool:
+    """Return whether a file is of another kind, as a recording or a configuration."""
+    # A pipe would wait for its writer.
+    if path.is_file():
+        with contextlib.suppress(OSError), path.open("rb") as file:
+            return not _BEGINS.issuperset(file.read(1))
+    return False
