@@ -241,6 +241,17 @@ def test_a_health_check_without_a_host_is_answered_and_bytes_that_are_no_http_ar
 
 
 @pytest.mark.integration
+@pytest.mark.parametrize(
+    ("target", "code"),
+    [("http://{}/api/v1/events?limit=1", 200), ("HTTPS://{}", 200), ("http://evil.example/", 421)],
+)
+def test_a_request_for_a_whole_url_is_taken_by_its_path_and_its_host(make, target, code):
+    client = make(served=True)
+    answer = client.get(target.format(client.host), headers={"Host": client.host})
+    assert answer.status_code == code
+
+
+@pytest.mark.integration
 def test_another_page_gets_no_socket(make):
     client = make(served=True)
     with pytest.raises(InvalidStatus):

@@ -7,8 +7,10 @@ headers of answers keep a browser from doing what our pages never ask for.
 
 import asyncio
 import json
+import re
 from collections.abc import Awaitable, Callable
 from typing import Any, TypeVar
+from urllib.parse import unquote
 
 from anyio import CapacityLimiter, to_thread
 from starlette.datastructures import Headers, MutableHeaders
@@ -27,6 +29,7 @@ T = TypeVar("T")
 Endpoint = Callable[[Request], Awaitable[Response]]
 Handler = Callable[[dict[str, Any]], Awaitable[Response]]
 _OWN_HEADER = "x-radard"
+_ABSOLUTE = re.compile(rb"https?://([^/@]+)", re.IGNORECASE)
 _SAFE = {"GET", "HEAD", "OPTIONS"}
 _HEADERS = {
     "Content-Security-Policy": (
@@ -172,6 +175,16 @@ def _shielded(send: Send) -> Send:
     return add
 
 
+def _to_origin_form(scope: Scope) -> None:
+    """Take ``GET http://host/path`` for what it asks: its host counts (RFC 9112, 3.2.2)."""
+    target: bytes = scope["raw_path"]
+    if (found := _ABSOLUTE.match(target)) is not None:
+        headers = [pair for pair in scope["headers"] if pair[0] != b"host"]
+        scope["headers"] = [*headers, (b"host", found[1])]
+        scope["raw_path"] = target[found.end() :] or b"/"
+        scope["path"] = unquote(scope["raw_path"].decode("ascii"))
+
+
 class SecurityMiddleware:
     """The checks as ASGI middleware around an application."""
 
@@ -181,6 +194,8 @@ class SecurityMiddleware:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Let a request pass, or answer it."""
+        if scope["type"] in {"http", "websocket"}:
+            _to_origin_form(scope)
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
