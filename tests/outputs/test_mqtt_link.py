@@ -193,6 +193,16 @@ def test_what_a_broker_refuses_is_not_delivered_and_said(strict):
         link.link.close(1.0)
 
 
+def test_a_rival_that_comes_late_is_said_and_not_met_ever_more_often(strict, monkeypatch, caplog):
+    """Before, only one that came within five seconds was, and each then came sooner again."""
+    monkeypatch.setattr("radard.outputs.mqtt.link._SHORT_S", 0.0)
+    made, sink = strict()
+    wait_for(lambda: sink.state.is_ok)
+    made.lines[0].sendall(bytes([0xE0, 2, 0x8E, 0]))  # DISCONNECT, session taken over
+    wait_for(lambda: len(made.lines) > 1)
+    assert "taken over; is another client called" in caplog.text
+
+
 def test_a_broker_that_keeps_nothing_still_gets_events(strict):
     made, sink = strict(retains=False)
     wait_for(lambda: sink.state.is_ok)

@@ -85,12 +85,15 @@ class _Poster:
         except ConfigError as err:
             raise DeliveryError(str(err)) from err
         except (OSError, ValueError, http.client.HTTPException) as err:
-            # ValueError: `_hang_up` closed the connection while TLS was reading.
-            is_late = time.monotonic() - began_s >= self._section.timeout_s
-            if isinstance(err, http.client.HTTPException):
+            # What `_hang_up` has closed may be any of them, of TLS a ValueError.
+            if time.monotonic() - began_s >= self._section.timeout_s:
+                msg = LATE
+            elif isinstance(err, http.client.RemoteDisconnected):
+                msg = "the server closes the connection without an answer"
+            elif isinstance(err, http.client.HTTPException):
                 msg = f"not an HTTP answer: {type(err).__name__}"
             else:
-                msg = LATE if is_late else f"cannot connect: {explain(err)}"
+                msg = f"cannot connect: {explain(err)}"
             raise DeliveryError(msg) from err
         if not 200 <= code < 300:
             msg = f"the server answers {code} {http.client.responses.get(code, '')}"

@@ -31,6 +31,7 @@ _SHORT_S = 5.0  # a connection as short as this hints at a second client of this
 _MAX_UNSENT = 50  # messages of QoS 0: a minute of decisions
 _STANDS_STILL = "the output's own thread stands still"
 _UNSUPPORTED = "Unsupported protocol version"
+_TAKEN_OVER = "Session taken over"
 _NO_RETAIN = "Retain not supported"
 _NO_ANSWER = "no answer; is it an MQTT broker?"
 _HEAD = 12  # bytes of a packet beside topic and payload, at most
@@ -255,7 +256,8 @@ class MqttLink:
             if self._is_unanswered and self._other_protocol() == paho.MQTTv311:
                 continue
             is_short = time.monotonic() - began_s < _SHORT_S and self._is_alive()
-            if was_up and not is_to_blame and is_short:
+            # MQTT 5 says it, and a rival that waits for long would else be met ever more often.
+            if was_up and not is_to_blame and (is_short or _TAKEN_OVER in self._reason):
                 self._reason += f"; is another client called '{self._broker.client_id}'?"
             elif was_up:
                 self._backoff.reset()
