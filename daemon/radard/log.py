@@ -15,7 +15,7 @@ import threading
 import time
 import uuid
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from radard.log_cursor import Cursor, Entry, Place, Record, Wants
@@ -46,9 +46,15 @@ class EventLog:
     """Keep the last `max_events` records in order, in memory and in a file; for any thread."""
 
     def __init__(
-        self, path: Path | None, *, max_events: int = 10_000, keeps_events: bool = True
+        self,
+        path: Path | None,
+        *,
+        max_events: int = 10_000,
+        keeps_events: bool = True,
+        lock: Callable[[Path], None] = lambda _folder: None,
     ) -> None:
         self._path = path
+        self._lock = lock  # the folder against a second daemon; raises OSError if there is one
         self.max_events = max_events
         self._keeps_events = keeps_events
         self._id = uuid.uuid4().hex[:12]
@@ -61,6 +67,7 @@ class EventLog:
         self._places: dict[str, Place] = {}
         self._kept: dict[str, str] = {}
         self._held: dict[str, str] = {}
+        self._on: dict[str, Record] = {}  # the last phase of events that have not ended
         self._moved: set[str] = set()
         self._is_loaded = path is None
         self._db: sqlite3.Connection | None = None
@@ -91,6 +98,7 @@ class EventLog:
             key = f"{self._id}-{self._last}"
             entry = Entry(self._last, key, time.monotonic(), json.dumps(dict(record)))
             self._entries.append(entry)
+            self._note(record)
             n = self._ask() if self._keeps_events else 0
         self._wait(n, _WAIT_S)
         with self._changed:
@@ -132,6 +140,11 @@ class EventLog:
             entries = list(self._entries)
         return fold_events(entry.record for entry in entries)
 
+    def open_events(self) -> list[Record]:
+        """Return the last phase of every event that has not ended, also in an earlier run."""
+        with self._changed:
+            return list(self._on.values())
+
     def keep(self, name: str, text: str) -> None:
         """Keep a text over restarts in place of an earlier one; returns as `append` does."""
         with self._changed:
@@ -160,6 +173,13 @@ class EventLog:
             self._changed.notify_all()
         if self._writer.ident is not None:
             self._writer.join(_CLOSE_S)
+
+    def _note(self, record: Record) -> None:
+        """Note which events are on; under the lock."""
+        if record["type"] == "event":
+            self._on.pop(record["id"], None)
+            if record["phase"] != "end":
+                self._on[record["id"]] = record
 
     def _has_moved(self, name: str) -> None:
         """Let the place of a cursor be written soon; under the lock."""
@@ -260,6 +280,7 @@ class EventLog:
             # Another one may be there, as of a disk that was mounted late.
             self._is_loaded = False
         if self._db is None:
+            self._lock(path.parent)
             self._db = open_log_file(path)
             self._files = files_of(path)
         if not self._is_loaded:
@@ -325,6 +346,9 @@ class EventLog:
             self._last += last
             self.told += last
             self._entries.extendleft(reversed(entries))
+            self._on.clear()
+            for entry in self._entries:
+                self._note(entry.record)
             self._places = places
             self._held = dict(kept)
             self._kept = {**kept, **self._kept}

@@ -11,13 +11,16 @@ import pytest
 from radard import cli
 from radard.config.config import load_config
 from radard.config.credentials import redact
-from radard.config.directories import runtime_dir, state_lock
+from radard.config.directories import _locked, lock_again, runtime_dir, state_lock
 from radard.detect.calibration import Calibration, load_calibration
 from radard.errors import ConfigError
 from radard.judge.bundle import load_bundle, sidecar_path
+from radard.log import EventLog
+from radard.log_file import read_events
 from radard.web.labels import FORMAT, read_labels
 from tests.bodies.test_recorded import BVH
 from tests.processes import started
+from tests.sink_helpers import event
 from x2radar.atomic import whole_file, write_atomically
 from x2radar.sim.scene.scene import load_scene
 
@@ -60,6 +63,26 @@ def test_the_lock_ends_with_a_process_that_is_killed(tmp_path):
             other.kill()
     with state_lock(config):
         pass
+
+
+def test_a_folder_that_is_made_anew_is_locked_again(tmp_path):
+    """Before, a second daemon began there, and both wrote into one log without a word."""
+    folder = tmp_path / "state"
+    config = configured(folder)
+    with state_lock(config):
+        log = EventLog(folder / "log.db", lock=lock_again)
+        folder.rename(tmp_path / "away")
+        log.append(event())
+        with pytest.raises(ConfigError, match="another radard"), state_lock(config):
+            pass
+        folder.rename(tmp_path / "away again")
+        # As another process does.
+        other = _locked(folder)
+        log.append(event(2))
+        assert "another radard" in log.fault
+        os.close(other)
+        log.close()
+    assert [each.phase for each in read_events(folder / "log.db")] == ["new", "new"]
 
 
 def test_what_keeps_nothing_there_needs_no_lock(tmp_path):

@@ -9,11 +9,13 @@ import yaml
 from radard.config.config import load_config, load_with_origins
 from radard.errors import UsageError
 from radard.health.status_file import read_status, status_path
+from radard.log import EventLog
 from radard.run.sensor import Sensor
 from radard.stream.source import LiveSource
 from tests.daemon_helpers import told
 from tests.device_helpers import plugged
 from tests.radar_helpers import decisions, records_in, run_radard, stable, states
+from tests.sink_helpers import event, ulid
 from tests.waiting import free_port, wait_for
 from tests.web_helpers import HEADERS, ask, wait
 
@@ -325,6 +327,25 @@ def test_an_alarm_ends_with_a_radar_that_a_reload_takes_away(tmp_path, launch):
     rows = of(map(json.loads, out.read_text().splitlines()), "attic")
     last = [r for r in rows if r["type"] == "event" and r["kind"] == "alarm"][-1]
     assert (last["phase"], last["reason"]) == ("end", "taken away by a reload")
+
+
+def test_what_an_earlier_run_has_left_open_ends_with_the_next(tmp_path, launch):
+    """Before, a fault or tamper that a kill had left open never ended at any output."""
+    out, log = tmp_path / "out.jsonl", EventLog(tmp_path / "state" / "log.db")
+    left = [("hall", "fault", True), ("gone", "tamper", True), ("hall", "alarm", False)]
+    for k, (sensor, kind, is_simulated) in enumerate(left):
+        mark = {"simulated": True} if is_simulated else {}
+        log.append({**event(k, kind=kind), "sensor": sensor, **mark})
+    log.close()
+    daemon = launch(sensors=ROOMS, output=[f"json:{out}"])
+    wait_for(lambda: out.exists() and out.read_text().count('"event"') >= len(left))
+    assert daemon.stop() == 0
+    ends = [r for r in map(json.loads, out.read_text().splitlines()) if r["type"] == "event"]
+    found = {(r["id"], r["phase"], r["sensor"], r.get("simulated", False)) for r in ends}
+    assert found == {(ulid(k), "end", of, mark) for k, (of, _, mark) in enumerate(left)}
+    again = EventLog(tmp_path / "state" / "log.db")
+    assert again.open_events() == [] == [e.id for e in again.events() if e.phase != "end"]
+    again.close()
 
 
 def test_a_reload_begins_a_radar_again_whose_port_is_another(launch, broker, listen):

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 SYSTEM_RUNTIME_DIR = Path("/run/radard")  # RuntimeDirectory= of the unit in deploy/systemd
 SYSTEM_STATE_DIR = Path("/var/lib/radard")  # StateDirectory= of the same
 log = logging.getLogger("radard")
+_OTHER = "another radard uses this state directory"
+_held: dict[Path, int] = {}  # folders that this process has locked
 
 
 def named_state_dir(config: "Config", environ: Mapping[str, str] = os.environ) -> Path | None:
@@ -177,18 +179,32 @@ def state_lock(config: "Config", environ: Mapping[str, str] = os.environ) -> Ite
         yield
         return
     folder = path.parent
-    with contextlib.ExitStack() as stack:
-        try:
-            fd = _locked(folder)
-        except BlockingIOError as err:
-            msg = f"{folder}: another radard uses this state directory; stop it, or name another "
-            msg += "folder in service.state_dir (RADARD_SERVICE__STATE_DIR)"
-            raise ConfigError(msg) from err
-        except OSError as err:
-            log.warning("%s: not locked against a second radard: %s", folder, err.strerror or err)
-        else:
-            stack.callback(os.close, fd)
+    try:
+        _held[folder] = _locked(folder)
+    except BlockingIOError as err:
+        msg = f"{folder}: {_OTHER}; stop it, or name another folder in service.state_dir "
+        raise ConfigError(f"{msg}(RADARD_SERVICE__STATE_DIR)") from err
+    except OSError as err:
+        log.warning("%s: not locked against a second radard: %s", folder, err.strerror or err)
+    try:
         yield
+    finally:
+        if (fd := _held.pop(folder, None)) is not None:
+            os.close(fd)
+
+
+def lock_again(folder: Path) -> None:
+    """Lock a folder that was made anew since `state_lock`; OSError while another daemon does."""
+    if (fd := _held.get(folder)) is None:
+        return
+    with contextlib.suppress(OSError):
+        if os.path.samestat(os.fstat(fd), folder.stat()):
+            return
+    try:
+        _held[folder] = _locked(folder)
+    except BlockingIOError as err:
+        raise OSError(err.errno, _OTHER) from err
+    os.close(fd)
 
 
 def _locked(folder: Path) -> int:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from radard.config.config import Config
 from radard.config.credentials import redact
-from radard.config.directories import log_path
+from radard.config.directories import lock_again, log_path
 from radard.config.sink_table import SinkOptions, find_row
 from radard.errors import UsageError
 from radard.log import EventLog
@@ -118,7 +118,7 @@ class Outputs:
         self.can_wait, self._config = can_wait, config
         # At full speed nothing is left for the next run but how the sensor is armed.
         path, most = log_path(config), config.log.max_events
-        self.log = EventLog(path, max_events=most, keeps_events=not can_wait)
+        self.log = EventLog(path, max_events=most, keeps_events=not can_wait, lock=lock_again)
         try:
             for name, sensor in wanted:
                 read, sink = _read_by(name, config), self._make(name, sensor)

@@ -5,7 +5,7 @@ The contract is `output.schema.json` beside this file. Wall-clock fields are `ti
 """
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from radard.alarm.events import Event
@@ -21,6 +21,7 @@ from x2radar.wall_clock import utc_text
 
 SCHEMA = 1  # of output.schema.json
 _OF_AXIS = ("kind", "n_range", "bin_length_m", "range_offset_m", "carrier_hz")
+_LEFT = "radard was started again"
 Record = dict[str, Any]
 
 
@@ -94,6 +95,12 @@ def event_record(event: Event) -> Record:
         "clip": event.clip,
         **({"test": True} if event.is_trial else {}),
     }
+
+
+def ended_record(record: Mapping[str, Any]) -> Record:
+    """Return the line of the end of an event that a run before this one has left."""
+    times = {"t_s": 0.0, "time": utc_text(), "start_t_s": 0.0, "end_t_s": 0.0}
+    return {**record, "phase": "end", **times, "reason": f"{record['reason']}; {_LEFT}"}
 
 
 def status_record(status: Status) -> Record:

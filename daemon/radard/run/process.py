@@ -18,6 +18,7 @@ from radard.errors import RadardError, UsageError
 from radard.health.heartbeat import Heartbeat, Notifier, Watched
 from radard.health.status_file import status_path
 from radard.outputs.fanout import Outputs
+from radard.outputs.records import ended_record
 from radard.outputs.registry import SinkWatch
 from radard.run.control import ControlServer
 from radard.run.keeper import MAX_AT_ONCE, Keeper
@@ -121,6 +122,9 @@ class Process:
             can_wait = all(sensor.can_wait for sensor in self.sensors)
             if not self._outputs.is_open:
                 self._outputs.open(self._config, can_wait=can_wait)
+                for record in self._outputs.log.open_events():
+                    if not any(sensor.owns(record) for sensor in self.sensors):
+                        self._outputs.put(ended_record(record))
                 if self._config.service.state_dir == own_folder():
                     logging.getLogger("radard.dashboard").info(_ENDS_WITH_IT)
                 self._heart.main_is_alive()

@@ -21,9 +21,17 @@ from radard.config.quiet_hours import recorded_clock, wall_clock
 from radard.errors import UsageError
 from radard.health.health import STALE_S, Health, Status
 from radard.judge.classifier import Classifier
+from radard.log_file import MARKS
 from radard.outputs.base import COMMANDS, Sink
 from radard.outputs.fanout import Outputs
-from radard.outputs.records import Record, event_record, hello_record, marked, status_record
+from radard.outputs.records import (
+    Record,
+    ended_record,
+    event_record,
+    hello_record,
+    marked,
+    status_record,
+)
 from radard.outputs.registry import tried
 from radard.pipeline import Pipeline
 from radard.run.components import (
@@ -170,6 +178,12 @@ class Sensor:
             self.recent = (*self.recent[1 - _RECENT :], record)
         return self._outputs.put(marked(record, self.mark()), name, waits=waits)
 
+    def owns(self, record: Mapping[str, object]) -> bool:
+        """Return whether an event of this run or of an earlier one is of this radar."""
+        name = self.sensor if self._config.is_one_of_several else None
+        mark = next((mark for mark in MARKS if record.get(mark)), "")
+        return record.get("sensor") == name and mark == self.mark()
+
     def tell(self, status: Status | None) -> None:
         """Hand on a change of state, not before the `hello`, not waiting for the outputs."""
         if status is not None and (self._has_said_hello or self._config.is_one_of_several):
@@ -250,6 +264,10 @@ class Sensor:
         self.put(hello)
         self._has_said_hello = True
         self.put(status_record(self.health.status))
+        kept = {event.id for event in worker.tracker.open_events.values()}
+        for record in self._outputs.log.open_events():
+            if self.owns(record) and record["id"] not in kept:
+                self.put(ended_record(record))
         return worker
 
     def start(self, opened: OpenedSensor, on_over: Callable[[], object]) -> RunningSensor:
