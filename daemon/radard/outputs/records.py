@@ -21,7 +21,7 @@ from x2radar.wall_clock import utc_text
 
 SCHEMA = 1  # of output.schema.json
 _OF_AXIS = ("kind", "n_range", "bin_length_m", "range_offset_m", "carrier_hz")
-_LEFT = "radard was started again"
+_LEFT = "a new run has begun"
 Record = dict[str, Any]
 
 
