@@ -109,11 +109,11 @@ def open_sink(url, options=None, *, state_dir=None, **context):
 
 
 class MqttBroker:
-    """amqtt in a process; on one port, with stops; `plugins` are more of its plug-ins."""
+    """amqtt in a process; on one port, with stops."""
 
-    def __init__(self, folder: Path, *, cert=None, auth=False, plugins=()):
+    def __init__(self, folder: Path, *, cert=None, auth=False):
         self.port = free_port()
-        self._folder, self._cert, self._auth, self._plugins = folder, cert, auth, dict(plugins)
+        self._folder, self._cert, self._auth = folder, cert, auth
         self.start()
 
     def stop(self):
@@ -134,7 +134,6 @@ class MqttBroker:
             words = self._folder / "passwords"
             words.write_text(f"{USER}:{Argon2Hasher().hash(PASSWORD)}\n")
             plugins = {f"{kinds}FileAuthPlugin": {"password_file": str(words)}}
-        plugins |= self._plugins
         config = {"listeners": {"default": listener}, "plugins": plugins}
         self.process = subprocess.Popen(
             [sys.executable, "-m", "tests.mqtt_broker", json.dumps(config)],
@@ -239,17 +238,6 @@ class Relay:
                 with contextlib.suppress(OSError):
                     end.shutdown(socket.SHUT_RDWR)
                 end.close()
-
-
-class Silent:
-    """A TCP server that takes connections and never says a word."""
-
-    def __init__(self):
-        self._server = socket.create_server(("127.0.0.1", 0))
-        self.port = self._server.getsockname()[1]
-
-    def close(self):
-        self._server.close()
 
 
 class WebServer:

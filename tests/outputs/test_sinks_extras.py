@@ -11,8 +11,9 @@ from radard.config.sink_table import AppriseSection, SinkOptions
 from radard.errors import ConfigError, UsageError
 from radard.outputs.apprise import message_of
 from radard.outputs.lsl import CHANNELS
+from tests import web_helpers
 from tests.processes import ran
-from tests.sink_helpers import QUICK, event, open_sink
+from tests.sink_helpers import QUICK, decision, event, open_sink, status
 from tests.waiting import wait_for
 
 pytestmark = pytest.mark.integration
@@ -135,23 +136,10 @@ close_sinks([sink])
 """
 
 
-def decision(**changes):
-    own = dict.fromkeys(CHANNELS)
-    own |= {"type": "decision", "gate": "closed", "alarm": False, "latency_ms": None}
-    own |= {"power_db": -40.5, "threshold_db": -30.25}
-    return own | changes
-
-
-OPEN = decision(
-    gate="open",
-    alarm=True,
-    latency_ms=2500.0,
-    **{name: 0.125 for name in CHANNELS if "p_" in name},
-    range_m=2.5,
-)
-INVALID = decision(gate="invalid", power_db=None, threshold_db=None)
-EVENT = {"type": "event", "id": "01H", "kind": "alarm", "phase": "new"}
-STATUS = {"type": "status", "state": "online", "reason": ""}
+CHANCES = {name: 0.125 for name in CHANNELS if "p_" in name}
+OPEN = decision(latency_ms=2500.0, power_db=-40.5, threshold_db=-30.25, range_m=2.5, **CHANCES)
+CLOSED = web_helpers.decision(latency_ms=None)
+INVALID = CLOSED | {"gate": "invalid", "power_db": None, "threshold_db": None}
 
 
 @pytest.mark.parametrize("is_named", [True, False])
@@ -162,7 +150,7 @@ def test_pylsl_receives_decisions_and_events(tmp_path, monkeypatch, is_named):
         f"[lab]\nSessionID = {session}\n[multicast]\nResolveScope = machine\n[log]\nlevel = -1\n"
     )
     monkeypatch.setenv("LSLAPICFG", str(config))
-    records = [STATUS, OPEN, decision(), INVALID, EVENT]
+    records = [status("online"), OPEN, CLOSED, INVALID, event()]
     output = "lsl:lab" if is_named else "lsl:"
     done = ran("-c", _PROGRAM, output, json.dumps(records))
     assert done.returncode == 0, done.stderr
@@ -171,7 +159,7 @@ def test_pylsl_receives_decisions_and_events(tmp_path, monkeypatch, is_named):
     assert told["types"] == ["Radar", "Markers"]
     assert told["rate"] == 1.0
     assert told["state"] == "ok"
-    assert json.loads(told["event"]) == EVENT
+    assert json.loads(told["event"]) == event()
     first, second, third = told["samples"]
     assert first == [1.0, 1.0, *[0.125] * 6, -40.5, -30.25, 2.5]
     assert second[:2] == [0.0, 0.0]
