@@ -72,11 +72,6 @@ def test_within_the_bounds_it_is_the_discounted_product_in_any_order(discount):
         np.testing.assert_allclose(made, reference, rtol=1e-12)
 
 
-def test_one_independent_window_is_what_it_says():
-    made = fused([window(0.7, 0.2, 0.1)], discount=1.0)[-1]
-    np.testing.assert_allclose(made, [0.7, 0.2, 0.1], rtol=1e-12)
-
-
 def test_a_pet_of_minutes_is_outvoted_by_a_person_as_fast_as_one_of_seconds():
     pet, person = window(0.02, 0.97, 0.01), window(0.97, 0.02, 0.01)
     after = [fused([pet] * n + [person] * 6)[n:] for n in (4, 600)]
@@ -102,11 +97,8 @@ def test_networks_of_two_classes_keep_other_at_zero():
     [
         ({"speed": 1}, "evidence.speed: unknown key"),
         ({"discount": 0}, "evidence.discount: .*greater than or equal to 0.001 .got 0"),
-        ({"discount": 1.1}, "evidence.discount"),
-        ({"most": 1.3}, "evidence.most"),
         ({"most": float("nan")}, "evidence.most"),
         ({"most": float("inf")}, "evidence.most"),
-        ({"prior_human": -11}, "evidence.prior_human"),
         ({"human_limit": True}, "evidence.human_limit: .*valid number .got True"),
         ({"human_limit": "0.8"}, "valid number"),
     ],
@@ -197,7 +189,7 @@ def test_the_wait_begins_anew_with_the_next_body(forget):
     assert [verdict.judge(unsure, t)[0] for t in (4, 6, 7)] == ["pending", "pending", "human"]
 
 
-@pytest.mark.parametrize("rate_hz", [28.0, 30.5, 60.0, 117.3])
+@pytest.mark.parametrize("rate_hz", [14.5, 28.0, 30.5, 60.0, 117.3])
 def test_the_wait_is_as_long_wherever_in_the_stream_it_begins(rate_hz):
     unsure = window(0.5, 0.5, 0.0)
     shape = DwellShape.of(dwell_s=2.0, hop_s=1.0, frame_rate_hz=rate_hz, n_cpi=28)
@@ -206,28 +198,6 @@ def test_the_wait_is_as_long_wherever_in_the_stream_it_begins(rate_hz):
         verdict = Verdict(0.8, 0.8, 3.0)
         times = [end / rate_hz for end in ends[first : first + 5]]
         assert [verdict.judge(unsure, t)[1] for t in times] == [False] * 3 + [True] * 2
-
-
-def test_only_stream_time_counts(monkeypatch):
-    def nobody_asks():
-        pytest.fail("a clock was read")
-
-    for clock in ("time", "monotonic", "perf_counter"):
-        monkeypatch.setattr(f"time.{clock}", nobody_asks)
-    late, early = Verdict(0.8, 0.8, 3.0), Verdict(0.8, 0.8, 3.0)
-    unsure = window(0.5, 0.5, 0.0)
-    steps = (0.0, 1.0, 2.0, 3.0)
-    a = [early.judge(unsure, t) for t in steps]
-    b = [late.judge(unsure, 1e6 + t) for t in steps]
-    monkeypatch.undo()
-    assert a == b
-
-
-def test_three_hops_of_the_slowest_stream_are_three_seconds():
-    # At 14.5 Hz dwells end up to a frame (0.069 s) early.
-    verdict = Verdict(0.8, 0.65, 3.0)
-    unsure = window(0.4, 0.4, 0.2)
-    assert [verdict.judge(unsure, t)[0] for t in (0, 1, 2, 2.932)] == ["pending"] * 3 + ["human"]
 
 
 def test_a_temporal_head_answers_instead_of_the_sum():
@@ -275,17 +245,17 @@ def test_a_memory_goes_on_from_the_window_about_a_second_before(hop_s, apart):
     assert evidence.hidden is None
 
 
-@pytest.mark.parametrize(("hop_s", "discount"), [(0.25, 0.1), (1.0, 0.4), (2.0, 0.8)])
-def test_a_second_of_windows_counts_as_much_at_any_hop(hop_s, discount):
+@pytest.mark.parametrize(
+    ("hop_s", "own", "discount"),
+    [(0.25, 0.4, 0.1), (1.0, 0.4, 0.4), (2.0, 0.4, 0.8), (1.0, 1.0, 1.0), (2.0, 0.6, 1.0)],
+)
+def test_a_second_counts_as_much_at_any_hop_and_no_window_for_more_than_itself(
+    hop_s, own, discount
+):
     window = Probabilities(0.6, 0.4, 0.0)
-    found = Evidence(EvidenceSettings(discount=0.4), hop_s).add(window)
+    found = Evidence(EvidenceSettings(discount=own), hop_s).add(window)
     share = 0.6**discount / (0.6**discount + 0.4**discount)
     assert found.human == pytest.approx(share, rel=1e-12)
-
-
-def test_no_window_counts_for_more_than_itself():
-    window = Probabilities(0.6, 0.4, 0.0)
-    assert Evidence(EvidenceSettings(discount=0.6), 2.0).add(window).human == pytest.approx(0.6)
 
 
 def visit(evidence, p_human, t_s, range_m, windows=3):
