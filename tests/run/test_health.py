@@ -26,16 +26,6 @@ class Clock:
         return self.now_s
 
 
-@pytest.fixture
-def clock():
-    return Clock()
-
-
-@pytest.fixture
-def health(clock):
-    return Health(stale_s=STALE_S, clock=clock)
-
-
 class HealthMachine(RuleBasedStateMachine):
     """Whatever happens to a stream; the model looks through all of it each time."""
 
@@ -185,14 +175,16 @@ def test_several_states_make_one(states, whole, reason):
     assert overall(healths) == Status(whole, reason)
 
 
-def test_an_output_in_trouble_does_not_hide_that_a_run_is_over(health):
+def test_an_output_in_trouble_does_not_hide_that_a_run_is_over():
     """100,000 steps of the machine found it: a run that ended was told as degraded."""
+    health = Health(stale_s=STALE_S)
     health.complain("clips", "full")
     assert health.on_end("over") == Status("offline", "over")
     assert health.on_end("again") is None
 
 
-def test_the_watchdog_is_fed_for_all_that_go_on(clock):
+def test_the_watchdog_is_fed_for_all_that_go_on():
+    clock = Clock()
     fresh, away, over = (Health(stale_s=STALE_S, clock=clock) for _ in range(3))
     fresh.on_decision(decision(1, t_mono_s=clock.now_s))
     away.on_failure("it broke")

@@ -18,7 +18,8 @@ from radard.judge.bundle import load_bundle
 from radard.judge.model_choice import OF_ONE_MODULE, model_for
 from radard.run.components import classifier_for, make_classifier
 from tests.alarm_helpers import write_recording
-from tests.radar_helpers import noise, run_radard
+from tests.dsp_reference import X4
+from tests.radar_helpers import noise
 from tests.sim_helpers import axis_with
 from x2radar.frame import StreamInfo
 
@@ -155,9 +156,6 @@ def test_explain_tells_the_price(capsys):
 
 
 X2 = axis_with("rf", 768, 0.00366, 0.6, sample_rate_hz=0.0)
-X4 = axis_with(
-    "baseband", 90, 0.0514, 0.18, carrier_hz=7.29e9, bandwidth_hz=1.4e9, sample_rate_hz=0.0
-)
 UPPER_X4 = replace(X4, carrier_hz=8.748e9)
 
 
@@ -199,16 +197,6 @@ def test_a_classifier_is_made_anew_only_where_another_is_meant():
     assert classifier_for(stream(X4), named, asked) is asked
     alone = load_config(environ={}, options={"model": {"name": "none"}})
     assert classifier_for(stream(X4), alone, make_classifier(alone)) is None
-
-
-def test_a_recording_is_judged_by_what_judged_it_live(tmp_path):
-    path = tmp_path / "x4.h5"
-    live = ("--port", "sim:human?device=x4m03&rate=40", "--speed", "max", "--duration", "6")
-    code, records, errors = run_radard(*live, "--record", str(path))
-    assert code == 0, errors
-    code, again, errors = run_radard("--port", f"replay:{path}")
-    assert code == 0, errors
-    assert records[0]["model"] == again[0]["model"] == DEFAULT_MODEL
 
 
 def test_radars_with_the_same_bundle_share_its_network(tmp_path):

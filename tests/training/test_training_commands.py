@@ -7,7 +7,6 @@ import pytest
 
 from radard.config.sections import GateSettings
 from radard.judge.bundle import load_bundle
-from tests.radar_helpers import faults, run_radard
 from tests.training_helpers import one_line, toy, write_set
 from x2train.cli import main
 from x2train.judge.table import PassageTable
@@ -80,20 +79,6 @@ def test_evaluate_judges_it(bundle, tmp_path, capsys, monkeypatch):
     )
     assert main(["evaluate", *small, "--out", str(tmp_path / "a")]) == 2
     assert "judges_as" in one_line(capsys)
-
-
-def test_radard_runs_it_and_every_record_keeps_the_contract(bundle):
-    argv = ("--port", "sim:human", "--model", str(bundle), "--speed", "max", "-o", "json")
-    code, records, err = run_radard(*argv, "--duration", "16")
-    assert (code, err) == (0, "")
-    assert faults(records) == []
-    opened = [r for r in records if r["type"] == "decision" and r["gate"] == "open"]
-    assert opened
-    for record in opened:
-        total = sum(record[f"fused_p_{name}"] for name in ("human", "pet", "other"))
-        assert total == pytest.approx(1, abs=1e-3)
-        assert record["label"] in {"human", "pet", "other", "pending"}
-    assert any(r["fused_p_human"] != r["p_human"] for r in opened)
 
 
 @pytest.mark.parametrize(
