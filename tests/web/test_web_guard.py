@@ -23,9 +23,6 @@ VIEWER, OPERATOR = "look-but-not-touch", "may-arm-and-disarm"
 ANYWHERE = "0.0.0.0"  # noqa: S104 - with a token
 
 
-# Addresses and tokens -----------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     "host", ["127.0.0.1", "127.8.9.1", "::ffff:127.0.0.1", "::1", "localhost", "LOCALHOST"]
 )
@@ -117,9 +114,6 @@ def test_tokens_are_compared_in_constant_time(monkeypatch):
         guard.log_in(token, "")
         # Both, whichever it is.
         assert compared == [OPERATOR.encode(), VIEWER.encode()]
-
-
-# Loopback -----------------------------------------------------------------------------------
 
 
 def test_on_loopback_everybody_is_the_operator_and_unknown_commands_reach_nobody(client):
@@ -282,9 +276,6 @@ def test_only_the_pages_own_files_are_served_and_every_answer_shields_the_page(c
         assert "server" not in answer.headers
 
 
-# Tokens -------------------------------------------------------------------------------------
-
-
 def bearer(token):
     return {"Authorization": f"Bearer {token}"}
 
@@ -340,9 +331,6 @@ def test_no_secret_is_shown(make, caplog):
             assert secret not in text
     post(client, "/api/v1/login", {"token": "a wrong, typed token"})
     assert "a wrong" not in caplog.text
-
-
-# Answers ------------------------------------------------------------------------------------
 
 
 def test_decisions_and_reasons(client):

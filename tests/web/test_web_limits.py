@@ -68,9 +68,6 @@ def ask_from(address, client, path):
         return line.getresponse().status
 
 
-# Connections --------------------------------------------------------------------------------
-
-
 @pytest.mark.integration
 @pytest.mark.parametrize("address", ["127.0.0.1", STRANGER])
 def test_half_open_connections_keep_nobody_out(make, half_open, strangers, address):
@@ -146,8 +143,6 @@ def test_a_page_stays_connected_beyond_the_time_for_a_header(make, monkeypatch):
             pass
 
 
-# Numbers and bodies -------------------------------------------------------------------------
-
 LONG = "9" * 5000
 
 
@@ -196,9 +191,6 @@ def test_lengths_of_bodies_that_are_no_numbers(make):
             status = 400
         assert status in {400, 413}
     assert client.run.asked == []
-
-
-# Nothing changes by looking -------------------------------------------------------------------
 
 
 def test_no_get_changes_anything(client):

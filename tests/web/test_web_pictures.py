@@ -115,9 +115,6 @@ def test_bytes_hold_what_the_page_reads():
     assert list(gait[HEAD.size :]) == [0, 3, 1, 4, 2, 5]
 
 
-# The ring and the picture thread ----------------------------------------------------------------
-
-
 def ring_of(samples):
     """A ring that nobody takes dwells from, full of frames, with what was put into it."""
     ring = copy_ring(60, RATE_HZ)
