@@ -3,6 +3,7 @@
 A mapping that has a key twice is refused: PyYAML would drop the first of the two without a word.
 """
 
+from pathlib import Path
 from typing import Any
 
 import yaml
@@ -21,10 +22,16 @@ class YamlError(ValueError):
         self.line = line  # counted from 1; None if it is of no line alone
 
 
+def read_document(path: Path) -> str:
+    """Return the text of a file, of one that is too long no more than shows that."""
+    with path.open(encoding="utf-8-sig") as file:
+        return file.read(MAX_CHARACTERS + 1)
+
+
 def compose_yaml(text: str) -> yaml.Node | None:
     """Return the node tree of a YAML document, None of an empty one; or YamlError."""
     if len(text) > MAX_CHARACTERS:
-        raise YamlError(f"{len(text)} characters, at most {MAX_CHARACTERS} are read")
+        raise YamlError(f"longer than the {MAX_CHARACTERS} characters that are read")
     try:
         node: yaml.Node | None = yaml.compose(text, yaml.SafeLoader)
         if node is not None:

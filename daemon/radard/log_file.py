@@ -295,7 +295,7 @@ def parse_since(text: str, now_s: float) -> float:
     try:
         return _seconds(text)
     except ValueError as err:
-        msg = f"--since '{text}': use 30min, 24h, 7d or a date like 2026-11-21T06:00"
+        msg = f"since '{text}': use 30min, 24h, 7d or a date like 2026-11-21T06:00"
         raise UsageError(msg) from err
 
 

@@ -61,7 +61,7 @@ BOMB = "a: &a [1, 1]\n" + "".join(
         (BOMB, f"more than {MAX_NODES} values"),
         ("a: &a [*a]", "an alias to what it stands in"),
         ("a: " + "1" * 20_000, "a value of 20000 characters"),
-        ("#" * 300_000, "at most"),
+        ("#" * 300_000, "longer than the"),
         ("[" * 5000, "nested too deeply"),
         ("a: 2026-13-45", "does not suit its tag or kind"),
         ("!!int {a: 1}", "expected a scalar node"),
@@ -80,6 +80,18 @@ def test_what_is_no_yaml_or_too_much_is_one_kind_of_error(text, problem):
     with pytest.raises(YamlError, match=problem) as caught:
         load_yaml(text)
     assert "\n" not in str(caught.value)
+
+
+def test_a_file_without_an_end_is_refused(tmp_path):
+    """As a recording that was named by mistake: all of it was read first."""
+    path = tmp_path / "a.yaml"
+    path.symlink_to("/dev/zero")
+    for kind, read in (
+        (ConfigError, load_config),
+        (SceneError, lambda file: load_scene(str(file))),
+    ):
+        with pytest.raises(kind, match="longer than the"):
+            read(path)
 
 
 @given(st.text(alphabet="ab:{}[]&*!-#'\"\n 1<>|%~", max_size=60))

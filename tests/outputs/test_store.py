@@ -178,7 +178,7 @@ def test_events_command_without_a_store_lists_the_daemons_own_log(capsys, tmp_pa
         ([], (2, "no store: give --store FILE")),
         (["--store", "nope.db"], (66, "nope.db: no such store")),
         (["--store", "text.db"], (66, "cannot be read as a store")),
-        (["--store", "text.db", "--since", "soon"], (2, "--since 'soon'")),
+        (["--store", "text.db", "--since", "soon"], (2, "since 'soon'")),
         (["--store", "text.db", "--limit", "0"], (2, "--limit 0")),
     ],
 )

@@ -1,6 +1,7 @@
 import json
 from itertools import product
 
+import h5py
 import numpy as np
 import pytest
 
@@ -100,6 +101,13 @@ def test_raw_counters_are_exact_where_the_samples_came_from_them(tmp_path):
     with open_recording(tmp_path / "out.framelogger") as reader:
         assert "12 bytes behind the frames, which are left out" in reader.warning
         assert reader.n_frames == len(counters)
+
+
+def test_what_is_told_is_how_long_it_lasts(tmp_path):
+    source, _ = make(tmp_path / "in.h5", "rf")
+    with h5py.File(source, "r+") as file:
+        file["frames/t_s"][:] += 1.7e9
+    assert convert(source, tmp_path / "out.npz").duration_s == pytest.approx(2.5, abs=0.02)
 
 
 def test_what_the_command_says_goes_before_the_file(capsys, tmp_path):

@@ -102,8 +102,8 @@ def convert(
                 # Its name is that of the file beside it.
                 raise WriteError.of(out, err.why) from err
             _put_in_place(folder, out)
-        *_, last = reader.blocks(samples=False)
-        duration_s = float(last.t_s[-1]) + 1 / reader.stream.frame_rate_hz
+        times = [block.t_s for block in reader.blocks(samples=False)]
+        duration_s = float(times[-1][-1] - times[0][0]) + 1 / reader.stream.frame_rate_hz
         warnings = [reader.warning] if reader.warning else []
         return Converted(found.name, reader.n_frames, duration_s, (*warnings, *notes))
 

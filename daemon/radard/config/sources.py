@@ -14,7 +14,7 @@ from pydantic import BaseModel
 
 from radard.config.credentials import redact_value
 from radard.errors import ConfigError
-from x2radar.bounded_yaml import YamlError, compose_yaml, construct
+from x2radar.bounded_yaml import YamlError, compose_yaml, construct, read_document
 
 log = logging.getLogger("radard")
 ENV_PREFIX = "RADARD_"
@@ -43,7 +43,7 @@ def put(tree: dict[str, Any], section: str, key: str | None, value: Any) -> None
 def read_yaml(path: Path) -> tuple[dict[str, Any], Places]:
     """Return a file's sections, in texts, and the place of every key; ConfigError if it cannot."""
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_document(path)
     except (OSError, UnicodeDecodeError) as err:
         why = (isinstance(err, OSError) and err.strerror) or "it is not UTF-8"
         raise ConfigError(f"{path}: cannot read the configuration: {why}") from err

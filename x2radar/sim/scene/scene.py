@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from x2radar.bounded_yaml import YamlError, load_yaml
+from x2radar.bounded_yaml import YamlError, load_yaml, read_document
 from x2radar.errors import SceneError
 from x2radar.keys import Key, checked, settings_from
 from x2radar.sim.place.antenna import Antenna
@@ -92,7 +92,7 @@ def load_scene(name: str) -> Scene:
     """Return a scene by built-in name, or from a .yaml or .yml file; or SceneError."""
     if name.endswith((".yaml", ".yml")):
         try:
-            text = Path(name).read_text(encoding="utf-8-sig")
+            text = read_document(Path(name))
         except (OSError, ValueError) as err:
             # ValueError: bytes that are no UTF-8, or a name that no file can have.
             raise SceneError(f"{name}: cannot read the scene file ({err})") from err
