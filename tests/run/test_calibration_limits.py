@@ -19,6 +19,7 @@ from tests.radar_helpers import dwell_of, noise
 from tests.waiting import wait_for
 
 DWELL = dwell_of(noise(60))
+CONFIG = load_config(environ={})
 
 
 def threads():
@@ -65,9 +66,10 @@ def survey_that_waits(monkeypatch, folder):
     made = []
 
     def make(n_dwells, after_s=0):
-        gate = {"calibrate_after_s": after_s, "calibrate_s": float(n_dwells)}
-        options = {"gate": gate, "service": {"state_dir": folder}}
-        config = load_config(environ={}, options=options)
+        told = {"calibrate_after_s": after_s, "calibrate_s": float(n_dwells)}
+        gate = CONFIG.gate.model_copy(update=told)
+        service = CONFIG.service.model_copy(update={"state_dir": folder})
+        config = CONFIG.model_copy(update={"gate": gate, "service": service})
         return RoomCalibration(config, lambda: Provenance(made_utc="now"), 0.0, made.append)
 
     make.made = made
