@@ -84,6 +84,11 @@ def test_labels_may_be_bytes_and_a_start_may_be_unknown(archive, tmp_path):
         assert file.attrs["started_utc"] == ""
 
 
+def test_samples_beyond_single_precision_are_infinite_without_a_word(archive):
+    with open_recording(archive(samples=np.full((N, 8), 1e39 + 0j))) as reader:
+        assert not np.isfinite(next(reader.frames()).samples).any()
+
+
 @pytest.mark.parametrize("form", list(FORMATS))
 @pytest.mark.parametrize("is_named", [True, False])
 def test_a_pipe_is_no_recording_and_nobody_waits_for_it(tmp_path, form, is_named):
