@@ -151,6 +151,15 @@ def virtual(file):
     file.create_virtual_dataset("frames/samples", layout)
 
 
+def packed_by_a_stranger(file):
+    del file[S]
+    made = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    made.set_chunk((1, 64))
+    made.set_filter(32_001, h5py.h5z.FLAG_OPTIONAL, (2, 2, 4, 1))
+    space, kind = h5py.h5s.create_simple((40, 64)), h5py.h5t.py_create(np.dtype("f4"))
+    h5py.h5d.create(file["frames"].id, b"samples", kind, space, made)
+
+
 def long_text(file):
     """Ten thousand labels that share one text of a megabyte."""
     text = h5py.string_dtype()
@@ -182,6 +191,7 @@ S, HUGE = "frames/samples", {"dtype": "c8", "chunks": (60, 64), "compression": "
         ),
         (put(S, shape=(40, 64), dtype="c8", chunks=(1, 64), scaleoffset=None), None),
         (put(S, shape=(40, 64), dtype="i4", chunks=(1, 64), scaleoffset=3), "packed by"),
+        (packed_by_a_stranger, "packed by filter 32001"),
         (put("frames/counter", shape=1 << 40, dtype="u4", chunks=1 << 28), "cannot hold"),
         (put("frames/counter", data=[b"a"] * 40), "no list of numbers"),
         (put("frames/t_s", shape=40, dtype=h5py.ref_dtype), "no list of numbers"),

@@ -136,7 +136,8 @@ class Hdf5File:
             raise refuse(self.path, f"/{name} is empty")
         n_bytes = math.prod(item.shape) * item.dtype.itemsize
         pack = item.id.get_create_plist()
-        filters = [pack.get_filter(k)[3] for k in range(pack.get_nfilters())]
+        found = [pack.get_filter(k) for k in range(pack.get_nfilters())]
+        filters = [name or b"filter %d" % number for number, _, _, name in found]
         packing = [f for f in filters if f not in {b"shuffle", b"fletcher32"}]
         if len(packing) > 1 or not set(packing) <= {b"deflate", b"lzf"}:
             known = b", ".join(filters).decode("utf-8", "replace")
