@@ -11,13 +11,23 @@ import threading
 import pytest
 
 from radard.config.sink_table import MqttSection, SinkOptions
+from radard.outputs import jsonl, store
 from tests import sink_helpers as far
 from tests.sink_helpers import QUICK, Listener, WebServer, decision, event, hello, ulid
 from tests.waiting import free_port, wait_for
+from x2radar.backoff import Backoff
 
 pytestmark = pytest.mark.integration
 
 OPTIONS = SinkOptions(log=QUICK, mqtt=MqttSection(keepalive_s=1, discovery="off"))
+
+
+@pytest.fixture(autouse=True)
+def soon(monkeypatch):
+    """Let files be tried again as soon as what lies behind a network."""
+    for module in (jsonl, store):
+        quick = lambda _first_s, _longest_s, name: Backoff(0.02, 0.05, name)  # noqa: E731
+        monkeypatch.setattr(module, "Backoff", quick)
 
 
 class FarEnd:
