@@ -109,11 +109,11 @@ def open_sink(url, options=None, *, state_dir=None, **context):
 
 
 class MqttBroker:
-    """amqtt in a process; on one port, with stops."""
+    """amqtt in a process; on one port, with stops; `plugins` are more of its plug-ins."""
 
-    def __init__(self, folder: Path, *, cert=None, auth=False):
+    def __init__(self, folder: Path, *, cert=None, auth=False, plugins=()):
         self.port = free_port()
-        self._folder, self._cert, self._auth = folder, cert, auth
+        self._folder, self._cert, self._auth, self._plugins = folder, cert, auth, dict(plugins)
         self.start()
 
     def stop(self):
@@ -134,6 +134,7 @@ class MqttBroker:
             words = self._folder / "passwords"
             words.write_text(f"{USER}:{Argon2Hasher().hash(PASSWORD)}\n")
             plugins = {f"{kinds}FileAuthPlugin": {"password_file": str(words)}}
+        plugins |= self._plugins
         config = {"listeners": {"default": listener}, "plugins": plugins}
         self.process = subprocess.Popen(
             [sys.executable, "-m", "tests.mqtt_broker", json.dumps(config)],

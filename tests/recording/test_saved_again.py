@@ -270,7 +270,7 @@ def test_a_key_of_a_pair_that_stands_twice_and_an_archive_are_refused(tmp_path):
     sigmf(tmp_path)
     meta = tmp_path / "out.sigmf-meta"
     meta.write_text(meta.read_text().replace('{"global": {', '{"global": {}, "global": {'))
-    with pytest.raises(RecordingError, match="a key stands twice"):
+    with pytest.raises(RecordingError, match=r"the key .* stands twice"):
         open_recording(meta)
     with tarfile.open(tmp_path / "all.sigmf", "w") as archive:
         archive.add(meta)
