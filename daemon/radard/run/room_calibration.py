@@ -128,8 +128,10 @@ class RoomCalibration:
         self._dwells.put(None)
 
     def _fail(self, reason: str) -> None:
+        # Said before it is closed: the thread, which may be first, makes nothing of it then.
+        is_news = self._show("failed", text=reason)
         self._close()
-        if self._show("failed", text=reason):
+        if is_news:
             log.warning("calibration: %s; what held before holds", reason)
 
     def _show(self, phase: str, left_s: float = 0.0, text: str = "") -> bool:
