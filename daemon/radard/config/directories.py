@@ -194,7 +194,7 @@ def state_lock(config: "Config", environ: Mapping[str, str] = os.environ) -> Ite
 
 
 def lock_again(folder: Path) -> None:
-    """Lock a folder that was made anew since `state_lock`; OSError while another daemon does."""
+    """Lock a folder that was made again since `state_lock`; OSError while another daemon does."""
     if (fd := _held.get(folder)) is None:
         return
     with contextlib.suppress(OSError):
