@@ -9,13 +9,16 @@ import pytest
 
 from radard.config.config import Config
 from radard.errors import ModelMismatch
+from radard.judge.bundle import load_bundle, sidecar_path
 from tests.report_helpers import passage as passage_of
+from tests.training.motion_helpers import stander, walker, write_clip
 from x2train.cli import main
 from x2train.judge import acceptance, acceptance_report
 from x2train.judge.acceptance import ENTRIES, SEED, SETTINGS, VERSION, AcceptSpec, site_of
 from x2train.judge.acceptance_report import alarms_by_window, document, lines
 from x2train.judge.judging import KNOWS, installed
 from x2train.judge.table import PassageTable
+from x2train.motion.clips import read_clip
 from x2train.sets.passages import level_db_of
 from x2train.sets.window_set import ADULT_DB
 
@@ -82,6 +85,29 @@ def test_short_form(tmp_path, monkeypatch, capsys):
     manifest = (out / "passages" / "manifest.json").stat().st_mtime_ns
     assert main(argv) == 0
     assert (out / "passages" / "manifest.json").stat().st_mtime_ns == manifest
+
+
+def test_recorded_bodies_come_that_the_bundle_does_not_know(tmp_path, capsys):
+    clips, models = tmp_path / "clips", tmp_path / "models"
+    for each in (clips, models, tmp_path / "known"):
+        each.mkdir()
+    write_clip(clips / "walk.npz", walker(), "person", "anna")
+    write_clip(clips / "known.npz", walker(speed_mps=1.6), "person", "ben")
+    write_clip(clips / "stand.npz", stander(), "quadruped", "rex")
+    write_clip(tmp_path / "known" / "known.npz", walker(speed_mps=1.6), "person", "ben")
+    sidecar = json.loads(sidecar_path("fast").read_text())
+    sidecar["training"]["clips"] = {"known": {"sha256": read_clip(clips / "known.npz").sha256}}
+    (models / "mine.onnx").write_bytes(load_bundle("fast").onnx)
+    (models / "mine.json").write_text(json.dumps(sidecar))
+    out = tmp_path / "accept"
+    argv = ["accept", "--model", str(models / "mine.onnx"), "--clips", str(clips)]
+    assert main([*argv, "--share", "0.003", "--workers", "1", "--out", str(out)]) == 0
+    made = json.loads((out / "acceptance.json").read_text())
+    assert (made["version"], [c["clip"] for c in made["clips"]]) == ("accept-4", ["walk", "stand"])
+    rows = [(row["name"], row["passages"]) for row in made["entries"]]
+    assert rows == [("recorded people who go", 1), ("recorded animals in one place", 1)]
+    assert main([*argv[:-1], str(tmp_path / "known"), "--out", str(out)]) == 2
+    assert "none is left" in capsys.readouterr().err
 
 
 def passage(entry, *, alarm, p_human, enters_s=1.0, setting="X2, 1.2 m"):

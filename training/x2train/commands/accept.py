@@ -20,6 +20,7 @@ def register(commands: Commands) -> None:
         "  train-export accept --share 0.1 --out accept/short    a tenth of every entry\n"
         "  train-export accept --model mine.onnx --out accept/mine\n"
         "  train-export accept --level --out accept/level        as after a walk test\n"
+        "  train-export accept --clips clips --out accept/clips  bodies that were recorded\n"
         "\n"
         "A run that was interrupted goes on where it stopped; the number of workers changes\n"
         "nothing.\n",
@@ -34,6 +35,13 @@ def register(commands: Commands) -> None:
         "--level",
         action="store_true",
         help="tell the daemon its mount and level, as after `radard walktest` (to 2 dB)",
+    )
+    add(
+        "--clips",
+        type=Path,
+        metavar="DIR",
+        help="recorded people and animals come instead, see train-export motion: those clips "
+        "alone from which the bundle has not learned",
     )
     add("--out", type=Path, required=True, help="folder: passages, acceptance.json and .html")
     add("--share", type=float, default=1.0, metavar="F", help="of every entry's passages (1)")
@@ -52,23 +60,27 @@ def _run(args: argparse.Namespace) -> int:
     from x2train.judge.judging import Knows  # noqa: PLC0415
 
     knows: Knows = "mount and level" if args.level else "nothing"
-    spec = AcceptSpec(model=args.model, seed=args.seed, share=args.share, knows=knows)
+    clips = str(args.clips.resolve()) if args.clips else ""
+    spec = AcceptSpec(model=args.model, seed=args.seed, share=args.share, knows=knows, clips=clips)
     with crew_of(args) as crew:
         table = accept(spec, args.out / "passages", crew)
+    new = spec.new_clips
+    told = f", which move as {len(new)} clips that taught none of the bundles," if new else ""
     about: dict[str, Any] = {
         "version": spec.version,
         "bundle": " and ".join(spec.files),
         "share": args.share,
         "seed": args.seed,
         "knows": knows,
+        **({"clips": new} if new else {}),
         "words": (
             f"{spec.version}: {args.share:.0%} of every entry's passages, seed {args.seed}; "
-            "simulated bodies of physical sizes before "
+            f"simulated bodies of physical sizes{told} before "
             + ", ".join(s.name for s in spec.settings)
             + f"; the installation knows {knows}. Intervals hold 95 %."
         ),
     }
-    made = write_acceptance(table, args.out, about)
+    made = write_acceptance(table, args.out, about, spec.entries)
     console = result_console()
     console.print(f"{spec.version}, a share of {args.share:g}")
     for name, counted_as, of, own, window in lines(made):

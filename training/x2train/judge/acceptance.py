@@ -2,11 +2,14 @@
 
 Two radars (X2, X4M03) at three mounts, bodies whose cross sections follow from their sizes, every
 motion and skin. Passage k of an entry is the same for every bundle; results of different versions
-are not compared. Walk tests are modelled on EN 50131-2-3, no more.
+are not compared. Walk tests are modelled on EN 50131-2-3, no more. With a folder of clips it is
+recorded people and animals who come: those alone of whom the bundle has learned nothing.
 """
 
+import json
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,8 +18,8 @@ from numpy.typing import NDArray
 
 from radard.config.config import Config
 from radard.config.sections import AUTO_MODEL
-from radard.errors import ModelMismatch
-from radard.judge.bundle import load_bundle
+from radard.errors import ModelMismatch, UsageError
+from radard.judge.bundle import load_bundle, sidecar_path
 from radard.judge.decision import Decision
 from radard.judge.model_choice import model_for
 from radard.pipeline import Pipeline
@@ -28,7 +31,8 @@ from x2radar.sim.scene.scene import SceneStep
 from x2train.judge.judging import Knows, dwells, from_decisions, in_view, installed, pipeline_for
 from x2train.judge.suites import SUITES
 from x2train.judge.table import PassageTable
-from x2train.sets.families import Family, families, family
+from x2train.motion.library import cards_of, read_library
+from x2train.sets.families import Family, families, family, recorded_families
 from x2train.sets.passages import BodyModel, Player, actor, play
 from x2train.sets.shards import make_shards
 from x2train.sets.sites import X2, X4M03, Radar, Site, draw_site
@@ -36,6 +40,7 @@ from x2train.sets.windows import GATE
 from x2train.sets.workers import Crew
 
 VERSION = "accept-3"  # of entries, settings, seed (test_accept.py) and bodies
+_RECORDED_VERSION = "accept-4"  # the same, of recorded bodies
 SEED = 90  # passages of the version are drawn from it; of no other suite
 _TOLD = 1  # a generator's number: what an installation is told changes no passage
 _PER_SHARD = 60  # passages: a minute of one core
@@ -47,6 +52,7 @@ _STAY_S = (600.0, 3600.0)
 _THING_S = 600.0
 _N_THINGS = 6  # an hour of each, ten minutes in every setting
 _VISIT_S = 20.0  # a pet that crosses: as in the stress suites
+_WALK_S = 14.0  # recorded people: as walk tests are
 _LEAD_S = (2.6, 4.0)
 _LEVEL_DB = 2.0  # radars differ by so much either way
 _BEAM_DEG = 65.0  # of the X2's antenna, by its data sheet
@@ -146,6 +152,30 @@ def _entries() -> tuple[Entry, ...]:
 
 
 ENTRIES: tuple[Entry, ...] = _entries()  # every entry
+_RECORDED: tuple[tuple[str, Kind, str, bool], ...] = (
+    ("recorded people who go", "walk test", "human", False),
+    ("recorded people in one place", "walk test", "human", True),
+    ("recorded animals that go", "pets cross", "pet", False),
+    ("recorded animals in one place", "pets cross", "pet", True),
+)
+
+
+@cache
+def recorded_entries(folder: str, known: frozenset[str] = frozenset()) -> tuple[Entry, ...]:
+    """Return entries of a folder's people and animals, each individual as often as the next.
+
+    Clips whose SHA-256 is `known` are left out. Raises SceneError where the folder has none, and
+    UsageError where none is left.
+    """
+    rows = recorded_families(folder, known)
+    made = []
+    for name, kind, label, stays in _RECORDED:
+        casts = tuple((f,) for f in rows if (f.label, f.stays) == (label, stays))
+        duration_s = _WALK_S if kind == "walk test" else _VISIT_S
+        made += [Entry(name, kind, casts, duration_s, _N_ENTRIES)] if casts else []
+    if not made:
+        raise UsageError(f"{folder}: the bundle has learned from every clip; none is left to ask")
+    return tuple(made)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -156,6 +186,7 @@ class AcceptSpec:
     seed: int = SEED
     share: float = 1.0  # of every entry's passages, at least one each
     knows: Knows = "nothing"  # of the installation
+    clips: str = ""  # a folder: who comes moves as its clips do
 
     def __post_init__(self) -> None:
         """Check that there is a radar for the bundle."""
@@ -185,19 +216,34 @@ class AcceptSpec:
     @property
     def version(self) -> str:
         """The test's version; with another seed than its own it is another test."""
-        return VERSION if self.seed == SEED else f"{VERSION}, seed {self.seed}"
+        version = _RECORDED_VERSION if self.clips else VERSION
+        return version if self.seed == SEED else f"{version}, seed {self.seed}"
+
+    @property
+    def entries(self) -> tuple[Entry, ...]:
+        """Who comes; or UsageError, if the bundles have learned from every clip."""
+        return recorded_entries(self.clips, self._known) if self.clips else ENTRIES
+
+    @property
+    def new_clips(self) -> list[dict[str, str]]:
+        """What is on the cards of clips from which no bundle here has learned."""
+        return cards_of(read_library(Path(self.clips), self._known)) if self.clips else []
+
+    @property
+    def _known(self) -> frozenset[str]:
+        return _learned_from(tuple(self.files))
 
     @property
     def n_passages(self) -> int:
         """Number of passages of all entries together."""
-        return sum(map(self._count, ENTRIES))
+        return sum(map(self._count, self.entries))
 
     def _count(self, entry: Entry) -> int:
         return max(1, round(entry.count * self.share))
 
     def entry(self, number: int) -> tuple[int, int]:
         """Return which entry passage `number` is of, and which of its passages."""
-        for index, entry in enumerate(ENTRIES):
+        for index, entry in enumerate(self.entries):
             count = self._count(entry)
             if number < count:
                 return index, number
@@ -207,7 +253,7 @@ class AcceptSpec:
     def __call__(self, number: int) -> Mapping[str, NDArray[Any]]:
         """Return the columns of passage `number`, see `passage_columns`."""
         index, k = self.entry(number)
-        entry, settings = ENTRIES[index], self.settings
+        entry, settings = self.entries[index], self.settings
         setting = settings[k % len(settings)]
         # Of the entry's own number, so that a share of the test is a part of it.
         rng = np.random.default_rng([self.seed, index, k])
@@ -254,12 +300,21 @@ class AcceptSpec:
         return pipeline, pipeline.decide
 
 
+@cache
+def _learned_from(models: tuple[str, ...]) -> frozenset[str]:
+    """Return the SHA-256 of every clip that bundles have learned from."""
+    sidecars = (json.loads(sidecar_path(model).read_bytes()) for model in models)
+    clips = (clip for each in sidecars for clip in each["training"].get("clips", {}).values())
+    return frozenset(clip["sha256"] for clip in clips)
+
+
 def accept(spec: AcceptSpec, folder: Path, crew: Crew) -> PassageTable:
     """Play a test's passages, or what is missing of them in a folder, and return them judged."""
     about = {
         "kind": "acceptance",
-        "version": VERSION,
         **asdict(spec),
+        "version": spec.version,
+        "clips": spec.new_clips,
         "model": spec.kept_as,
         "files": list(spec.files.values()),
         "gate": GATE.model_dump(),

@@ -7,7 +7,7 @@ least a half. Intervals are those of `x2train.judge.estimates`.
 
 import html
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -39,11 +39,13 @@ def alarms_by_window(table: PassageTable) -> _Alarms:
     return np.asarray(judged & ~((quiet > PET_LIMIT) & (most >= MIN_P)), np.bool_)
 
 
-def document(table: PassageTable, about: Mapping[str, Any]) -> dict[str, Any]:
+def document(
+    table: PassageTable, about: Mapping[str, Any], entries: Sequence[Entry] = ENTRIES
+) -> dict[str, Any]:
     """Return the report's content: `about`, and every entry with what each policy did."""
     alarms = {"bundle": table.is_alarm, "window": alarms_by_window(table)}
     rows = []
-    for entry in ENTRIES:
+    for entry in entries:
         chosen = table.suite == entry.name
         row: dict[str, Any] = {"name": entry.name, "kind": entry.kind}
         row |= _figures(table, entry, chosen, alarms)
@@ -116,10 +118,13 @@ def _cell(figure: Mapping[str, Any], *, is_rate: bool) -> str:
 
 
 def write_acceptance(
-    table: PassageTable, out_dir: Path, about: Mapping[str, Any]
+    table: PassageTable,
+    out_dir: Path,
+    about: Mapping[str, Any],
+    entries: Sequence[Entry] = ENTRIES,
 ) -> dict[str, Any]:
     """Write acceptance.json and .html as `write_files` does; return what is in the JSON."""
-    made = document(table, about)
+    made = document(table, about, entries)
     text = json.dumps(made, indent=1, allow_nan=False) + "\n"
     write_files(out_dir, {"acceptance.json": text, "acceptance.html": _page(made)})
     return made

@@ -59,11 +59,14 @@ class Individual:
 
 
 @cache
-def read_library(folder: Path) -> tuple[Individual, ...]:
-    """Return the individuals of a folder of clips, by name; raises SceneError as `read_clips`."""
+def read_library(folder: Path, known: frozenset[str] = frozenset()) -> tuple[Individual, ...]:
+    """Return the individuals of a folder of clips, by name; raises SceneError as `read_clips`.
+
+    Clips whose SHA-256 is `known` are left out, and individuals who have no others.
+    """
     rows: dict[tuple[str, bool], list[Clip]] = {}
     for clip in read_clips(folder):
-        if clip.label == "pet" and _NOT_AT_HOME.search(clip.name):
+        if clip.sha256 in known or (clip.label == "pet" and _NOT_AT_HOME.search(clip.name)):
             continue
         rows.setdefault((clip.individual, clip.goes), []).append(clip)
     return tuple(

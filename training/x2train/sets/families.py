@@ -135,8 +135,8 @@ def plugged_family(name: str) -> Family:
 
 
 @cache
-def recorded_families(folder: str) -> tuple[Family, ...]:
-    """Return a family for each individual of a folder of clips; SceneError if none."""
+def recorded_families(folder: str, known: frozenset[str] = frozenset()) -> tuple[Family, ...]:
+    """Return a family for each individual of `read_library`; SceneError if it is no folder."""
     return tuple(
         Family(
             each.name,
@@ -149,7 +149,7 @@ def recorded_families(folder: str) -> tuple[Family, ...]:
             is_still=not each.goes,
             individual=k,
         )
-        for k, each in enumerate(read_library(Path(folder)))
+        for k, each in enumerate(read_library(Path(folder), known))
     )
 
 
