@@ -30,6 +30,7 @@ _SHARES = {
     "physical": "with cross sections that follow from sizes",
     "plain": "without domain randomization",
     "clear": "of one body that goes, in a room without multipath",
+    "slow": "whose recorded bodies go at a quarter to three quarters of their tempo",
 }
 
 
@@ -90,6 +91,8 @@ def _run(args: argparse.Namespace) -> int:
     for name in _SHARES:
         if not 0.0 <= getattr(args, name) <= 1.0:
             raise UsageError(f"--{name} {getattr(args, name):g}: must be 0 to 1")
+    if args.slow and not args.clips:
+        raise UsageError("--slow: is of recorded bodies, --clips")
     # Late: the simulator takes a second, and --help must not.
     from x2train.motion.library import cards_of, read_library  # noqa: PLC0415
     from x2train.sets.families import CLIPS, USES, plugged_family  # noqa: PLC0415
@@ -114,6 +117,7 @@ def _run(args: argparse.Namespace) -> int:
         physical_share=args.physical,
         plain_share=args.plain,
         clear_share=args.clear,
+        slow_share=args.slow,
         settings=_features_of(args.like) if args.like else FEATURES,
     )
     about = {"kind": "windows", **asdict(spec), **learned_from, "gate": GATE.model_dump()}

@@ -29,6 +29,7 @@ _TEMPO = {"human": (0.75, 1.15), "pet": (0.6, 1.3)}
 """How much quicker than recorded, before the size makes it quicker still. Slow ones count: of a
 recorded dog's passages those at less than 0.3 m/s alarmed most
 (docs/research/evaluation-tried.md)."""
+_SLOW = (0.25, 0.75)  # where a passage is to be slow: of both, so that it tells nobody apart
 _SPREAD = {"human": 0.08, "pet": 0.35}  # of sizes, in parts: adults' statures by a twelfth
 _CHILD_SHARE = 0.15  # of people, who are drawn from 0.9 m on
 _ENOUGH_S = 120.0  # more of one individual does not make it come more often
@@ -85,7 +86,7 @@ def draw_recorded_body(
         clips = _mirrored(individual)
     size_m = _draw_size_m(rng, individual)
     scale = size_m / float(np.median([clip.size_m for clip in clips]))
-    low, high = _TEMPO[label]
+    low, high = _SLOW if options.get("slow") else _TEMPO[label]
     tempo = float(rng.uniform(low, high)) / np.sqrt(scale)
     near_m, far_m = options.get("near_m", 0.6), options.get("far_m", 3.4)
     name = options.get("course") or list(COURSES)[int(rng.integers(len(COURSES)))]

@@ -53,6 +53,7 @@ class BodyModel:
     motion: str = "gait"  # of `MOTIONS`
     skin: str = "surface"  # of `SKINS`
     is_physical: bool = False  # cross sections follow from sizes, not from a draw
+    is_slow: bool = False  # recorded bodies move slower than they did
 
     @classmethod
     def draw(
@@ -70,7 +71,8 @@ class BodyModel:
     def options(self) -> dict[str, Any]:
         """Options of the body as a scene file has them."""
         size = {"total_rcs_dbsm": "physical"} if self.is_physical else {}
-        return {"motion": self.motion, "skin": self.skin, **size}
+        tempo = {"slow": True} if self.is_slow else {}
+        return {"motion": self.motion, "skin": self.skin, **size, **tempo}
 
 
 @dataclass(frozen=True, slots=True, eq=False)

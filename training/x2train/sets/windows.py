@@ -5,7 +5,7 @@ the noise of any of them.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -50,6 +50,7 @@ class WindowSpec:
     physical_share: float = 0.0  # of passages with cross sections that follow from sizes
     plain_share: float = 0.0  # of passages without domain randomization
     clear_share: float = 0.0  # of passages of one body that goes, in a room without multipath
+    slow_share: float = 0.0  # of passages whose recorded bodies move slower than they did
 
     def __call__(self, number: int) -> Mapping[str, NDArray[Any]] | None:
         """Return the windows of passage `number`; None if it has none."""
@@ -72,6 +73,8 @@ class WindowSpec:
         body_model = BodyModel.draw(law_rng, self.motions, self.skins, self.physical_share)
         if law_rng.random() < self.clear_share:
             cast, site = (draw_goer(law_rng, label, self.use),), clear_site(law_rng, site)
+        if self.slow_share:
+            body_model = replace(body_model, is_slow=law_rng.random() < self.slow_share)
         passage = play(
             rng, site, cast, duration_s=duration_s, is_plain=is_plain, body_model=body_model
         )
