@@ -67,6 +67,21 @@ def test_bodies_echo_through_every_skin(folder, skin, who):
         assert height < (2.1 if who == 0 else 1.0)
 
 
+def test_a_slow_body_takes_less_than_three_quarters_of_its_tempo(folder):
+    def way_m(seed, **slow):
+        options = {"near_m": 0.6, "far_m": 3.4, **slow}
+        body = draw_recorded_body(
+            read_library(folder)[0], np.random.default_rng(seed), options, "here"
+        )
+        place_m = body.at(T_S, ANTENNA_M).position_m[:, 0, :2]
+        return np.linalg.norm(np.diff(place_m, axis=0), axis=1).sum()
+
+    ways = np.array([[way_m(seed), way_m(seed, slow=True)] for seed in range(8)])
+    # The usual tempo is 0.75 to 1.15.
+    assert (ways[:, 1] < ways[:, 0]).all()
+    assert 0.3 < (ways[:, 1] / ways[:, 0]).mean() < 0.7
+
+
 @pytest.mark.integration
 def test_a_set_of_recorded_motion_is_the_same_for_any_number_of_workers(folder, tmp_path, capsys):
     words = ["dataset", "--clips", str(folder), "--passages", "6", "--radar", "x2"]
@@ -80,6 +95,8 @@ def test_a_set_of_recorded_motion_is_the_same_for_any_number_of_workers(folder, 
     )
     assert "no clips" in capsys.readouterr().err
     assert not (tmp_path / "set").exists()
+    assert main(["dataset", "--slow", "1", "--out", str(tmp_path / "set")]) == 2
+    assert "--slow: is of recorded bodies" in capsys.readouterr().err
 
 
 STRAIGHT = [(0.0, 1.0), (0.0, 30.0)]
