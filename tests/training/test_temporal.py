@@ -15,7 +15,7 @@ from radard.judge.evidence import Evidence
 from tests import training_helpers as small
 from x2train.bundle.export import joined
 from x2train.bundle.temporal_bundle import HUMAN_LIMIT
-from x2train.bundle.temporal_graph import n_parameters, with_head
+from x2train.bundle.temporal_graph import head_of, n_parameters, with_head
 from x2train.cli import main
 from x2train.nets.bundle_answers import outputs_of
 from x2train.nets.calibration import Epoch
@@ -88,6 +88,16 @@ def test_onnxruntime_computes_what_torch_trained(folder, n_said):
     n_head = sum(p.numel() for p in made.head.parameters())
     # The last layers' biases are added up.
     assert n_parameters(network) - n_parameters(bundle.onnx) == n_head - (3 if n_said else 0)
+    # Gone on from, with another network's values beside its own, it says the same at first.
+    settings = HeadSettings(n_projected=6, n_hidden=5, n_said=n_said, epochs=1, started_rate=0)
+    more = np.random.default_rng(1).standard_normal((48, 3)).astype(np.float32)
+    wider = replace(seen, values=np.hstack([seen.values, more]))
+    start = head_of(network, settings, wider.values.shape[1])
+    *_, again = fit_head(wider, wider, settings, start)
+    np.testing.assert_allclose(logits_over(again.head, wider), found.fused, atol=1e-4)
+    for other in (bundle.onnx, network):
+        with pytest.raises(UsageError, match="no temporal head of this size"):
+            head_of(other, replace(settings, n_hidden=4), 99)
 
 
 def test_the_daemon_hands_on_what_the_head_wants_until_the_gate_closes(folder):

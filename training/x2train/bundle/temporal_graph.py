@@ -24,8 +24,9 @@ from scipy.linalg import block_diag
 
 from radard.errors import UsageError
 from radard.judge.classifier import FUSED_LOGITS, HIDDEN, NEXT_HIDDEN
-from x2train.nets.temporal_head import HeadTrained
+from x2train.nets.temporal_head import N_CLASSES, HeadSettings, HeadTrained
 
+Array = NDArray[np.float64]
 _P = "temporal_"
 _Step = tuple[str, list[str], list[str], Mapping[str, Any]]  # operator, inputs, outputs, options
 GIVEN = f"{_P}given"
@@ -118,6 +119,47 @@ def check_headless(model: onnx.ModelProto) -> None:
     if HIDDEN in {each.name for each in model.graph.input}:
         msg = "the bundle has a temporal head already; take the one that it was made from"
         raise UsageError(msg)
+
+
+def head_of(onnx_bytes: bytes, settings: HeadSettings, n_given: int) -> dict[str, Array]:
+    """Return the weights of a network's head, its temperature in them.
+
+    They go with any network whose last layer is given `n_given` values, of which the first are
+    this one's. Raises UsageError if it has no head, one of more values or of another size.
+    """
+    graph = onnx.load_from_string(onnx_bytes).graph
+    found = {
+        each.name.removeprefix(_P): numpy_helper.to_array(each).astype(np.float64)
+        for each in graph.initializer
+        if each.name.startswith(_P)
+    }
+    n, h, n_said = settings.n_projected, settings.n_hidden, settings.n_said
+    sizes = [found[name].shape for name in ("given_projection", "out") if name in found]
+    if sizes[1:] != [(h + n_said, N_CLASSES)] or sizes[0][1] != n or sizes[0][0] > n_given:
+        msg = "the bundle to go on from has no temporal head of this size and of these networks"
+        raise UsageError(msg)
+    parts = {"given": (slice(0, n), slice(0, h))}
+    if n_said:
+        parts["said"] = (slice(n, n + n_said), slice(h, h + n_said))
+    biases = np.split(found["bias"][0], 2)
+    state: dict[str, Array] = {}
+    for part, (taken, hidden) in parts.items():
+
+        def gates(values: Array, part_of: slice = hidden) -> Array:
+            update, reset, new = (gate[part_of] for gate in np.split(values, 3))
+            return np.concatenate([reset, update, new])
+
+        state |= {
+            f"{part}.projection.weight": found[f"{part}_projection"].T,
+            f"{part}.projection.bias": found[f"{part}_offset"],
+            f"{part}.gru.weight_ih_l0": gates(found["weight"][0])[:, taken],
+            f"{part}.gru.weight_hh_l0": gates(found["recurrence"][0])[:, hidden],
+            f"{part}.gru.bias_ih_l0": gates(biases[0]),
+            f"{part}.gru.bias_hh_l0": gates(biases[1]),
+            f"{part}.out.weight": len(parts) * found["out"][hidden].T,
+            f"{part}.out.bias": found["out_bias"],
+        }
+    return state
 
 
 def _values(trained: HeadTrained, temperature: float) -> dict[str, NDArray[Any]]:

@@ -45,6 +45,11 @@ def register(commands: Commands) -> None:
     add("--human-limit", type=float, help="no waiting from this p(human) on (by --size)")
     add("--epochs", type=int, default=6, help="passes over the passages (6)")
     add("--seed", type=int, default=0, help="same seed, same file (0)")
+    add(
+        "--start",
+        metavar="MODEL",
+        help="a bundle whose head is gone on from; its networks are the first of --model",
+    )
     parser.set_defaults(run=_run)
 
 
@@ -54,6 +59,7 @@ def _run(args: argparse.Namespace) -> int:
     from x2train.bundle.export import joined  # noqa: PLC0415
     from x2train.bundle.metrics import check_calibration  # noqa: PLC0415
     from x2train.bundle.temporal_bundle import HUMAN_LIMIT, given_of_sets, write_temporal  # noqa: PLC0415
+    from x2train.bundle.temporal_graph import head_of  # noqa: PLC0415
     from x2train.nets.temporal_head import HeadSettings, fit_head  # noqa: PLC0415
 
     bundle = joined([load_bundle(model) for model in args.model])
@@ -65,12 +71,14 @@ def _run(args: argparse.Namespace) -> int:
         epochs=args.epochs,
         seed=args.seed,
     )
+    start = load_bundle(args.start).onnx if args.start else None
     # A spinner, not a bar: it leaves nothing behind, so an error stays one line.
     with Console(stderr=True).status("what the network sees"):
         train, abouts = given_of_sets(bundle, args.train)
         validation, _ = given_of_sets(bundle, args.validate)
         check_calibration(validation.given.label)
-    trained = followed(fit_head(train.given, validation.given, settings), args.epochs)
+    weights = head_of(start, settings, train.given.values.shape[1]) if start else None
+    trained = followed(fit_head(train.given, validation.given, settings, weights), args.epochs)
     name = args.name or bundle.name
     limit = HUMAN_LIMIT[args.size] if args.human_limit is None else args.human_limit
     prior = {"prior_human": args.prior} if args.prior else {}
@@ -91,4 +99,4 @@ def _run(args: argparse.Namespace) -> int:
 
 def _command(args: argparse.Namespace) -> str:
     base = told(args, "model train validate size", name=None, prior=0.0, human_limit=None)
-    return f"train-export temporal {base} {told(args, 'epochs seed')}"
+    return f"train-export temporal {base} {told(args, 'epochs seed', start=None)}"

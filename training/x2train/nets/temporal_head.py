@@ -6,7 +6,7 @@ alone, which holds for bodies that nobody trained on (docs/research/evaluation-t
 values begin at zero whenever the gate has opened; the windows after 3, 5 and 8 s weigh more.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,7 +19,7 @@ from torch.nn.utils.rnn import pad_sequence
 
 from x2train.nets.calibration import Epoch, cross_entropy, temperature_of
 
-_N_CLASSES = 3
+N_CLASSES = 3
 _IGNORED = -100  # torch's label for what does not count
 _VERDICTS = (2, 4, 7)  # windows at which a visit may be judged: 3, 5 and 8 s
 _BESIDE = 0.3  # what other windows count against those
@@ -54,6 +54,7 @@ class HeadSettings:
     weight_decay: float = 1e-3
     dropout: float = 0.3  # of what is given, in training
     seed: int = 0  # of weights and order
+    started_rate: float = 0.3  # of the learning rate, from another head: it is not to forget
 
 
 class TemporalHead(nn.Module):
@@ -71,7 +72,7 @@ class TemporalHead(nn.Module):
         self.dropout = nn.Dropout(settings.dropout)
         self.given = _part(len(mean), settings.n_projected, settings.n_hidden)
         n_said = settings.n_said
-        self.said = _part(_N_CLASSES, n_said, n_said) if n_said else None
+        self.said = _part(N_CLASSES, n_said, n_said) if n_said else None
         self.n_hidden = settings.n_hidden + settings.n_said
 
     def forward(self, given: torch.Tensor, log_p: torch.Tensor) -> tuple[torch.Tensor, ...]:
@@ -94,7 +95,7 @@ def _part(n_in: int, n_projected: int, n_hidden: int) -> nn.ModuleDict:
         {
             "projection": nn.Linear(n_in, n_projected),
             "gru": nn.GRU(n_projected, n_hidden, batch_first=True),
-            "out": nn.Linear(n_hidden, _N_CLASSES),
+            "out": nn.Linear(n_hidden, N_CLASSES),
         }
     )
 
@@ -108,22 +109,30 @@ class HeadTrained:
 
 
 def fit_head(
-    train: Given, validation: Given, settings: HeadSettings
+    train: Given,
+    validation: Given,
+    settings: HeadSettings,
+    start: Mapping[str, NDArray[np.float64]] | None = None,
 ) -> Iterator[Epoch | HeadTrained]:
-    """Train on passages apart from those to validate on; yield every epoch, at last the head."""
+    """Train on passages apart from those to validate on; yield every epoch, at last the head.
+
+    `start` are weights of a head to go on from, those of its projection without mean and spread
+    (`temporal_graph.head_of`).
+    """
     torch.manual_seed(settings.seed)
     torch.set_num_threads(1)
     rng = torch.Generator().manual_seed(settings.seed)
     spread = np.maximum(train.values.std(axis=0), 1e-3)
     head = TemporalHead(train.values.mean(axis=0), spread, settings)
+    if start is not None:
+        _go_on(head, start)
     counts = np.bincount(train.label, minlength=3)
     weight = torch.from_numpy((counts.sum() / (3 * np.maximum(counts, 1))).astype(np.float32))
     runs = train.runs()
     optimiser = torch.optim.AdamW(head.parameters(), weight_decay=settings.weight_decay)
     n_steps = settings.epochs * -(-len(runs) // settings.batch)
-    cycle = torch.optim.lr_scheduler.OneCycleLR(
-        optimiser, settings.learning_rate, total_steps=n_steps
-    )
+    rate = settings.learning_rate * (1.0 if start is None else settings.started_rate)
+    cycle = torch.optim.lr_scheduler.OneCycleLR(optimiser, rate, total_steps=n_steps)
     for number in range(1, settings.epochs + 1):
         head.train()
         total, n = 0.0, 0
@@ -147,10 +156,26 @@ def fit_head(
     yield HeadTrained(head, temperature_of(logits, validation.label))
 
 
+def _go_on(head: TemporalHead, start: Mapping[str, NDArray[np.float64]]) -> None:
+    """Give a head another one's weights; what that was not given counts nothing at first."""
+    mean, spread = head.mean.double().numpy(), head.spread.double().numpy()
+    weight = start["given.projection.weight"]
+    wider = np.zeros((len(weight), len(mean)))
+    wider[:, : weight.shape[1]] = weight
+    state = {
+        **start,
+        "given.projection.weight": wider * spread,
+        "given.projection.bias": start["given.projection.bias"] + wider @ mean,
+        "mean": mean,
+        "spread": spread,
+    }
+    head.load_state_dict({key: torch.from_numpy(value).float() for key, value in state.items()})
+
+
 def logits_over(head: TemporalHead, given: Given) -> NDArray[np.float64]:
     """Return the logits after every window, shape (n, 3)."""
     head.eval()
-    out = np.empty((len(given.label), _N_CLASSES))
+    out = np.empty((len(given.label), N_CLASSES))
     with torch.no_grad():
         for run in given.runs():
             windows = [torch.from_numpy(each[run])[None] for each in (given.values, given.log_p)]
