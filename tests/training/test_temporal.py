@@ -91,7 +91,7 @@ def test_onnxruntime_computes_what_torch_trained(folder, n_said):
     # Gone on from, with another network's values beside its own, it says the same at first.
     settings = HeadSettings(n_projected=6, n_hidden=5, n_said=n_said, epochs=1, started_rate=0)
     more = np.random.default_rng(1).standard_normal((48, 3)).astype(np.float32)
-    wider = replace(seen, values=np.hstack([seen.values, more]))
+    wider = replace(seen, values=np.hstack([more, seen.values]))
     start = head_of(network, settings, wider.values.shape[1])
     *_, again = fit_head(wider, wider, settings, start)
     np.testing.assert_allclose(logits_over(again.head, wider), found.fused, atol=1e-4)

@@ -124,7 +124,7 @@ def check_headless(model: onnx.ModelProto) -> None:
 def head_of(onnx_bytes: bytes, settings: HeadSettings, n_given: int) -> dict[str, Array]:
     """Return the weights of a network's head, its temperature in them.
 
-    They go with any network whose last layer is given `n_given` values, of which the first are
+    They go with any network whose last layer is given `n_given` values, of which the last are
     this one's. Raises UsageError if it has no head, one of more values or of another size.
     """
     graph = onnx.load_from_string(onnx_bytes).graph

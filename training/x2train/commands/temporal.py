@@ -48,7 +48,7 @@ def register(commands: Commands) -> None:
     add(
         "--start",
         metavar="MODEL",
-        help="a bundle whose head is gone on from; its networks are the first of --model",
+        help="a bundle whose head is gone on from; its networks are the last of --model",
     )
     parser.set_defaults(run=_run)
 

@@ -161,7 +161,7 @@ def _go_on(head: TemporalHead, start: Mapping[str, NDArray[np.float64]]) -> None
     mean, spread = head.mean.double().numpy(), head.spread.double().numpy()
     weight = start["given.projection.weight"]
     wider = np.zeros((len(weight), len(mean)))
-    wider[:, : weight.shape[1]] = weight
+    wider[:, -weight.shape[1] :] = weight
     state = {
         **start,
         "given.projection.weight": wider * spread,
