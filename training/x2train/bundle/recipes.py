@@ -46,19 +46,28 @@ _SETS: Mapping[str, tuple[int, str]] = MappingProxyType(
         "clipscheck": (800, f"{_CLIPS} --longest 7 --seed 713"),
         "x2near": (6_000, f"{_X2_CLEAR} --physical 0.3 --seed 714"),
         "anyclear": (10_000, f"{_BODIES} --clear 0.7 --physical 0.4 --longest 7 --seed 715"),
+        "x4clips": (12_000, f"{_X4M03} {_CLIPS} --longest 7 --seed 741"),
+        "x4clipscheck": (600, f"{_X4M03} {_CLIPS} --longest 7 --seed 743"),
+        "x4anycheck": (
+            800,
+            f"{_X4M03} {_BODIES} --clear 0.5 --physical 0.5 --longest 7 --seed 744",
+        ),
+        "x4any": (6_000, f"{_X4M03} {_BODIES} --clear 0.7 --physical 0.4 --longest 7 --seed 745"),
+        "x4rooms": (
+            3_000,
+            f"{_X4M03} {_BODIES} --clear 0.2 --physical 0.7 --longest 7 --seed 746",
+        ),
+        "x4clipvisits": (2_000, f"{_X4M03} {_CLIPS} {_LONG} --seed 747"),
+        "x4visits": (
+            2_000,
+            f"{_X4M03} {_BODIES} --clear 0.5 --physical 0.5 {_LONG} --seed 748",
+        ),
+        "x4heldvisits": (800, f"{_X4M03} --families {_HELD_OUT} {_ODD} --seed 749"),
+        "x4things": (400, f"{_X4M03} --families things {_ODD} --seed 750"),
+        "clipsslow": (10_000, f"{_CLIPS} --slow 1 --longest 7 --seed 731"),
+        "clips2": (6_000, f"{_CLIPS} --longest 7 --seed 732"),
+        "anyclear2": (6_000, f"{_BODIES} --clear 0.7 --physical 0.4 --longest 7 --seed 733"),
         "anyrooms": (5_000, f"{_BODIES} --clear 0.2 --physical 0.7 --longest 7 --seed 716"),
-        "train": (40_000, "--seed 1"),
-        "held": (16_000, f"--families {_HELD_OUT} --seed 3"),
-        "x4train": (6_000, f"{_X4M03} --seed 11"),
-        "x4check": (1_500, f"{_X4M03} --seed 12"),
-        "x4held": (2_000, f"{_X4M03} --families {_HELD_OUT} --seed 13"),
-        "x4hcheck": (600, f"{_X4M03} --families {_HELD_OUT} --seed 15"),
-        "long": (8_000, f"{_LONG} --seed 21"),
-        "longheld": (5_000, f"{_LONG} --families {_HELD_OUT} --seed 23"),
-        "x4long": (2_000, f"{_X4M03} {_LONG} --seed 31"),
-        "x4longcheck": (600, f"{_X4M03} {_LONG} --seed 32"),
-        "x4longheld": (1_500, f"{_X4M03} {_LONG} --families {_HELD_OUT} --seed 33"),
-        "x4longhcheck": (400, f"{_X4M03} {_LONG} --families {_HELD_OUT} --seed 34"),
     }
 )
 """Passages, and whatever else `train-export dataset` is told, by the set's folder."""
@@ -67,21 +76,20 @@ _ALL = f"--train {_FOUR} --validate sets/check"
 _MILLION = f"--train {_FOUR} sets/x2more sets/more --validate sets/check"
 """1,000,966 windows, which need 12 GB of memory."""
 _LONG_SETS = "--train sets/clear sets/rooms sets/longall --validate sets/check sets/longallcheck"
-_X4_SETS = (
-    "--train sets/train sets/held sets/x4train sets/x4held --validate sets/x4check sets/x4hcheck"
+_X4_CHECKS = "--validate sets/x4clipscheck sets/x4anycheck"
+_X4 = f"--train sets/x4clips sets/x4any sets/x4rooms {_X4_CHECKS}"
+_MORE = (
+    "--train sets/clipsslow sets/clips2 sets/anyclear2 sets/x4clips sets/x4any "
+    "--validate sets/clipscheck sets/x4anycheck"
 )
-_X4_LONG_SETS = (
-    "--train sets/train sets/held sets/x4train sets/x4held sets/long sets/longheld "
-    "sets/x4long sets/x4longheld "
-    "--validate sets/x4check sets/x4hcheck sets/x4longcheck sets/x4longhcheck"
-)
+_X4_LONG = f"--train sets/x4clipvisits sets/x4visits sets/x4heldvisits sets/x4things {_X4_CHECKS}"
 _CHECKS = "--validate sets/clipscheck sets/check"
 _RECORDED = f"--train sets/clips sets/x2near sets/anyclear sets/anyrooms {_CHECKS}"
 _RECORDED_LONG = f"--train sets/clipslong sets/longall sets/anyrooms {_CHECKS}"
 _MORE_LONG = f"--train sets/clipvisits sets/visits sets/heldvisits sets/things {_CHECKS}"
 _PARTS = "models/parts"  # bundles that others are made from
 _IN_PARTS = f"--out {_PARTS}"
-_FAST = ("--half", "--compile")  # pay on a whole set alone: torch compiles for minutes
+_FAST = ("--half",)  # pays on a whole set alone
 _SMALL_SHARE = 0.05  # to try it; an epoch is shorter than the compiler's work
 
 
@@ -119,11 +127,13 @@ def _recorded(name: str, size: str, epochs: int, start: str = "") -> str:
     )
 
 
-def _visits(name: str, parts: str, lean: str, sets: str = _RECORDED_LONG) -> str:
+def _visits(
+    name: str, parts: str, lean: str, sets: str = _RECORDED_LONG, size: str | None = None
+) -> str:
     """Return how a head learns to judge visits (docs/research/evaluation-tried.md)."""
     models = " ".join(f"{_PARTS}/{part}.onnx" for part in parts.split())
     return (
-        f"train-export temporal --model {models} {sets} --size {name} --name {name} "
+        f"train-export temporal --model {models} {sets} --size {size or name} --name {name}"
         f"{lean} --epochs 6 --seed 0"
     )
 
@@ -149,13 +159,13 @@ RECIPES: Mapping[str, Recipe] = MappingProxyType(
                 _visits(
                     "accurate",
                     "recorded-few recorded-large recorded-accurate generated-accurate",
-                    "--prior 0.25",
+                    " --prior 0.25",
                     _MORE_LONG,
                 ),
             )
         ),
-        "balanced": _on_recordings("balanced", 8, "--prior 0.25"),
-        "fast": _on_recordings("fast", 6, "--prior 0.25"),
+        "balanced": _on_recordings("balanced", 8, " --prior 0.25"),
+        "fast": _on_recordings("fast", 6, " --prior 0.25"),
         "generated": Recipe(
             (
                 f"train-export fit {_MILLION} --name generated --size accurate --epochs 4 "
@@ -166,10 +176,22 @@ RECIPES: Mapping[str, Recipe] = MappingProxyType(
         ),
         "x4m03": Recipe(
             (
-                f"train-export fit {_X4_SETS} --name x4m03 --size accurate --epochs 7 --seed 0 "
-                "--half --compile",
-                f"train-export temporal --model models/x4m03.onnx {_X4_LONG_SETS} --size accurate "
-                "--epochs 6 --seed 0",
+                _generated("accurate", "--epochs 4", _MILLION),
+                _recorded("accurate", "accurate", 14, "accurate"),
+                f"train-export fit {_X4} --name x4recorded --size accurate --epochs 4 --seed 0 "
+                f"--half --start {_PARTS}/recorded-accurate.onnx {_IN_PARTS}",
+                _recorded("few", "accurate", 4, "accurate"),
+                _recorded("large", "large", 4),
+                f"train-export fit {_MORE} --name recorded-larger --size large --epochs 2 "
+                f"--seed 0 --half --start {_PARTS}/recorded-large.onnx --stream any {_IN_PARTS}",
+                _visits(
+                    "x4m03",
+                    "x4recorded recorded-few recorded-larger recorded-accurate generated-accurate",
+                    "",
+                    _X4_LONG,
+                    "accurate",
+                )
+                + " --start accurate",
             )
         ),
         "thesis": Recipe(

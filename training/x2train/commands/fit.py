@@ -201,6 +201,8 @@ def _started(model: str, start: Bundle, training: Mapping[str, Any]) -> dict[str
         "command": f"{command} && {training['command']}",
         "start": {"onnx_sha256": start.sha256, "sets": known["sets"]},
         "clips": known.get("clips", {}),
+        # What began on a GPU does not come about again to the bit.
+        **({"device": known["device"]} if known.get("device", "cpu") != "cpu" else {}),
     }
 
 
