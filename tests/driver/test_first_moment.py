@@ -87,6 +87,24 @@ def test_a_signal_where_python_drops_what_is_raised_is_not_lost(number):
     assert (done.stdout, done.stderr) == ("heard twice\n", "")
 
 
+def test_an_event_that_a_handler_sets_is_never_waited_for_in_the_handler():
+    """With a plain Event a daemon under load did not end on SIGTERM."""
+    code = """
+        import signal
+        from x2radar.interrupts import HandlerEvent
+
+        event = HandlerEvent()
+        signal.signal(signal.SIGALRM, lambda *_: event.set())
+        for k in range(4000):
+            signal.setitimer(signal.ITIMER_REAL, 1e-6 * (1 + k % 60))
+            while not event.wait(0.002):
+                pass
+            event.clear()
+        print("all heard")
+    """
+    assert ran("-c", textwrap.dedent(code), timeout=60).stdout == "all heard\n"
+
+
 @pytest.mark.parametrize("package", ["x2radar", "radard", "x2train"])
 def test_before_the_handlers_stand_next_to_nothing_is_loaded(package):
     """What a signal meets before them is a traceback, or nothing at all as process 1."""

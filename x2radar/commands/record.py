@@ -22,6 +22,7 @@ from x2radar.command import StatusLine
 from x2radar.commands import Commands, add_command, check_above_zero
 from x2radar.device.device import X2Radar
 from x2radar.frame import Frame
+from x2radar.interrupts import HandlerEvent
 from x2radar.ports import PORT_FORMS, Port, parse_port, parse_speed
 from x2radar.radars import make_radar
 from x2radar.recording.registry import check_name
@@ -162,7 +163,7 @@ def free_bytes(*paths: Path) -> float:
 @contextmanager
 def stop_flag() -> Iterator[threading.Event]:
     """Lend an event that the first SIGINT or SIGTERM sets; the second interrupts."""
-    stop = threading.Event()
+    stop = HandlerEvent()
     if threading.current_thread() is not threading.main_thread():
         yield stop
         return

@@ -14,6 +14,8 @@ import threading
 from types import FrameType
 from typing import Any
 
+from x2radar.interrupts import HandlerEvent
+
 log = logging.getLogger("radard")
 _STOP = (signal.SIGINT, signal.SIGTERM)
 _ASK = {signal.SIGHUP: "reload", signal.SIGUSR1: "dump"}
@@ -23,7 +25,7 @@ class Signals:
     """Install the handlers for a `with` block, in the main thread; each sets `wake`."""
 
     def __init__(self) -> None:
-        self.wake = threading.Event()
+        self.wake = HandlerEvent()
         self._wishes: set[str] = set()
         self._before: dict[int, Any] = {}
 
