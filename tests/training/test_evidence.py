@@ -144,6 +144,12 @@ def test_settings_are_read_from_a_sidecar():
         ((0.8, 0.2, 0.0), 3.0, [10], [("human", True)]),
         ((0.9, 0.1, 0.0), 3.0, [10], [("human", True)]),
         ((0.2, 0.8, 0.0), 3.0, [10, 20], [("pending", False), ("human", True)]),
+        # Near even waits 3 s; what leans to a pet or a thing 7.5 s; what resembles nothing 3 s.
+        ((0.41, 0.59, 0.0), 3.0, [10, 12, 13], [("pending", False)] * 2 + [("human", True)]),
+        ((0.39, 0.61, 0.0), 3.0, [10, 17.4, 17.5], [("pending", False)] * 2 + [("human", True)]),
+        ((0.3, 0.1, 0.6), 3.0, [10, 17, 18], [("pending", False)] * 2 + [("human", True)]),
+        ((0.1, 0.45, 0.45), 3.0, [10, 12, 13], [("pending", False)] * 2 + [("human", True)]),
+        ((0.3, 0.7, 0.0), 0.0, [10], [("human", True)]),
     ],
 )
 def test_the_rule_over_time(p, within_s, t_s, expected):
