@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from radard.errors import ModelMismatch
 from radard.judge.bundle import EvidenceSettings
 from radard.judge.classifier import Answer, Probabilities
-from radard.judge.decision import Verdict
+from radard.judge.decision import LONGER, MIN_LEANING, MIN_P, Verdict, judge
 from radard.judge.evidence import Evidence
 from radard.judge.installation import size_nats
 from radard.stream.ring import DwellShape
@@ -155,6 +155,22 @@ def test_settings_are_read_from_a_sidecar():
 def test_the_rule_over_time(p, within_s, t_s, expected):
     verdict = Verdict(0.8, 0.8, within_s)
     assert [verdict.judge(window(*p), t) for t in t_s] == expected
+
+
+@given(windows_of_three(), st.floats(0.0, 8.0))
+def test_whoever_is_never_surely_harmless_alarms_in_time(windows, within_s):
+    """Whatever the evidence does meanwhile: near even at once when its time is over."""
+    verdict, before = Verdict(0.8, 0.9, within_s), Verdict(0.8, 0.9, LONGER * within_s)
+    for t_s, p in enumerate(windows):
+        (label, alarm), (_, late) = verdict.judge(p, t_s), before.judge(p, t_s)
+        assert alarm == (label == "human")
+        if judge(p, 0.8)[1] and t_s >= LONGER * within_s:
+            assert alarm
+        near_even = p.pet + p.other < MIN_LEANING or max(p.pet, p.other) < MIN_P
+        if judge(p, 0.8)[1] and near_even and t_s >= within_s:
+            assert alarm
+        # It is never later than if all of it waited as long.
+        assert alarm or not late
 
 
 def test_who_leaves_undecided_alarms_and_who_was_judged_does_not():
