@@ -103,7 +103,8 @@ def _is_missed(
     pet_limit: float,
     gap_s: float,
 ) -> bool:
-    evidence, verdict = Evidence(settings), Verdict(pet_limit, settings.human_limit, _WITHIN_S)
+    evidence = Evidence(settings)
+    verdict = Verdict(pet_limit, settings.human_limit, _WITHIN_S, settings.leaning)
     for k, (t_s, answer) in enumerate(_answers(table, rows, settings.prior_human)):
         if not k and math.isfinite(gap_s):
             sure = np.log([_PET.human, _PET.pet, _PET.other])

@@ -12,7 +12,6 @@ from radard.config.config import Config
 from radard.config.sections import DecisionSection, GateSection
 from radard.judge.bundle import Bundle
 from radard.judge.card import Card, Three
-from radard.judge.decision import LONGER
 
 _SHARE = "share without alarm, "
 _PEOPLE = ("human", "person", "people", "adult", "child", "walker")
@@ -116,7 +115,7 @@ def window_rates(config: Config, card: Card, decides: str, n_windows: int) -> It
     yield ""
     yield "p_on is left out: the card's rates are those of the verdict alone"
     if decides == "fused":
-        within = f"{LONGER * config.decision.decide_within_s:g} s"
+        within = f"{config.decision.decide_within_s:g} s"
         yield f"policy fused weighs windows together and waits up to {within}: slower than this,"
         yield "and surer than one window; the card lacks its rates: train-export evaluate --card"
 

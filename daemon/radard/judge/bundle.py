@@ -43,6 +43,8 @@ class EvidenceSettings:
     prior_human: Annotated[float, Field(ge=-10.0, le=10.0)] = 0.0
     # From this fused p(human) on there is nothing to wait for.
     human_limit: Annotated[float, Field(ge=0.2, le=1.0)] = 0.8
+    # Above this fused p(pet) + p(other) undecided evidence waits longer; 1: never.
+    leaning: Annotated[float, Field(ge=0.5, le=1.0)] = 1.0
 
     @classmethod
     def from_mapping(cls, raw: Mapping[str, Any]) -> "EvidenceSettings":

@@ -4,8 +4,8 @@ The rule: with the gate open, alarm unless p_pet + p_other > pet_limit and one o
 at least a half. `other` are trained harmless motions only; motion that resembles nothing, or
 a bit of everything, counts as human. Policy `window` applies the rule to each window alone
 (the thesis' rule). Policy `fused` applies it to the evidence over windows
-(`radard.judge.evidence`), and waits while that is undecided, for a few seconds at most, and for
-longer where it leans to a pet.
+(`radard.judge.evidence`), and waits while that is undecided, for a few seconds at most, longer
+where a bundle says so and it leans to a pet.
 """
 
 from dataclasses import dataclass
@@ -22,10 +22,8 @@ Label = Literal["human", "pet", "other", "pending", "none", "invalid"]
 GateState = Literal["open", "closed", "invalid"]
 MIN_P = 0.5
 """No class below it is what moves."""
-MIN_LEANING = 0.6
-"""p(pet) + p(other) from which undecided evidence is not near even, and waits longer."""
 LONGER = 2.5
-"""So many times as long; docs/evaluation.md tells what both save and cost."""
+"""What undecided evidence that leans to a pet waits, against what is near even."""
 HIGH_PET_LIMIT = 0.9
 """Least pet limit at sensitivity 'high' under policy 'fused'; docs/evaluation.md measures it."""
 _ROUNDING_S = 0.07
@@ -100,18 +98,23 @@ class Verdict:
     """The rule over time, by the `pet_limit` of `judge`.
 
     From p(human) `human_limit` on the alarm does not wait; else it waits for evidence for
-    `decide_within_s` after the gate has opened, 0 under policy `window`; `LONGER` while a pet or
-    a harmless thing is likelier by far (`MIN_LEANING`). `undecided_s` is for how long neither
-    side has been reached, by the last call; None where one has, or an alarm that waits no more is
-    for somebody who is likelier a person than not.
+    `decide_within_s` after the gate has opened, 0 under policy `window`; `LONGER` while
+    p(pet) + p(other) is above `leaning`, and one of them at least a half. `undecided_s` is for how
+    long neither side has been reached, by the last call; None where one has, or an alarm that
+    waits no more is for somebody who is likelier a person than not.
     """
 
     def __init__(
-        self, pet_limit: float, human_limit: float = MIN_P, decide_within_s: float = 0.0
+        self,
+        pet_limit: float,
+        human_limit: float = MIN_P,
+        decide_within_s: float = 0.0,
+        leaning: float = 1.0,
     ) -> None:
         self.pet_limit = pet_limit
         self._human_limit = human_limit
         self._within_s = decide_within_s
+        self._leaning = leaning
         self.reset()
 
     def reset(self) -> None:
@@ -132,7 +135,7 @@ class Verdict:
         elif not is_unsure:
             self._unsure_since_s = None
         # Dwells end at whole frames, so three hops may last a little less than 3 s.
-        leans = p.pet + p.other >= MIN_LEANING and max(p.pet, p.other) >= MIN_P
+        leans = p.pet + p.other > self._leaning and max(p.pet, p.other) >= MIN_P
         within_s = self._within_s * (LONGER if leans else 1.0)
         may_wait = t_s - self._since_s < within_s - _ROUNDING_S
         self._is_pending = is_unsure and may_wait

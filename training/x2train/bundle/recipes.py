@@ -159,7 +159,7 @@ RECIPES: Mapping[str, Recipe] = MappingProxyType(
                 _visits(
                     "accurate",
                     "recorded-few recorded-large recorded-accurate generated-accurate",
-                    " --prior 0.25",
+                    " --prior 0.35 --leaning 0.6",
                     _MORE_LONG,
                 ),
             )

@@ -43,6 +43,7 @@ def register(commands: Commands) -> None:
         help="added to what speaks for a person, to calibrate it on bodies nobody trained on (0)",
     )
     add("--human-limit", type=float, help="no waiting from this p(human) on (by --size)")
+    add("--leaning", metavar="P", type=float, help="longer waiting above this p(pet) + p(other)")
     add("--epochs", type=int, default=6, help="passes over the passages (6)")
     add("--seed", type=int, default=0, help="same seed, same file (0)")
     add(
@@ -81,7 +82,7 @@ def _run(args: argparse.Namespace) -> int:
     trained = followed(fit_head(train.given, validation.given, settings, weights), args.epochs)
     name = args.name or bundle.name
     limit = HUMAN_LIMIT[args.size] if args.human_limit is None else args.human_limit
-    prior = {"prior_human": args.prior} if args.prior else {}
+    more = {"prior_human": args.prior or None, "leaning": args.leaning}
     metrics = write_temporal(
         args.out,
         name,
@@ -91,12 +92,14 @@ def _run(args: argparse.Namespace) -> int:
         validation=validation,
         abouts=abouts,
         command=_command(args),
-        evidence={"human_limit": limit, **prior},
+        evidence={"human_limit": limit, **{k: v for k, v in more.items() if v is not None}},
     )
     tell_bundle(args.out / name, metrics)
     return 0
 
 
 def _command(args: argparse.Namespace) -> str:
-    base = told(args, "model train validate size", name=None, prior=0.0, human_limit=None)
+    base = told(
+        args, "model train validate size", name=None, prior=0.0, human_limit=None, leaning=None
+    )
     return f"train-export temporal {base} {told(args, 'epochs seed', start=None)}"

@@ -32,9 +32,9 @@ def levels(table: PassageTable, bundle: Bundle) -> Iterator[tuple[str, Verdicts]
 
 def rules(table: PassageTable, bundle: Bundle, pet_limit: float) -> PassageTable:
     """Return the verdicts of policy 'fused' under another limit, on the evidence that was."""
-    human_limit = EvidenceSettings.from_mapping(bundle.evidence).human_limit
+    evidence = EvidenceSettings.from_mapping(bundle.evidence)
     within_s = Config().decision.decide_within_s
-    verdict = Verdict(pet_limit, human_limit, within_s)
+    verdict = Verdict(pet_limit, evidence.human_limit, within_s, evidence.leaning)
     is_alarm, is_pending = np.zeros((2, len(table.t_s)), bool)
     for k, passage in enumerate(table.passage):
         if k == 0 or passage != table.passage[k - 1]:
