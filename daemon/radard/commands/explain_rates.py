@@ -115,8 +115,7 @@ def window_rates(config: Config, card: Card, decides: str, n_windows: int) -> It
     yield ""
     yield "p_on is left out: the card's rates are those of the verdict alone"
     if decides == "fused":
-        within = f"{config.decision.decide_within_s:g} s"
-        yield f"policy fused weighs windows together and waits up to {within}: slower than this,"
+        yield "policy fused weighs windows together and waits while undecided: slower than this,"
         yield "and surer than one window; the card lacks its rates: train-export evaluate --card"
 
 
