@@ -104,7 +104,7 @@ def _is_missed(
     gap_s: float,
 ) -> bool:
     evidence = Evidence(settings)
-    verdict = Verdict(pet_limit, settings.human_limit, _WITHIN_S, settings.leaning)
+    verdict = Verdict(pet_limit, settings, _WITHIN_S)
     for k, (t_s, answer) in enumerate(_answers(table, rows, settings.prior_human)):
         if not k and math.isfinite(gap_s):
             sure = np.log([_PET.human, _PET.pet, _PET.other])

@@ -93,10 +93,10 @@ class Pipeline:
         # No more often than frames come.
         hop_s = max(config.decision.hop_s, 1 / stream.frame_rate_hz)
         self._evidence = Evidence(evidence, hop_s)
-        limits = evidence.human_limit, config.decision.decide_within_s, evidence.leaning
+        waits = evidence, config.decision.decide_within_s
         is_fused = self.policy == "fused"
         # Another `pet_limit` of it holds from the next dwell on.
-        self.verdict = Verdict(pet_limit_of(config, bundle), *(limits if is_fused else ()))
+        self.verdict = Verdict(pet_limit_of(config, bundle), *(waits if is_fused else ()))
         self.shape = DwellShape.of(
             dwell_s=self._features.dwell_s,
             hop_s=hop_s,

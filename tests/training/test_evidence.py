@@ -116,6 +116,7 @@ def test_settings_that_make_no_sense_are_named(raw, words):
         ("prior_human", -10.0, 10.0),
         ("human_limit", 0.2, 1.0),
         ("leaning", 0.5, 1.0),
+        ("brief_s", 0.0, 3.0),
     ],
 )
 def test_the_bounds_of_settings_are_within_them(key, low, high):
@@ -134,6 +135,10 @@ def test_settings_are_read_from_a_sidecar():
     assert (s.discount, s.most, s.prior_human, s.human_limit) == (0.6, 5.0, 0.0, 0.8)
 
 
+def over_time(within_s=3.0, **settings):
+    return Verdict(0.8, EvidenceSettings(**settings), within_s)
+
+
 @pytest.mark.parametrize(
     ("p", "within_s", "t_s", "expected"),
     [
@@ -148,7 +153,7 @@ def test_settings_are_read_from_a_sidecar():
     ],
 )
 def test_the_rule_over_time(p, within_s, t_s, expected):
-    verdict = Verdict(0.8, 0.8, within_s)
+    verdict = over_time(within_s)
     assert [verdict.judge(window(*p), t) for t in t_s] == expected
 
 
@@ -163,7 +168,7 @@ def test_the_rule_over_time(p, within_s, t_s, expected):
     ],
 )
 def test_what_leans_to_a_pet_waits_longer(p, within_s, waits_s):
-    verdict = Verdict(0.8, 0.9, within_s, 0.6)
+    verdict = over_time(within_s, human_limit=0.9, leaning=0.6)
     times = [10.0, 10 + waits_s - 0.1, 10 + waits_s]
     told = [verdict.judge(window(*p), t)[1] for t in times if t >= 10]
     assert told == ([False, False, True] if waits_s else [True, True])
@@ -172,8 +177,8 @@ def test_what_leans_to_a_pet_waits_longer(p, within_s, waits_s):
 @given(windows_of_three(), st.floats(0.0, 8.0))
 def test_whoever_is_never_surely_harmless_alarms_in_time(windows, within_s):
     """Whatever the evidence does meanwhile: near even at once when its time is over."""
-    verdict = Verdict(0.8, 0.9, within_s, 0.6)
-    before = Verdict(0.8, 0.9, LONGER * within_s)
+    verdict = over_time(within_s, human_limit=0.9, leaning=0.6)
+    before = over_time(LONGER * within_s, human_limit=0.9)
     for t_s, p in enumerate(windows):
         (label, alarm), (_, late) = verdict.judge(p, t_s), before.judge(p, t_s)
         assert alarm == (label == "human")
@@ -187,7 +192,7 @@ def test_whoever_is_never_surely_harmless_alarms_in_time(windows, within_s):
 
 
 def test_who_leaves_undecided_alarms_and_who_was_judged_does_not():
-    verdict = Verdict(0.8, 0.8, 3.0)
+    verdict = over_time()
     assert not verdict.leave()
     verdict.judge(window(0.5, 0.5, 0.0), 5.0)
     assert verdict.leave()
@@ -198,8 +203,31 @@ def test_who_leaves_undecided_alarms_and_who_was_judged_does_not():
         assert not verdict.leave()
 
 
+@pytest.mark.parametrize(
+    ("p", "stays_s", "is_alarm"),
+    [
+        ((0.4, 0.6, 0.0), 1.0, False),
+        ((0.1, 0.45, 0.45), 0.0, False),  # resembles nothing, but hardly shows
+        ((0.5, 0.3, 0.2), 0.0, True),
+        ((0.4, 0.6, 0.0), 1.96, True),  # whole frames: 2 s may last a little less
+        ((0.4, 0.6, 0.0), 2.0, True),
+    ],
+)
+def test_who_shows_but_briefly_alarms_only_if_likelier_a_person(p, stays_s, is_alarm):
+    verdict = over_time(brief_s=2.0)
+    for t_s in (10.0, 10.0 + stays_s):
+        assert verdict.judge(window(*p), t_s) == ("pending", False)
+    assert verdict.leave() == is_alarm
+    assert (verdict.undecided_s is not None) == is_alarm
+    assert not verdict.leave()
+    # Nothing of it is left for the next who comes.
+    for t_s in (30.0, 31.0, 32.0):
+        verdict.judge(window(0.4, 0.6, 0.0), t_s)
+    assert verdict.leave()
+
+
 def test_it_knows_for_how_long_neither_side_has_been_reached():
-    verdict, unsure, pet = Verdict(0.8, 0.8, 3.0), window(0.4, 0.6, 0.0), window(0.1, 0.9, 0.0)
+    verdict, unsure, pet = over_time(), window(0.4, 0.6, 0.0), window(0.1, 0.9, 0.0)
     told = []
     for t_s, p in enumerate([pet, pet, unsure, unsure, unsure, pet, unsure]):
         verdict.judge(p, 10.0 + t_s)
@@ -217,7 +245,7 @@ def test_it_knows_for_how_long_neither_side_has_been_reached():
 
 @pytest.mark.parametrize("forget", [Verdict.leave, Verdict.reset])
 def test_the_wait_begins_anew_with_the_next_body(forget):
-    verdict, unsure = Verdict(0.8, 0.8, 3.0), window(0.5, 0.5, 0.0)
+    verdict, unsure = over_time(), window(0.5, 0.5, 0.0)
     assert [verdict.judge(unsure, t)[0] for t in (0, 3)] == ["pending", "human"]
     forget(verdict)
     assert not verdict.leave()
@@ -230,7 +258,7 @@ def test_the_wait_is_as_long_wherever_in_the_stream_it_begins(rate_hz):
     shape = DwellShape.of(dwell_s=2.0, hop_s=1.0, frame_rate_hz=rate_hz, n_cpi=28)
     ends = list(dwell_ends(shape, 4000))
     for first in range(len(ends) - 5):
-        verdict = Verdict(0.8, 0.8, 3.0)
+        verdict = over_time()
         times = [end / rate_hz for end in ends[first : first + 5]]
         assert [verdict.judge(unsure, t)[1] for t in times] == [False] * 3 + [True] * 2
 

@@ -245,11 +245,12 @@ def test_a_head_goes_on_the_mean_and_the_card_says_of_which(folder, capsys):
     sets = ["--train", str(folder / "check"), "--validate", str(folder / "check")]
     argv = ["temporal", *sets, "--name", "both", "--out", str(folder), "--size", "fast"]
     argv += ["--epochs", "1", "--prior", "-1", "--human-limit", "0.7", "--leaning", "0.6"]
-    argv += ["--model", *models]
+    argv += ["--brief", "2", "--model", *models]
     assert main(argv) == 0
     assert f"wrote {folder / 'both'}.onnx, .json and .md" in capsys.readouterr().out
     bundle = load_bundle(str(folder / "both.onnx"))
-    assert bundle.evidence == {"prior_human": -1, "human_limit": 0.7, "leaning": 0.6}
+    waits = {"human_limit": 0.7, "leaning": 0.6, "brief_s": 2.0}
+    assert bundle.evidence == {"prior_human": -1, **waits}
     assert (bundle.name, bundle.policy, bundle.n_hidden) == ("both", "fused", 20)
     training = json.loads((folder / "both.json").read_text())["training"]
     assert [each["name"] for each in training["joined"]] == ["plain", "two"]

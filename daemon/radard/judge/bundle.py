@@ -45,6 +45,8 @@ class EvidenceSettings:
     human_limit: Annotated[float, Field(ge=0.2, le=1.0)] = 0.8
     # Above this fused p(pet) + p(other) undecided evidence waits longer; 1: never.
     leaning: Annotated[float, Field(ge=0.5, le=1.0)] = 1.0
+    # Who leaves undecided before so long is an alarm only if likelier a person than not.
+    brief_s: Annotated[float, Field(ge=0.0, le=3.0)] = 0.0
 
     @classmethod
     def from_mapping(cls, raw: Mapping[str, Any]) -> "EvidenceSettings":

@@ -5,7 +5,7 @@ at least a half. `other` are trained harmless motions only; motion that resemble
 a bit of everything, counts as human. Policy `window` applies the rule to each window alone
 (the thesis' rule). Policy `fused` applies it to the evidence over windows
 (`radard.judge.evidence`), and waits while that is undecided, for a few seconds at most, longer
-where a bundle says so and it leans to a pet.
+where a bundle says so and it leans to a pet; a bundle may pass over who shows but briefly.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from typing import Literal
 from radard.config.config import Config
 from radard.detect.gate import GateReading
 from radard.detect.tamper import Finding
-from radard.judge.bundle import Bundle
+from radard.judge.bundle import Bundle, EvidenceSettings
 from radard.judge.classifier import Probabilities
 from radard.stream.ring import Dwell
 
@@ -99,22 +99,21 @@ class Verdict:
 
     From p(human) `human_limit` on the alarm does not wait; else it waits for evidence for
     `decide_within_s` after the gate has opened, 0 under policy `window`; `LONGER` while
-    p(pet) + p(other) is above `leaning`, and one of them at least a half. `undecided_s` is for how
-    long neither side has been reached, by the last call; None where one has, or an alarm that
-    waits no more is for somebody who is likelier a person than not.
+    p(pet) + p(other) is above `leaning`, and one of them at least a half. Who leaves undecided is
+    an alarm too; sooner than `brief_s`, only who is likelier a person than not. `undecided_s` is
+    for how long neither side has been reached, by the last call; None where one has, or an alarm
+    that waits no more is for somebody who is likelier a person than not.
     """
 
     def __init__(
         self,
         pet_limit: float,
-        human_limit: float = MIN_P,
+        settings: EvidenceSettings = EvidenceSettings(human_limit=MIN_P),
         decide_within_s: float = 0.0,
-        leaning: float = 1.0,
     ) -> None:
         self.pet_limit = pet_limit
-        self._human_limit = human_limit
+        self._settings = settings
         self._within_s = decide_within_s
-        self._leaning = leaning
         self.reset()
 
     def reset(self) -> None:
@@ -122,6 +121,7 @@ class Verdict:
         self._since_s: float | None = None
         self._unsure_since_s: float | None = None
         self._is_pending = False
+        self._may_leave = False
         self.undecided_s: float | None = None
 
     def judge(self, p: Probabilities, t_s: float) -> tuple[Label, bool]:
@@ -129,27 +129,27 @@ class Verdict:
         if self._since_s is None:
             self._since_s = t_s
         label, alarm = judge(p, self.pet_limit)
-        is_unsure = alarm and p.human < self._human_limit
+        is_unsure = alarm and p.human < self._settings.human_limit
         if is_unsure and self._unsure_since_s is None:
             self._unsure_since_s = t_s
         elif not is_unsure:
             self._unsure_since_s = None
         # Dwells end at whole frames, so three hops may last a little less than 3 s.
-        leans = p.pet + p.other > self._leaning and max(p.pet, p.other) >= MIN_P
-        within_s = self._within_s * (LONGER if leans else 1.0)
-        may_wait = t_s - self._since_s < within_s - _ROUNDING_S
-        self._is_pending = is_unsure and may_wait
+        there_s = t_s - self._since_s + _ROUNDING_S
+        leans = p.pet + p.other > self._settings.leaning and max(p.pet, p.other) >= MIN_P
+        self._is_pending = is_unsure and there_s < self._within_s * (LONGER if leans else 1.0)
+        self._may_leave = there_s < self._settings.brief_s and p.human < MIN_P
         is_likely = p.human >= MIN_P and not self._is_pending
         since_s = self._unsure_since_s
         self.undecided_s = None if since_s is None or is_likely else t_s - since_s
         return ("pending", False) if self._is_pending else (label, alarm)
 
     def leave(self) -> bool:
-        """Take note that the gate has closed; return whether somebody left undecided."""
-        was_pending, undecided_s = self._is_pending, self.undecided_s
+        """Take note that the gate has closed; return whether who left undecided is an alarm."""
+        is_alarm, undecided_s = self._is_pending and not self._may_leave, self.undecided_s
         self.reset()
-        self.undecided_s = undecided_s if was_pending else None
-        return was_pending
+        self.undecided_s = undecided_s if is_alarm else None
+        return is_alarm
 
 
 def policy_of(config: Config, bundle: Bundle | None) -> str:

@@ -159,19 +159,19 @@ RECIPES: Mapping[str, Recipe] = MappingProxyType(
                 _visits(
                     "accurate",
                     "recorded-few recorded-large recorded-accurate generated-accurate",
-                    " --prior 0.35 --leaning 0.6",
+                    " --prior 0.45 --leaning 0.6 --brief 2",
                     _MORE_LONG,
                 ),
             )
         ),
-        "balanced": _on_recordings("balanced", 8, " --prior 0.25"),
-        "fast": _on_recordings("fast", 6, " --prior 0.25"),
+        "balanced": _on_recordings("balanced", 8, " --prior 0.4 --brief 2"),
+        "fast": _on_recordings("fast", 6, " --prior 0.4 --brief 2"),
         "generated": Recipe(
             (
                 f"train-export fit {_MILLION} --name generated --size accurate --epochs 4 "
                 "--seed 0 --half",
                 f"train-export temporal --model models/generated.onnx {_LONG_SETS} "
-                "--size accurate --epochs 6 --seed 0",
+                "--size accurate --prior 0.3 --leaning 0.6 --brief 2 --epochs 6 --seed 0",
             )
         ),
         "x4m03": Recipe(
@@ -187,7 +187,7 @@ RECIPES: Mapping[str, Recipe] = MappingProxyType(
                 _visits(
                     "x4m03",
                     "x4recorded recorded-few recorded-larger recorded-accurate generated-accurate",
-                    "",
+                    " --prior 0.4 --leaning 0.6 --brief 2",
                     _X4_LONG,
                     "accurate",
                 )

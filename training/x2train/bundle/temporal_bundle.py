@@ -82,9 +82,9 @@ def write_temporal(
     `models` are the bundles that it was made from and `base` these as one (`joined`),
     `validation` passages that training never saw;
     `abouts`, what the sets to train on were made from, and `command` are for the card, behind the
-    base's command; `evidence` holds `human_limit`, of `HUMAN_LIMIT`, and `prior_human` or
-    `leaning`. Raises RadardError if onnxruntime and torch do not agree, or single windows are not
-    what they were.
+    base's command; `evidence` holds `human_limit`, of `HUMAN_LIMIT`, and more of
+    `EvidenceSettings`. Raises RadardError if onnxruntime and torch do not agree, or single
+    windows are not what they were.
     """
     onnx = with_head(base.onnx, trained, base.temperature)
     given = validation.given

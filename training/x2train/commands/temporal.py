@@ -44,6 +44,7 @@ def register(commands: Commands) -> None:
     )
     add("--human-limit", type=float, help="no waiting from this p(human) on (by --size)")
     add("--leaning", metavar="P", type=float, help="longer waiting above this p(pet) + p(other)")
+    add("--brief", metavar="S", type=float, help="who leaves undecided before is passed over")
     add("--epochs", type=int, default=6, help="passes over the passages (6)")
     add("--seed", type=int, default=0, help="same seed, same file (0)")
     add(
@@ -82,7 +83,7 @@ def _run(args: argparse.Namespace) -> int:
     trained = followed(fit_head(train.given, validation.given, settings, weights), args.epochs)
     name = args.name or bundle.name
     limit = HUMAN_LIMIT[args.size] if args.human_limit is None else args.human_limit
-    more = {"prior_human": args.prior or None, "leaning": args.leaning}
+    more = {"prior_human": args.prior or None, "leaning": args.leaning, "brief_s": args.brief}
     metrics = write_temporal(
         args.out,
         name,
@@ -99,7 +100,6 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _command(args: argparse.Namespace) -> str:
-    base = told(
-        args, "model train validate size", name=None, prior=0.0, human_limit=None, leaning=None
-    )
+    waits = dict.fromkeys(("human_limit", "leaning", "brief"))
+    base = told(args, "model train validate size", name=None, prior=0.0, **waits)
     return f"train-export temporal {base} {told(args, 'epochs seed', start=None)}"

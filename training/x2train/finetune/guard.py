@@ -122,7 +122,7 @@ def alarms_of(
     settings = EvidenceSettings.from_mapping(bundle.evidence)
     evidence = Evidence(settings)
     within_s = DecisionSection().decide_within_s
-    verdict = Verdict(bundle.pet_limit, settings.human_limit, within_s, settings.leaning)
+    verdict = Verdict(bundle.pet_limit, settings, within_s)
     made: list[bool] = []
     p, fused_log_p = answers.p(bundle.temperature).tolist(), answers.fused_log_p()
     for k, (is_new, at_s) in enumerate(zip(is_first, t_s.tolist(), strict=True)):

@@ -33,8 +33,7 @@ def levels(table: PassageTable, bundle: Bundle) -> Iterator[tuple[str, Verdicts]
 def rules(table: PassageTable, bundle: Bundle, pet_limit: float) -> PassageTable:
     """Return the verdicts of policy 'fused' under another limit, on the evidence that was."""
     evidence = EvidenceSettings.from_mapping(bundle.evidence)
-    within_s = Config().decision.decide_within_s
-    verdict = Verdict(pet_limit, evidence.human_limit, within_s, evidence.leaning)
+    verdict = Verdict(pet_limit, evidence, Config().decision.decide_within_s)
     is_alarm, is_pending = np.zeros((2, len(table.t_s)), bool)
     for k, passage in enumerate(table.passage):
         if k == 0 or passage != table.passage[k - 1]:
