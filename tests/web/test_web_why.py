@@ -107,3 +107,10 @@ def test_who_left_undecided_is_not_called_nobody():
     gate = next(s for s in found["stages"] if s["name"] == "gate")
     assert gate["plain"] == "Yes: it left undecided, and that counts as a person."
     assert (found["headline"], found["decided_by"]) == ("Undecided: alarm", "confirmation")
+
+
+def test_who_showed_but_briefly_is_not_called_nobody_either():
+    pending = open_decision(1, 2.45, human=0.3) | {"label": "pending", "alarm": False}
+    found = explain([pending, decision(2, 3.45)], HELLO, config())
+    assert found["stages"][-1]["plain"].startswith("No: it showed but briefly")
+    assert found["decided_by"] == "gate"

@@ -52,7 +52,8 @@ def explain(
     policy = alarm_policy(config.alarm, hello.get("policy", "window"))
     stages = [_frames(record, events)]
     if record["gate"] != "invalid":
-        stages.append(_gate(record))
+        was_pending = len(records) > 1 and records[-2]["label"] == "pending"
+        stages.append(_gate(record, was_pending=was_pending))
     if record["gate"] == "open":
         stages += _classified(record, limit)
     if record["alarm"]:
@@ -91,7 +92,7 @@ def _frames(record: Record, events: Sequence[Record]) -> DecisionStage:
     return _decided("frames", f"The window is invalid: {reason}.", f"No: {reason}.")
 
 
-def _gate(record: Record) -> DecisionStage:
+def _gate(record: Record, *, was_pending: bool) -> DecisionStage:
     power, threshold = record["power_db"], record["threshold_db"]
     apart = f"{abs(power - threshold):.1f} dB"
     if record["gate"] == "closed" and record["alarm"]:
@@ -100,6 +101,13 @@ def _gate(record: Record) -> DecisionStage:
             "left undecided: that counts as human."
         )
         return _passed("gate", text, "Yes: it left undecided, and that counts as a person.")
+    if record["gate"] == "closed" and was_pending:
+        text = (
+            f"The gate has closed ({_db(power)}, {apart} under the threshold). What was there "
+            "showed but briefly, and was less likely a person than not: it is passed over."
+        )
+        plain = "No: it showed but briefly, and was less likely a person than not."
+        return _decided("gate", text, plain)
     if record["gate"] == "closed":
         text = (
             f"The gate is closed: what moves has {_db(power)}, {apart} under the threshold of "
