@@ -24,6 +24,7 @@ MIN_P = 0.5
 """No class below it is what moves."""
 LONGER = 2.5
 """What undecided evidence that leans to a pet waits, against what is near even."""
+_OF_WINDOWS = EvidenceSettings(human_limit=MIN_P)  # policy 'window': nothing to wait for
 HIGH_PET_LIMIT = 0.9
 """Least pet limit at sensitivity 'high' under policy 'fused'; docs/evaluation.md measures it."""
 _ROUNDING_S = 0.07
@@ -108,7 +109,7 @@ class Verdict:
     def __init__(
         self,
         pet_limit: float,
-        settings: EvidenceSettings = EvidenceSettings(human_limit=MIN_P),
+        settings: EvidenceSettings = _OF_WINDOWS,
         decide_within_s: float = 0.0,
     ) -> None:
         self.pet_limit = pet_limit
