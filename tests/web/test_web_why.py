@@ -111,6 +111,8 @@ def test_who_left_undecided_is_not_called_nobody():
 
 def test_who_showed_but_briefly_is_not_called_nobody_either():
     pending = open_decision(1, 2.45, human=0.3) | {"label": "pending", "alarm": False}
-    found = explain([pending, decision(2, 3.45)], HELLO, config())
-    assert found["stages"][-1]["plain"].startswith("No: it showed but briefly")
-    assert found["decided_by"] == "gate"
+    lost = decision(2, 3.45) | {"gate": "invalid", "label": "invalid"}
+    for before in ([pending], [pending, lost]):
+        found = explain([*before, decision(3, 4.45)], HELLO, config())
+        assert found["stages"][-1]["plain"].startswith("No: it showed but briefly")
+        assert found["decided_by"] == "gate"

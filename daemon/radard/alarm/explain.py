@@ -52,8 +52,9 @@ def explain(
     policy = alarm_policy(config.alarm, hello.get("policy", "window"))
     stages = [_frames(record, events)]
     if record["gate"] != "invalid":
-        was_pending = len(records) > 1 and records[-2]["label"] == "pending"
-        stages.append(_gate(record, was_pending=was_pending))
+        # Windows that nobody can judge end no visit.
+        judged = [r["label"] for r in records[:-1] if r["gate"] != "invalid"]
+        stages.append(_gate(record, was_pending=judged[-1:] == ["pending"]))
     if record["gate"] == "open":
         stages += _classified(record, limit)
     if record["alarm"]:

@@ -44,7 +44,7 @@ def register(commands: Commands) -> None:
     )
     add("--human-limit", type=float, help="no waiting from this p(human) on (by --size)")
     add("--leaning", metavar="P", type=float, help="longer waiting above this p(pet) + p(other)")
-    add("--brief", metavar="S", type=float, help="who leaves undecided before is passed over")
+    add("--brief", metavar="S", type=float, help="passed over is who leaves undecided before")
     add("--epochs", type=int, default=6, help="passes over the passages (6)")
     add("--seed", type=int, default=0, help="same seed, same file (0)")
     add(
