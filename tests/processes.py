@@ -1,6 +1,7 @@
 """Our programs in processes of their own, as a user starts them."""
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -26,3 +27,9 @@ def started(*argv, **options):
     pipes = dict.fromkeys(("stdout", "stderr"), subprocess.PIPE)
     given = {**pipes, "env": environ(), **options}
     return subprocess.Popen([sys.executable, *map(str, argv)], **given)
+
+
+def hears_sigterm(pid: int) -> bool:
+    status = Path(f"/proc/{pid}/status").read_text()
+    (caught,) = [line.split()[1] for line in status.splitlines() if line.startswith("SigCgt")]
+    return bool(int(caught, 16) >> (signal.SIGTERM - 1) & 1)

@@ -59,14 +59,27 @@ class HandlerEvent(threading.Event):
         return self.is_set()
 
 
+_held: list[int] | None = None  # signals that came where none may raise
+
+
 @contextlib.contextmanager
 def without_interrupts() -> Iterator[None]:
-    """Hold SIGINT back while processes are started, which inherit that: Ctrl-C is the parent's."""
+    """Hold SIGINT and SIGTERM back while processes are started; they come behind it.
+
+    Processes that are half started say so in a traceback. They inherit that SIGINT is blocked:
+    Ctrl-C is the parent's. Blocked signals alone are not held: another thread may get them.
+    """
+    global _held  # noqa: PLW0603 - a handler is given nothing
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    outer, held = _held, [] if _held is None else _held
+    _held = held
     try:
         yield
     finally:
+        _held = outer
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if outer is None and held:
+            os.kill(os.getpid(), held[0])
 
 
 @contextlib.contextmanager
@@ -104,7 +117,9 @@ def interrupts() -> Iterator[None]:
 
 
 def _interrupt(number: int, _frame: FrameType | None) -> None:
-    raise Interrupted(number)
+    if _held is None:
+        raise Interrupted(number)
+    _held.append(number)
 
 
 def _send_later(number: int) -> None:

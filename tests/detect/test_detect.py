@@ -13,7 +13,7 @@ from pyarrow import parquet
 
 from radard.cli import main as radard_main
 from radard.commands.detect_tables import COLUMNS
-from tests.processes import started
+from tests.processes import hears_sigterm, started
 from tests.radar_helpers import run_radard, stable
 from tests.recording_helpers import record_scene, run
 from tests.waiting import wait_for
@@ -80,6 +80,7 @@ def test_a_signal_ends_all_of_its_processes_soon_and_without_a_word(files, tmp_p
     argv = ("-m", "radard", "detect", *files, *files, "--jobs", "2", "--out", tmp_path / "o.csv")
     for pause_s in (0.6, 1.2, 2.0):
         process = started(*argv, start_new_session=True)
+        wait_for(lambda pid=process.pid: hears_sigterm(pid))
         time.sleep(pause_s)
         if is_alone:
             process.terminate()
@@ -91,6 +92,7 @@ def test_a_signal_ends_all_of_its_processes_soon_and_without_a_word(files, tmp_p
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.integration
 def test_every_core_makes_the_same_table(files, capsys, tmp_path):
     one = detect(capsys, *files, "--jobs", "1")
     assert detect(capsys, *files, "--jobs", "2") == one

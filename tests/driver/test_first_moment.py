@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.processes import environ, ran, started
+from tests.processes import environ, hears_sigterm, ran, started
 from tests.recording_helpers import record_scene
 from tests.waiting import wait_for
 
@@ -23,12 +23,6 @@ ENDLESS = {
     "radard": RADARD,
     "train-export": ("x2train", "dataset", "--out", "set"),
 }
-
-
-def hears_sigterm(pid: int) -> bool:
-    status = Path(f"/proc/{pid}/status").read_text()
-    (caught,) = [line.split()[1] for line in status.splitlines() if line.startswith("SigCgt")]
-    return bool(int(caught, 16) >> (signal.SIGTERM - 1) & 1)
 
 
 @contextmanager
@@ -85,6 +79,32 @@ def test_a_signal_where_python_drops_what_is_raised_is_not_lost(number):
     """
     done = ran("-c", textwrap.dedent(code), timeout=60)
     assert (done.stdout, done.stderr) == ("heard twice\n", "")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_while_processes_start_comes_behind_it(number):
+    """Else one that was half started said EOFError; any thread may get what is blocked."""
+    code = f"""
+        import _thread, signal, time
+        from x2radar.interrupts import Interrupted, interrupts, without_interrupts
+
+        with interrupts():
+            try:
+                with without_interrupts():
+                    with without_interrupts():
+                        _thread.interrupt_main({number:d})
+                        time.sleep(0.05)
+                    print("started")
+                time.sleep(60)
+            except Interrupted:
+                print("heard")
+            try:
+                signal.raise_signal({number:d})
+            except Interrupted:
+                print("and at once")
+    """
+    done = ran("-c", textwrap.dedent(code), timeout=60)
+    assert (done.stdout, done.stderr) == ("started\nheard\nand at once\n", "")
 
 
 def test_an_event_that_a_handler_sets_is_never_waited_for_in_the_handler():
