@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from radard.errors import ModelMismatch
 from radard.judge.bundle import EvidenceSettings
 from radard.judge.classifier import Answer, Probabilities
-from radard.judge.decision import LONGER, MIN_P, Verdict, judge
+from radard.judge.decision import HIGH_PET_LIMIT, LONGER, MIN_P, Verdict, judge
 from radard.judge.evidence import Evidence
 from radard.judge.installation import size_nats
 from radard.stream.ring import DwellShape
@@ -224,6 +224,14 @@ def test_who_shows_but_briefly_alarms_only_if_likelier_a_person(p, stays_s, is_a
     for t_s in (30.0, 31.0, 32.0):
         verdict.judge(window(0.4, 0.6, 0.0), t_s)
     assert verdict.leave()
+
+
+def test_who_asks_for_few_misses_has_nobody_passed_over():
+    verdict = over_time(brief_s=2.0)
+    for limit, is_alarm in ((0.8, False), (HIGH_PET_LIMIT, True), (0.8, False)):
+        verdict.pet_limit = limit
+        assert verdict.judge(window(0.4, 0.6, 0.0), 10.0) == ("pending", False)
+        assert verdict.leave() == is_alarm
 
 
 def test_it_knows_for_how_long_neither_side_has_been_reached():

@@ -101,9 +101,10 @@ class Verdict:
     From p(human) `human_limit` on the alarm does not wait; else it waits for evidence for
     `decide_within_s` after the gate has opened, 0 under policy `window`; `LONGER` while
     p(pet) + p(other) is above `leaning`, and one of them at least a half. Who leaves undecided is
-    an alarm too; sooner than `brief_s`, only who is likelier a person than not. `undecided_s` is
-    for how long neither side has been reached, by the last call; None where one has, or an alarm
-    that waits no more is for somebody who is likelier a person than not.
+    an alarm too; sooner than `brief_s`, only who is likelier a person than not, unless `pet_limit`
+    is as high as sensitivity 'high' has it. `undecided_s` is for how long neither side has been
+    reached, by the last call; None where one has, or an alarm that waits no more is for somebody
+    who is likelier a person than not.
     """
 
     def __init__(
@@ -139,7 +140,8 @@ class Verdict:
         there_s = t_s - self._since_s + _ROUNDING_S
         leans = p.pet + p.other > self._settings.leaning and max(p.pet, p.other) >= MIN_P
         self._is_pending = is_unsure and there_s < self._within_s * (LONGER if leans else 1.0)
-        self._may_leave = there_s < self._settings.brief_s and p.human < MIN_P
+        is_brief = there_s < self._settings.brief_s and self.pet_limit < HIGH_PET_LIMIT
+        self._may_leave = is_brief and p.human < MIN_P
         is_likely = p.human >= MIN_P and not self._is_pending
         since_s = self._unsure_since_s
         self.undecided_s = None if since_s is None or is_likely else t_s - since_s
