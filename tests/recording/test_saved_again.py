@@ -278,7 +278,6 @@ def test_a_key_of_a_pair_that_stands_twice_and_an_archive_are_refused(tmp_path):
         open_recording(tmp_path / "all.sigmf")
 
 
-KINDS = ("rf", "baseband")
 COLUMNS = {"rf": ["samples"], "baseband": ["samples_i", "samples_q"]}
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from radard.errors import ModelMismatch
 from radard.judge.bundle import EvidenceSettings
 from radard.judge.classifier import Answer, Probabilities
-from radard.judge.decision import HIGH_PET_LIMIT, LONGER, MIN_P, Verdict, judge
+from radard.judge.decision import HIGH_PET_LIMIT, LONGER, MIN_P, SHORTER, Verdict, judge
 from radard.judge.evidence import Evidence
 from radard.judge.installation import size_nats
 from radard.stream.ring import DwellShape
@@ -164,10 +164,12 @@ def test_the_rule_over_time(p, within_s, t_s, expected):
         ((0.39, 0.61, 0.0), 3.0, 7.5),  # a pet, or a thing, is likelier by far
         ((0.3, 0.1, 0.6), 3.0, 7.5),
         ((0.1, 0.45, 0.45), 3.0, 3.0),  # resembles nothing
+        ((0.59, 0.41, 0.0), 3.0, 3.0),
+        ((0.61, 0.39, 0.0), 3.0, 2.0),  # a person is
         ((0.3, 0.7, 0.0), 0.0, 0.0),
     ],
 )
-def test_what_leans_to_a_pet_waits_longer(p, within_s, waits_s):
+def test_what_leans_to_a_pet_waits_longer_and_to_a_person_less(p, within_s, waits_s):
     verdict = over_time(within_s, human_limit=0.9, leaning=0.6)
     times = [10.0, 10 + waits_s - 0.1, 10 + waits_s]
     told = [verdict.judge(window(*p), t)[1] for t in times if t >= 10]
@@ -186,6 +188,8 @@ def test_whoever_is_never_surely_harmless_alarms_in_time(windows, within_s):
             assert alarm
         near_even = p.pet + p.other <= 0.6 or max(p.pet, p.other) < MIN_P
         if judge(p, 0.8)[1] and near_even and t_s >= within_s:
+            assert alarm
+        if p.human > 0.6 and t_s >= SHORTER * within_s:
             assert alarm
         # It is never later than if all of it waited as long.
         assert alarm or not late

@@ -263,3 +263,31 @@ def test_a_head_goes_on_the_mean_and_the_card_says_of_which(folder, capsys):
     assert np.argmax([window.human, window.pet, window.other]) == windows["label"][0]
     assert main([*argv, str(folder / "none.onnx")]) == 66
     assert small.one_line(capsys)
+
+
+def test_a_network_of_a_mean_is_heard_apart_as_well(folder, capsys):
+    models = [str(folder / f"{name}.onnx") for name in ("plain", "two")]
+    sets = ["--train", str(folder / "check"), "--validate", str(folder / "check")]
+    argv = ["temporal", *sets, "--out", str(folder), "--size", "fast", "--epochs", "1"]
+    argv += ["--model", *models]
+    assert main([*argv, "--name", "mean"]) == 0
+    apart = [*argv, "--name", "apart", "--start", str(folder / "mean.onnx"), "--apart"]
+    assert main([*apart, models[1]]) == 0
+    before, after = (load_bundle(str(folder / f"{name}.onnx")) for name in ("mean", "apart"))
+    assert (before.n_hidden, after.n_hidden) == (20, 40)
+    # What was there before is a part of it, and has learned nothing.
+    maps, is_first = {n: small.toy(12)[n] for n in small.NAMES}, np.arange(12) % 4 == 0
+    hidden = [outputs_of(b.onnx, maps, is_first=is_first).hidden for b in (before, after)]
+    np.testing.assert_allclose(hidden[1][:, :20], hidden[0], atol=1e-6)
+    assert np.ptp(hidden[1][:, 20:]) > 0.01
+    capsys.readouterr()
+    assert main([*apart, "nope"]) == 2
+    assert small.one_line(capsys) == "train-export: --apart nope: it is none of --model"
+    # A head with such parts is the end of the line.
+    assert main([*argv, "--name", "none", "--start", str(folder / "apart.onnx")]) == 2
+
+
+def test_what_parts_count_is_one_together():
+    shares = HeadSettings(n_said=8, apart=((0, 4), (8, 12))).shares
+    assert shares == {"given": 0.3, "said": 0.3, "apart.0": 0.2, "apart.1": 0.2}
+    assert HeadSettings().shares == {"given": 1.0}

@@ -135,7 +135,7 @@ class DecisionSection(Section):
     policy: Literal["window", "fused"] | None = Field(None, description="null: the bundle's own")
     pet_limit: float | None = Field(None, ge=0.5, le=1, description="null: the bundle's own (0.8)")
     decide_within_s: float = Field(
-        3.0, ge=0, le=8, description="policy fused: wait so long; 2.5 times where a bundle asks"
+        3.0, ge=0, le=8, description="policy fused: wait so long, by what it leans to"
     )
     hop_s: float = Field(1.0, ge=0.25, le=2, description="from one decision to the next")
     bodies: Bodies = Field(

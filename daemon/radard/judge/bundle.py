@@ -43,7 +43,7 @@ class EvidenceSettings:
     prior_human: Annotated[float, Field(ge=-10.0, le=10.0)] = 0.0
     # From this fused p(human) on there is nothing to wait for.
     human_limit: Annotated[float, Field(ge=0.2, le=1.0)] = 0.8
-    # Above this fused p(pet) + p(other) undecided evidence waits longer; 1: never.
+    # Above it undecided evidence waits longer by p(pet) + p(other), less by p(human); 1: never.
     leaning: Annotated[float, Field(ge=0.5, le=1.0)] = 1.0
     # Who leaves undecided before so long is an alarm only if likelier a person than not.
     brief_s: Annotated[float, Field(ge=0.0, le=3.0)] = 0.0

@@ -4,8 +4,9 @@ The rule: with the gate open, alarm unless p_pet + p_other > pet_limit and one o
 at least a half. `other` are trained harmless motions only; motion that resembles nothing, or
 a bit of everything, counts as human. Policy `window` applies the rule to each window alone
 (the thesis' rule). Policy `fused` applies it to the evidence over windows
-(`radard.judge.evidence`), and waits while that is undecided, for a few seconds at most, longer
-where a bundle says so and it leans to a pet; a bundle may pass over who shows but briefly.
+(`radard.judge.evidence`), and waits while that is undecided, for a few seconds at most; where a
+bundle says so, longer if it leans to a pet, less if to a person, and who shows but briefly is
+passed over.
 """
 
 from dataclasses import dataclass
@@ -22,8 +23,8 @@ Label = Literal["human", "pet", "other", "pending", "none", "invalid"]
 GateState = Literal["open", "closed", "invalid"]
 MIN_P = 0.5
 """No class below it is what moves."""
-LONGER = 2.5
-"""What undecided evidence that leans to a pet waits, against what is near even."""
+LONGER, SHORTER = 2.5, 2 / 3
+"""What undecided evidence that leans to a pet, or to a person, waits against what is even."""
 _OF_WINDOWS = EvidenceSettings(human_limit=MIN_P)  # policy 'window': nothing to wait for
 HIGH_PET_LIMIT = 0.9
 """Least pet limit at sensitivity 'high' under policy 'fused'; docs/evaluation.md measures it."""
@@ -99,12 +100,12 @@ class Verdict:
     """The rule over time, by the `pet_limit` of `judge`.
 
     From p(human) `human_limit` on the alarm does not wait; else it waits for evidence for
-    `decide_within_s` after the gate has opened, 0 under policy `window`; `LONGER` while
-    p(pet) + p(other) is above `leaning`, and one of them at least a half. Who leaves undecided is
-    an alarm too; sooner than `brief_s`, only who is likelier a person than not, unless `pet_limit`
-    is as high as sensitivity 'high' has it. `undecided_s` is for how long neither side has been
-    reached, by the last call; None where one has, or an alarm that waits no more is for somebody
-    who is likelier a person than not.
+    `decide_within_s` after the gate has opened, 0 under policy `window`; `LONGER` of it while
+    p(pet) + p(other) is above `leaning`, and one of them at least a half, `SHORTER` of it while
+    p(human) is. Who leaves undecided is an alarm too; sooner than `brief_s`, only who is likelier
+    a person than not, unless `pet_limit` is as high as sensitivity 'high' has it. `undecided_s` is
+    for how long neither side has been reached, by the last call; None where one has, or an alarm
+    that waits no more is for somebody who is likelier a person than not.
     """
 
     def __init__(
@@ -139,7 +140,8 @@ class Verdict:
         # Dwells end at whole frames, so three hops may last a little less than 3 s.
         there_s = t_s - self._since_s + _ROUNDING_S
         leans = p.pet + p.other > self._settings.leaning and max(p.pet, p.other) >= MIN_P
-        self._is_pending = is_unsure and there_s < self._within_s * (LONGER if leans else 1.0)
+        share = LONGER if leans else SHORTER if p.human > self._settings.leaning else 1.0
+        self._is_pending = is_unsure and there_s < self._within_s * share
         is_brief = there_s < self._settings.brief_s and self.pet_limit < HIGH_PET_LIMIT
         self._may_leave = is_brief and p.human < MIN_P
         is_likely = p.human >= MIN_P and not self._is_pending

@@ -43,6 +43,10 @@ _SETS: Mapping[str, tuple[int, str]] = MappingProxyType(
         "visits": (8_000, f"{_BODIES} --clear 0.5 --physical 0.5 {_LONG} --seed 808"),
         "heldvisits": (3_000, f"--families {_HELD_OUT} {_ODD} --seed 820"),
         "things": (1_500, f"--families things {_ODD} --seed 822"),
+        "clipvisits2": (4_000, f"{_CLIPS} --physical 0.5 --slow 0.3 {_LONG} --seed 852"),
+        "visits2": (5_000, f"{_BODIES} --clear 0.5 --physical 0.6 {_LONG} --seed 853"),
+        "heldvisits2": (2_500, f"--families {_HELD_OUT} {_ODD} --seed 854"),
+        "things2": (800, f"--families things {_ODD} --seed 855"),
         "clipscheck": (800, f"{_CLIPS} --longest 7 --seed 713"),
         "x2near": (6_000, f"{_X2_CLEAR} --physical 0.3 --seed 714"),
         "anyclear": (10_000, f"{_BODIES} --clear 0.7 --physical 0.4 --longest 7 --seed 715"),
@@ -86,9 +90,15 @@ _X4_LONG = f"--train sets/x4clipvisits sets/x4visits sets/x4heldvisits sets/x4th
 _CHECKS = "--validate sets/clipscheck sets/check"
 _RECORDED = f"--train sets/clips sets/x2near sets/anyclear sets/anyrooms {_CHECKS}"
 _RECORDED_LONG = f"--train sets/clipslong sets/longall sets/anyrooms {_CHECKS}"
-_MORE_LONG = f"--train sets/clipvisits sets/visits sets/heldvisits sets/things {_CHECKS}"
+_VISITS = "sets/clipvisits sets/visits sets/heldvisits sets/things"
+_MORE_LONG = f"--train {_VISITS} {_CHECKS}"
+_MOST_LONG = f"--train {_VISITS} {_VISITS.replace(' ', '2 ')}2 {_CHECKS}"
 _PARTS = "models/parts"  # bundles that others are made from
 _IN_PARTS = f"--out {_PARTS}"
+_FOUR_PARTS = "recorded-few recorded-large recorded-accurate generated-accurate"
+_GO_ON = f" --start {_PARTS}/recorded-visits.onnx"
+_APART = f" --apart {_PARTS}/recorded-few.onnx {_PARTS}/generated-accurate.onnx"
+_WAITS = " --leaning 0.6 --brief 2"
 _FAST = ("--half",)  # pays on a whole set alone
 _SMALL_SHARE = 0.05  # to try it; an epoch is shorter than the compiler's work
 
@@ -138,6 +148,9 @@ def _visits(
     )
 
 
+_ON_VISITS = f"{_visits('recorded-visits', _FOUR_PARTS, '', _MORE_LONG, 'accurate')} {_IN_PARTS}"
+
+
 def _on_recordings(size: str, epochs: int, lean: str) -> Recipe:
     return Recipe(
         (
@@ -156,12 +169,10 @@ RECIPES: Mapping[str, Recipe] = MappingProxyType(
                 _recorded("few", "accurate", 4, "accurate"),
                 _recorded("large", "large", 4),
                 _recorded("accurate", "accurate", 14, "accurate"),
-                _visits(
-                    "accurate",
-                    "recorded-few recorded-large recorded-accurate generated-accurate",
-                    " --prior 0.45 --leaning 0.6 --brief 2",
-                    _MORE_LONG,
-                ),
+                _ON_VISITS,
+                _visits("accurate", _FOUR_PARTS, f" --prior 0.15{_WAITS}", _MOST_LONG)
+                + _GO_ON
+                + _APART,
             )
         ),
         "balanced": _on_recordings("balanced", 8, " --prior 0.4 --brief 2"),
@@ -184,14 +195,15 @@ RECIPES: Mapping[str, Recipe] = MappingProxyType(
                 _recorded("large", "large", 4),
                 f"train-export fit {_MORE} --name recorded-larger --size large --epochs 2 "
                 f"--seed 0 --half --start {_PARTS}/recorded-large.onnx --stream any {_IN_PARTS}",
+                _ON_VISITS,
                 _visits(
                     "x4m03",
                     "x4recorded recorded-few recorded-larger recorded-accurate generated-accurate",
-                    " --prior 0.4 --leaning 0.6 --brief 2",
+                    f" --prior 0.4{_WAITS}",
                     _X4_LONG,
                     "accurate",
                 )
-                + " --start accurate",
+                + _GO_ON,
             )
         ),
         "thesis": Recipe(

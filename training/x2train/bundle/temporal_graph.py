@@ -3,16 +3,16 @@
 The network takes `hidden` besides, and gives `fused_logits` and `next_hidden`; what it says of
 single windows stays as it is, bit by bit::
 
-    given        = relu(given A' + a')
+    given        = relu(given A' + a'), for a network that is heard apart of its own values alone
     said         = tanh(log_softmax(logits / temperature of windows) A' + a')
     next_hidden  = GRU([given, said], hidden)
     fused_logits = (next_hidden B' + b) / temperature
 
-Both parts of a head are one GRU, whose weights from one to the other are zero. Without the second
-there is no `said`.
+All parts of a head are one GRU, whose weights from one to another are zero.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -107,6 +107,18 @@ def last_layer(model: onnx.ModelProto) -> onnx.NodeProto:
     return layer
 
 
+def spans_of(networks: Sequence[bytes]) -> list[tuple[int, int]]:
+    """Return which values of what a mean's head is given are each network's; or UsageError."""
+    ends = [0]
+    for onnx_bytes in networks:
+        model = onnx.load_from_string(onnx_bytes)
+        weight = last_layer(model).input[1]
+        shape = next(tuple(i.dims) for i in model.graph.initializer if i.name == weight)
+        # A Gemm has its weights as torch has them, a MatMul the other way round.
+        ends.append(ends[-1] + max(shape))
+    return list(pairwise(ends))
+
+
 def n_parameters(onnx_bytes: bytes) -> int:
     """Return how many numbers a network has learned."""
     graph = onnx.load_from_string(onnx_bytes).graph
@@ -162,12 +174,30 @@ def head_of(onnx_bytes: bytes, settings: HeadSettings, n_given: int) -> dict[str
     return state
 
 
+def _projections(
+    state: Mapping[str, Array], heard: Sequence[str], settings: HeadSettings
+) -> tuple[Array, Array]:
+    """Return what is made of all that is given, the parts' one below the other, and offsets."""
+    n_given = len(state["mean"])
+    spans = [(0, n_given), *settings.apart]
+    rows = []
+    for part, (first, end) in zip(heard, spans, strict=True):
+        row = np.zeros((settings.n_projected, n_given))
+        row[:, first:end] = state[f"{part}.projection.weight"] / state["spread"][first:end]
+        rows.append(row)
+    projection = np.concatenate(rows)
+    offset = np.concatenate([state[f"{part}.projection.bias"] for part in heard])
+    return projection, offset - projection @ state["mean"]
+
+
 def _values(trained: HeadTrained, temperature: float) -> dict[str, NDArray[Any]]:
     """Return the weights as ONNX wants them: in double precision until the last moment."""
     head = trained.head
     state = {key: v.detach().numpy().astype(np.float64) for key, v in head.state_dict().items()}
-    parts = [part for part in ("given", "said") if f"{part}.out.weight" in state]
-    projection = state["given.projection.weight"] / state["spread"]
+    shares = head.settings.shares
+    heard = [part for part in shares if part != "said"]
+    parts = [*heard, *(["said"] if "said" in shares else [])]
+    projection, offset = _projections(state, heard, head.settings)
 
     def joined(weights: str) -> NDArray[np.float64]:
         """Return the parts' weights of a GRU, one gate after the other, zero between them."""
@@ -177,15 +207,15 @@ def _values(trained: HeadTrained, temperature: float) -> dict[str, NDArray[Any]]
         join = np.concatenate if gates[0][0].ndim == 1 else lambda gate: block_diag(*gate)
         return np.concatenate([join(gate) for gate in gates])
 
-    share = 1 / (len(parts) * trained.temperature)
+    share = {part: shares[part] / trained.temperature for part in parts}
     values = {
         "given_projection": projection.T,
-        "given_offset": state["given.projection.bias"] - projection @ state["mean"],
+        "given_offset": offset,
         "weight": joined("weight_ih")[None],
         "recurrence": joined("weight_hh")[None],
         "bias": np.concatenate([joined("bias_ih"), joined("bias_hh")])[None],
-        "out": share * np.hstack([state[f"{part}.out.weight"] for part in parts]).T,
-        "out_bias": share * np.sum([state[f"{part}.out.bias"] for part in parts], axis=0),
+        "out": np.hstack([share[part] * state[f"{part}.out.weight"] for part in parts]).T,
+        "out_bias": np.sum([share[part] * state[f"{part}.out.bias"] for part in parts], axis=0),
     }
     if "said" in parts:
         values |= {

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from radard.errors import UsageError
 from radard.judge.bundle import load_bundle
 from x2radar.commands import add_command
 from x2train.commands import Commands, check_least, followed, tell_bundle, told
@@ -43,7 +44,7 @@ def register(commands: Commands) -> None:
         help="added to what speaks for a person, to calibrate it on bodies nobody trained on (0)",
     )
     add("--human-limit", type=float, help="no waiting from this p(human) on (by --size)")
-    add("--leaning", metavar="P", type=float, help="longer waiting above this p(pet) + p(other)")
+    add("--leaning", metavar="P", type=float, help="wait by what is above this: pets longer")
     add("--brief", metavar="S", type=float, help="passed over is who leaves undecided before")
     add("--epochs", type=int, default=6, help="passes over the passages (6)")
     add("--seed", type=int, default=0, help="same seed, same file (0)")
@@ -51,6 +52,13 @@ def register(commands: Commands) -> None:
         "--start",
         metavar="MODEL",
         help="a bundle whose head is gone on from; its networks are the last of --model",
+    )
+    add(
+        "--apart",
+        metavar="MODEL",
+        nargs="+",
+        default=[],
+        help="of --model: heard apart as well; with --start what learns is how to hear these",
     )
     parser.set_defaults(run=_run)
 
@@ -61,10 +69,14 @@ def _run(args: argparse.Namespace) -> int:
     from x2train.bundle.export import joined  # noqa: PLC0415
     from x2train.bundle.metrics import check_calibration  # noqa: PLC0415
     from x2train.bundle.temporal_bundle import HUMAN_LIMIT, given_of_sets, write_temporal  # noqa: PLC0415
-    from x2train.bundle.temporal_graph import head_of  # noqa: PLC0415
+    from x2train.bundle.temporal_graph import head_of, spans_of  # noqa: PLC0415
     from x2train.nets.temporal_head import HeadSettings, fit_head  # noqa: PLC0415
 
-    bundle = joined([load_bundle(model) for model in args.model])
+    parts = [load_bundle(model) for model in args.model]
+    bundle = joined(parts)
+    if strange := [model for model in args.apart if model not in args.model]:
+        raise UsageError(f"--apart {strange[0]}: it is none of --model")
+    spans = spans_of([part.onnx for part in parts])
     n_projected, n_hidden, n_said = SIZES[args.size]
     settings = HeadSettings(
         n_projected=n_projected,
@@ -72,6 +84,7 @@ def _run(args: argparse.Namespace) -> int:
         n_said=n_said,
         epochs=args.epochs,
         seed=args.seed,
+        apart=tuple(spans[args.model.index(model)] for model in args.apart),
     )
     start = load_bundle(args.start).onnx if args.start else None
     # A spinner, not a bar: it leaves nothing behind, so an error stays one line.
@@ -102,4 +115,4 @@ def _run(args: argparse.Namespace) -> int:
 def _command(args: argparse.Namespace) -> str:
     waits = dict.fromkeys(("human_limit", "leaning", "brief"))
     base = told(args, "model train validate size", name=None, prior=0.0, **waits)
-    return f"train-export temporal {base} {told(args, 'epochs seed', start=None)}"
+    return f"train-export temporal {base} {told(args, 'epochs seed', start=None, apart=[])}"

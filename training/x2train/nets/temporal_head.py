@@ -1,9 +1,10 @@
 """Temporal head: it integrates evidence over successive windows, learned instead of summed.
 
-The mean of one or two parts' logits counts, each a GRU (Cho et al. 2014, recalled) over a
-projection: the first of what the network's last layer is given, the second of the probabilities
-alone, which holds for bodies that nobody trained on (docs/research/evaluation-tried.md). Hidden
-values begin at zero whenever the gate has opened; the windows after 3, 5 and 8 s weigh more.
+The mean of its parts' logits counts, each a GRU (Cho et al. 2014, recalled) over a projection:
+`given` of what the network's last layer is given, `said` of the probabilities alone, which holds
+for bodies that nobody trained on, and of a mean of networks one for each that is heard `apart`
+(docs/research/evaluation-tried.md). Hidden values begin at zero whenever the gate has opened; the
+windows after 3, 5 and 8 s weigh more.
 """
 
 from collections.abc import Iterator, Mapping
@@ -55,6 +56,18 @@ class HeadSettings:
     dropout: float = 0.3  # of what is given, in training
     seed: int = 0  # of weights and order
     started_rate: float = 0.3  # of the learning rate, from another head: it is not to forget
+    # Of a mean: which values of what is given are a network's that is heard apart, first and end.
+    apart: tuple[tuple[int, int], ...] = ()
+    apart_share: float = 0.4  # of the mean, of all of these together
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """What every part counts, by its name among the weights; the sum is one."""
+        own = ["given", *(["said"] if self.n_said else [])]
+        rest = 1.0 - self.apart_share if self.apart else 1.0
+        apart = [f"apart.{k}" for k in range(len(self.apart))]
+        each = self.apart_share / max(1, len(apart))
+        return {**dict.fromkeys(own, rest / len(own)), **dict.fromkeys(apart, each)}
 
 
 class TemporalHead(nn.Module):
@@ -73,7 +86,17 @@ class TemporalHead(nn.Module):
         self.given = _part(len(mean), settings.n_projected, settings.n_hidden)
         n_said = settings.n_said
         self.said = _part(N_CLASSES, n_said, n_said) if n_said else None
-        self.n_hidden = settings.n_hidden + settings.n_said
+        self._apart = [
+            _part(end - first, settings.n_projected, settings.n_hidden)
+            for first, end in settings.apart
+        ]
+        self.apart = nn.ModuleList(self._apart)
+        self.settings = settings
+
+    @property
+    def n_hidden(self) -> int:
+        """Number of values that go from one window to the next."""
+        return self.settings.n_hidden * (1 + len(self.apart)) + self.settings.n_said
 
     def forward(self, given: torch.Tensor, log_p: torch.Tensor) -> tuple[torch.Tensor, ...]:
         """Return each part's logits, shape (n, n_windows, 3), of stays, (n, n_windows, ...)."""
@@ -81,6 +104,9 @@ class TemporalHead(nn.Module):
         made = [_judged(self.given, torch.relu(self.given["projection"](z)))]
         if self.said is not None:
             made.append(_judged(self.said, torch.tanh(self.said["projection"](log_p))))
+        for part, (first, end) in zip(self._apart, self.settings.apart, strict=True):
+            own = part["projection"](z[..., first:end])
+            made.append(_judged(part, torch.relu(own)))
         return tuple(made)
 
 
@@ -117,21 +143,27 @@ def fit_head(
     """Train on passages apart from those to validate on; yield every epoch, at last the head.
 
     `start` are weights of a head to go on from, those of its projection without mean and spread
-    (`temporal_graph.head_of`).
+    (`temporal_graph.head_of`). Where networks are heard apart as well, these parts alone learn.
     """
     torch.manual_seed(settings.seed)
     torch.set_num_threads(1)
     rng = torch.Generator().manual_seed(settings.seed)
     spread = np.maximum(train.values.std(axis=0), 1e-3)
     head = TemporalHead(train.values.mean(axis=0), spread, settings)
+    rate = settings.learning_rate
     if start is not None:
         _go_on(head, start)
+        if settings.apart:
+            head.requires_grad_(requires_grad=False)
+            head.apart.requires_grad_(requires_grad=True)
+        else:
+            rate *= settings.started_rate
     counts = np.bincount(train.label, minlength=3)
     weight = torch.from_numpy((counts.sum() / (3 * np.maximum(counts, 1))).astype(np.float32))
     runs = train.runs()
-    optimiser = torch.optim.AdamW(head.parameters(), weight_decay=settings.weight_decay)
+    learns = [each for each in head.parameters() if each.requires_grad]
+    optimiser = torch.optim.AdamW(learns, weight_decay=settings.weight_decay)
     n_steps = settings.epochs * -(-len(runs) // settings.batch)
-    rate = settings.learning_rate * (1.0 if start is None else settings.started_rate)
     cycle = torch.optim.lr_scheduler.OneCycleLR(optimiser, rate, total_steps=n_steps)
     for number in range(1, settings.epochs + 1):
         head.train()
@@ -145,7 +177,7 @@ def fit_head(
             ).mean()
             optimiser.zero_grad()
             torch.autograd.backward(loss)
-            nn.utils.clip_grad_norm_(head.parameters(), 1.0)
+            nn.utils.clip_grad_norm_(learns, 1.0)
             optimiser.step()
             cycle.step()
             total, n = total + loss.item() * len(part), n + len(part)
@@ -163,6 +195,7 @@ def _go_on(head: TemporalHead, start: Mapping[str, NDArray[np.float64]]) -> None
     wider = np.zeros((len(weight), len(mean)))
     wider[:, -weight.shape[1] :] = weight
     state = {
+        **{key: value.double().numpy() for key, value in head.state_dict().items()},
         **start,
         "given.projection.weight": wider * spread,
         "given.projection.bias": start["given.projection.bias"] + wider @ mean,
@@ -176,10 +209,12 @@ def logits_over(head: TemporalHead, given: Given) -> NDArray[np.float64]:
     """Return the logits after every window, shape (n, 3)."""
     head.eval()
     out = np.empty((len(given.label), N_CLASSES))
+    shares = list(head.settings.shares.values())
     with torch.no_grad():
         for run in given.runs():
             windows = [torch.from_numpy(each[run])[None] for each in (given.values, given.log_p)]
-            out[run] = torch.stack(head(*windows)).mean(dim=0)[0].numpy()
+            made = [part[0].double().numpy() for part in head(*windows)]
+            out[run] = np.tensordot(shares, made, 1)
     return out
 
 
