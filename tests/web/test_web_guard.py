@@ -2,7 +2,9 @@
 
 import contextlib
 import hmac
+import http.client
 import json
+import os
 import re
 import socket
 from csv import DictReader
@@ -393,6 +395,27 @@ def test_a_clip_is_only_ever_the_events_own_file(client, tmp_path):
     clip.write_bytes(b"no recording")
     client.tell(event(clip=str(clip)))
     assert client.get(f"/api/v1/events/{ULID}/clip").content == b"no recording"
+
+
+@pytest.mark.integration
+def test_a_clip_that_changes_while_it_is_sent_comes_as_it_was(make, tmp_path):
+    """One that is being made grows, and is cut and replaced when the alarm ends."""
+    client = make(served=True)
+    clip = tmp_path / f"{ULID}.h5"
+    as_it_was = bytes(range(256)) * 80_000
+    clip.write_bytes(as_it_was)
+    client.tell(event(clip=str(clip)))
+    line = http.client.HTTPConnection("127.0.0.1", client.port, timeout=60)
+    try:
+        line.request("GET", f"/api/v1/events/{ULID}/clip", headers={"Host": client.host})
+        answer = line.getresponse()
+        os.truncate(clip, 1000)
+        assert answer.read() == as_it_was
+    finally:
+        line.close()
+    clip.unlink()
+    clip.mkdir()
+    assert client.get(f"/api/v1/events/{ULID}/clip").status_code == 404
 
 
 @pytest.mark.integration

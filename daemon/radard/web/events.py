@@ -1,19 +1,22 @@
 """Events for a page: listed, exported, labelled, with their clips and pictures."""
 
 import base64
+import contextlib
 import csv
 import io
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from shutil import copyfileobj
+from tempfile import TemporaryFile
+from typing import IO, Any
 
 from anyio import CapacityLimiter
 from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse, Response
+from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.routing import Route
 
 from radard.clips.spectrogram_png import decode_png, encode_png
@@ -30,6 +33,7 @@ _NO_CLIP = "there is no clip of this event"
 _ULID = re.compile(r"[0-9A-HJKMNP-TV-Z]{26}")
 _MAX_EVENTS = 2000  # of an answer: some hundred kilobytes
 
+_SENT_BYTES = 65536  # of a clip at a time
 _MAX_WAITING = 4  # requests for a clip's pictures: each takes seconds
 _FIELDS = ("id", "sensor", "kind", "began", "ended", "peak", "reason", "label", "clip", *MARKS)
 _SAME = ("id", "kind", "phase", "start_t_s", "end_t_s", "peak", "clip", "reason")
@@ -68,7 +72,14 @@ class EventRoutes:
     async def _clip(self, request: Request) -> Response:
         if (path := await self._read(self._clip_of, request.path_params["id"])) is None:
             return refusal(404, _NO_CLIP)
-        return FileResponse(path, media_type="application/x-hdf5", headers=attached(path.name))
+        try:
+            copy, size = await self._read(_copied, path)
+        except FileNotFoundError:
+            return refusal(404, _NO_CLIP)
+        except OSError as err:
+            return refusal(503, f"the clip cannot be sent: {err.strerror or err}")
+        headers = {**attached(path.name), "Content-Length": str(size)}
+        return StreamingResponse(_sent(copy), media_type="application/x-hdf5", headers=headers)
 
     async def _pictures(self, request: Request) -> Response:
         if (path := await self._read(self._clip_of, request.path_params["id"])) is None:
@@ -169,6 +180,22 @@ def _filter(request: Request) -> dict[str, Any]:
         "text": text,
         "limit": query_number(request, "limit", 200, _MAX_EVENTS),
     }
+
+
+def _copied(clip: Path) -> tuple[IO[bytes], int]:
+    """Return a nameless copy of a clip, and its length; the clip may yet grow, shrink or go."""
+    with clip.open("rb") as file, contextlib.ExitStack() as failed:
+        copy = failed.enter_context(TemporaryFile())
+        copyfileobj(file, copy)
+        size = copy.tell()
+        copy.seek(0)
+        failed.pop_all()
+        return copy, size
+
+
+def _sent(file: IO[bytes]) -> Iterator[bytes]:
+    with file:
+        yield from iter(partial(file.read, _SENT_BYTES), b"")
 
 
 def _thumbnail(path: Path) -> dict[str, Any]:
