@@ -68,25 +68,23 @@ def test_a_share_has_sets_and_a_folder_of_its_own(tmp_path, monkeypatch):
         assert main(["make", "fast", *wrong]) == 2
 
 
-def test_recorded_motion_goes_on_from_generated(tmp_path, capsys):
-    steps = arguments("accurate", share=0.01, motion=Path("/clips"), models=tmp_path)
-    *fits, head = (step for step in steps if step[0] != "dataset")
-    assert [*(fit[0] for fit in fits), head[0]] == ["fit"] * 4 + ["temporal"]
+@pytest.mark.parametrize(("name", "n_clips"), [("accurate", 4), ("x4m03", 8), ("fast", 3)])
+def test_recorded_motion_goes_on_from_generated(name, n_clips, tmp_path, capsys):
+    steps = arguments(name, share=0.01, motion=Path("/clips"), models=tmp_path)
     # Parts lie in a folder of their own, and each is made before somebody needs it.
-    parts, made = tmp_path / "parts", []
-    for fit in fits:
-        assert fit[fit.index("--out") + 1] == str(parts)
-        if "--start" in fit:
-            assert fit[fit.index("--start") + 1] in made
-        made.append(str(parts / f"{fit[fit.index('--name') + 1]}.onnx"))
-    joined = head[head.index("--model") + 1 : head.index("--train")]
-    assert sorted(joined) == sorted(made)
-    assert head[head.index("--out") + 1] == str(tmp_path)
+    made = []
+    *parts, last = (step for step in steps if step[0] != "dataset")
+    for step in (*parts, last):
+        folder = tmp_path if step is last else tmp_path / "parts"
+        assert step[step.index("--out") + 1] == str(folder)
+        assert {word for word in step if word.endswith(".onnx")} <= set(made)
+        made.append(f"{folder}/{step[step.index('--name') + 1]}.onnx")
+    assert (parts[0][0], last[0]) == ("fit", "temporal")
     clips = [step for step in steps if "--clips" in step]
     assert all(step[step.index("--clips") + 1] == "/clips" for step in clips)
-    assert len(clips) == 3
-    assert main(["make", "accurate"]) == 2
-    assert "make accurate: needs --motion" in capsys.readouterr().err
+    assert len(clips) == n_clips
+    assert main(["make", name]) == 2
+    assert f"make {name}: needs --motion" in capsys.readouterr().err
 
 
 @pytest.mark.nightly
