@@ -44,8 +44,8 @@ def register(commands: Commands) -> None:
         help="added to what speaks for a person, to calibrate it on bodies nobody trained on (0)",
     )
     add("--human-limit", type=float, help="no waiting from this p(human) on (by --size)")
-    add("--leaning", metavar="P", type=float, help="wait by what is above this: pets longer")
-    add("--brief", metavar="S", type=float, help="passed over is who leaves undecided before")
+    add("--leaning", metavar="P", type=float, help="likelier pets wait longer, people less")
+    add("--brief", metavar="S", type=float, help="who leaves undecided sooner is passed over")
     add("--epochs", type=int, default=6, help="passes over the passages (6)")
     add("--seed", type=int, default=0, help="same seed, same file (0)")
     add(
