@@ -48,7 +48,8 @@ from x2radar.sim.module.host import connect
 from x2radar.sim.module.module import SimulatedModule
 from x2radar.sim.scene.scene import load_scene, scene_names
 from x2radar.sim.scene.stage import Stage
-from x2radar.wire.protocol import Session
+from x2radar.wire.codec import read_messages
+from x2radar.wire.framing import PacketDecoder
 
 OWN_ERRORS = (X2RadarError, RadardError)
 _ROOT = Path(__file__).parents[1]
@@ -191,11 +192,9 @@ def _capture(folder: Path, data: bytes) -> None:
 def _decode(_folder: Path, data: bytes) -> None:
     for _ in describe(read_trace(data)):
         pass
-    session = Session()
+    decoder = PacketDecoder()
     for at in range(0, len(data), 500):
-        session.receive(data[at : at + 500])
-        while session.next_event() is not None:
-            pass
+        list(read_messages(decoder, data[at : at + 500]))
 
 
 # ---------------------------------------------------------------- text

@@ -44,7 +44,10 @@ MODULES: dict[str, tuple[str, tuple[str, ...]]] = {
         ("driver/test_framing", "driver/test_framing_faults"),
     ),
     "codec": ("x2radar/wire/codec.py", ("driver/test_codec", "driver/test_codec_properties")),
-    "protocol": ("x2radar/wire/protocol.py", ("driver/test_protocol", "driver/test_device")),
+    "link": (
+        "x2radar/device/link.py",
+        ("driver/test_device", "driver/test_device_start_up"),
+    ),
     "ring": (
         "daemon/radard/stream/ring.py",
         ("detect/test_ring", "detect/test_ring_times", "detect/test_ring_model"),

@@ -6,8 +6,19 @@ import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as np_st
 
-from x2radar.wire.layouts import COMMANDS, RESPONSES, X4_FORMATS, Layout
-from x2radar.wire.messages import ByteReply, Data, Message, Reply, SetOutput, Unknown, X4Set
+from x2radar.wire.messages import (
+    COMMANDS,
+    RESPONSES,
+    X4_FORMATS,
+    ByteReply,
+    Data,
+    Layout,
+    Message,
+    Reply,
+    SetOutput,
+    Unknown,
+    X4Set,
+)
 from x2radar.wire.wire_ids import COMMAND_NAMES, RESPONSE_NAMES
 
 u32 = st.integers(0, 2**32 - 1)

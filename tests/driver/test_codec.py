@@ -18,7 +18,6 @@ from x2radar.wire import wire_ids as ids
 from x2radar.wire.codec import decode_any, decode_command, decode_response, encode
 from x2radar.wire.framing import Packet, PacketDecoder
 from x2radar.wire.framing import encode as frame
-from x2radar.wire.layouts import COMMANDS, RESPONSES
 
 
 def f32(value: float) -> float:
@@ -295,8 +294,8 @@ def test_other_forms_of_the_output_command_are_kept(wire: str) -> None:
 def test_every_message_class_has_one_row_of_its_own() -> None:
     public = [each for name, each in vars(msg).items() if not name.startswith("_")]
     classes = {c for c in public if isinstance(c, type) and issubclass(c, msg.Message)}
-    rows = COMMANDS + RESPONSES
+    rows = msg.COMMANDS + msg.RESPONSES
     assert classes == {row.cls for row in rows} | set(BY_HAND) | {msg.Message, msg.Unknown}
     assert len(rows) == len({row.cls for row in rows})
-    for some in (COMMANDS, RESPONSES):
+    for some in (msg.COMMANDS, msg.RESPONSES):
         assert len({row.prefix for row in some}) == len(some)

@@ -19,8 +19,7 @@ from tests.codec_helpers import (
 from x2radar.errors import MessageError
 from x2radar.wire import messages
 from x2radar.wire.codec import decode_any, decode_command, decode_response, encode
-from x2radar.wire.layouts import COMMANDS, RESPONSES
-from x2radar.wire.messages import Data, Message, Ping, Reply, Unknown
+from x2radar.wire.messages import COMMANDS, RESPONSES, Data, Message, Ping, Reply, Unknown
 from x2radar.wire.wire_ids import COMMAND_NAMES, RESPONSE_NAMES
 
 

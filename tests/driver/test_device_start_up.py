@@ -26,12 +26,14 @@ from x2radar.device.device import X2Radar
 from x2radar.device.link import RETRIES, Deadlines
 from x2radar.errors import (
     DeviceError,
+    MessageError,
     ReadTimeout,
     RestartRequired,
     SafeModeError,
     TransportClosed,
 )
 from x2radar.modules.x2 import RadarSettings
+from x2radar.wire import framing
 from x2radar.wire import messages as msg
 from x2radar.wire.wire_ids import ErrorCode, Mode, PongCode, SysCfg, SystemCode
 
@@ -170,6 +172,27 @@ def test_lost_and_late_answers() -> None:
             radar.command(msg.SetBaudRate(921_600))
         assert sum(isinstance(c, msg.SetBaudRate) for c in far.commands) == 1
         assert radar.stats.retries == 0
+
+
+def test_only_its_own_answer_or_a_refusal_answers_a_command() -> None:
+    version, broken = msg.Reply(0x58, 2, "firmware"), framing.encode(b"\x01\x02")
+    own = {
+        msg.GetSystemInfo(2): [msg.Ack(), msg.Pong(PongCode.READY), FRAME, version],
+        msg.GetMode(): [msg.Ack(), msg.Reply(0, 0, (1,))],
+        msg.LoadProfile(1): [version, msg.Ack(), msg.ErrorReply(ErrorCode.BUSY)],
+        msg.Ping(): [msg.Ack(), msg.Pong(PongCode.NOT_READY)],
+    }
+    with scripted(lambda command: own[command]) as (radar, far):
+        radar.open(stream=False)
+        far.send(b"\x02" + broken)
+        assert radar.command(msg.GetSystemInfo(2)) == version
+        assert radar.command(msg.GetMode()) == msg.Reply(0, 0, (1,))
+        assert radar.command(msg.LoadProfile(1)) == msg.Ack()
+        assert radar.command(msg.Ping()) == msg.Pong(PongCode.NOT_READY)
+        assert radar.stats.damaged == 2
+        with pytest.raises(MessageError):
+            radar.command(msg.SetMode(300))
+        assert far.commands == list(own)
 
 
 def test_the_late_answer_to_a_ping_counts() -> None:

@@ -1,11 +1,11 @@
-"""Tables of the protocol's messages, made from the rows of `x2radar.wire.layouts`."""
+"""Tables of the protocol's messages, made from the rows of `x2radar.wire.messages`."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import fields
 from enum import IntEnum
 
 from x2radar.wire import wire_ids
-from x2radar.wire.layouts import COMMANDS, RESPONSES, X4_FORMATS, Layout
+from x2radar.wire.messages import COMMANDS, RESPONSES, X4_FORMATS, Layout
 from x2radar.wire.wire_ids import COMMAND_NAMES, RESPONSE_NAMES, X4Setting
 
 _TYPES = {"B": "u8", "I": "u32", "i": "i32", "f": "f32"}
@@ -17,9 +17,7 @@ def _table(rows: Iterable[Layout], *, is_answered: bool = False) -> str:
     for row in rows:
         cells = [f"`{row.cls.__name__}`", f"`{row.prefix.hex(' ')}`", ", ".join(_parts(row))]
         if is_answered:
-            name = row.answer.__name__
-            short = name.upper() if name in {"Reply", "Pong"} else name
-            cells.append("" if name == "Ack" else short)
+            cells.append(row.answer.__name__.upper() if row.answer else "")
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
 

@@ -8,42 +8,41 @@ again.
 import contextlib
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 
-from x2radar.device.link import READ_S, RETRIES, Link, Listener, refusal
+from x2radar.device.link import READ_S, RETRIES, Link, Listener
 from x2radar.errors import DeviceError, PortError, RestartRequired, SafeModeError, TransportClosed
 from x2radar.modules.base import ModuleSettings
 from x2radar.wire import framing
 from x2radar.wire.codec import encode
-from x2radar.wire.messages import Message, Ping, Pong, Reset, SystemMessage
-from x2radar.wire.protocol import Answered, Event, Received, Refused
+from x2radar.wire.messages import Ack, ErrorReply, Message, Ping, Pong, Reset, SystemMessage
 from x2radar.wire.wire_ids import PongCode, SystemCode
 
 _REOPEN_EVERY_S = 0.1  # well under the half second that a module takes to restart
 
 
-@dataclass(frozen=True, slots=True)
-class FrameReceiver:
-    """Callbacks of those who consume the messages of the stream."""
-
-    begin: Callable[[], None]  # called right before the start: what came before is void
-    take: Callable[[Message, float], None]  # gets every message, and its arrival in monotonic s
-    has_frames: Callable[[], bool]  # says whether frames have come since `begin`
-
-
 class BringUp:
-    """A module whose port is open, or on its way to be; the link's `halt` ends every wait."""
+    """A module whose port is open, or on its way to be; the link's `halt` ends every wait.
+
+    `begin` is called right before the stream starts: what came before is void. `take` gets every
+    message of it, and its arrival in monotonic s; `has_frames` says whether frames have come.
+    """
 
     def __init__(
-        self, connect: Callable[[Listener], Link], settings: ModuleSettings, sink: FrameReceiver
+        self,
+        connect: Callable[[Listener], Link],
+        settings: ModuleSettings,
+        *,
+        begin: Callable[[], None],
+        take: Callable[[Message, float], None],
+        has_frames: Callable[[], bool],
     ) -> None:
         self.has_restarted = False
         self._connect = connect
         self._commands = settings.startup_commands()
-        self._sink = sink
+        self._begin, self._take, self._has_frames = begin, take, has_frames
         self._is_ready = False
         self._is_ours = self._is_streaming = False
-        self.link = connect(self._on_event)
+        self.link = connect(self._on_message)
 
     def start(self) -> None:
         """Reset, configure and start; raises DeviceError, PortError or TransportClosed."""
@@ -66,7 +65,7 @@ class BringUp:
         self.link.halt.wait(after_s)
         while True:
             try:
-                self.link = self._connect(self._on_event)
+                self.link = self._connect(self._on_message)
             except PortError:
                 if self.link.halt.is_set() or time.monotonic() > give_up_s:
                     raise
@@ -126,9 +125,9 @@ class BringUp:
         for attempt in range(1 + RETRIES):
             self.link.counts["retries"] += attempt > 0
             reply = self.link.ask(Reset(), self.link.deadlines.reply_s)
-            if isinstance(reply, Refused):
+            if isinstance(reply, ErrorReply):
                 if attempt == RETRIES or not self.link.may_ask_again(reply):
-                    raise refusal(self.link.name, reply)
+                    raise self.link.refusal(Reset(), reply)
             elif reply is not None or self.has_restarted:
                 return
         raise DeviceError(f"{self.link.name}: no answer to a reset; is it an XeThru X2 module?")
@@ -168,29 +167,27 @@ class BringUp:
                 if self.has_restarted:
                     break
             else:
-                self._sink.begin()
+                self._begin()
                 self._is_streaming = True
                 # Where frames come, only the answer was lost; another start would cut them.
-                self.link.command(start, resends=RETRIES, is_done=self._sink.has_frames)
+                self.link.command(start, resends=RETRIES, is_done=self._has_frames)
                 if not self.has_restarted:
                     return
             self._wait_ready()
         raise DeviceError(f"{self.link.name} restarts again and again while it is configured")
 
-    def _on_event(self, event: Event, arrived_s: float) -> None:
-        match event:
-            case Answered(Reset()):
+    def _on_message(self, message: Message, command: Message | None, arrived_s: float) -> None:
+        # Replies go to who asked; data from before the start are no stream.
+        match command, message:
+            case Reset(), Ack():
                 # A READY from before it says nothing about the restart.
                 self._is_ready = False
-            case Received(SystemMessage(SystemCode.BOOTING)):
+            case None, SystemMessage(SystemCode.BOOTING):
                 self._is_ready, self.has_restarted = False, True
-            case Received(SystemMessage(SystemCode.READY)):
+            case None, SystemMessage(SystemCode.READY):
                 self._is_ready = self.has_restarted = True
-            case Received(Pong(PongCode.READY)):
+            case None, Pong(PongCode.READY):
                 # The late answer to a ping that was given up.
                 self._is_ready = True
-            case Received(message) if self._is_streaming and not self.has_restarted:
-                self._sink.take(message, arrived_s)
-            case _:
-                # Replies go to who asked; data from before the start are no stream.
-                pass
+            case None, _ if self._is_streaming and not self.has_restarted:
+                self._take(message, arrived_s)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 from x2radar.device.assemble import FrameAssembler
-from x2radar.device.bring_up import BringUp, FrameReceiver
+from x2radar.device.bring_up import BringUp
 from x2radar.device.link import READ_S, RETRIES, Deadlines, Link, Listener
 from x2radar.device.transport import Transport
 from x2radar.errors import DeviceError, ReadTimeout, TransportClosed
@@ -262,8 +262,13 @@ class X2Radar(Closing):
                 halt=halt,
             )
 
-        has_frames = lambda: bool(self._waiting)  # noqa: E731 - one of three callbacks
-        return BringUp(link, self.settings, FrameReceiver(self._begin, self._take, has_frames))
+        return BringUp(
+            link,
+            self.settings,
+            begin=self._begin,
+            take=self._take,
+            has_frames=lambda: bool(self._waiting),
+        )
 
     def _opened(self) -> BringUp:
         if self._module is None:

@@ -1,7 +1,8 @@
 """Link: one opening of a port; commands with deadlines, and counts of what went wrong.
 
-A command is sent again where that does no harm. The late answer of the first copy would be taken
-for that of the next command, so a ping draws the line: no answer but its own is a pong.
+One command at most is out: its type in `ANSWERS` answers it, ERROR refuses it, everything else
+answers nothing. It is sent again where that does no harm. The late answer of the first copy would
+be taken for that of the next command, so a ping draws the line: no answer but its own is a pong.
 """
 
 import threading
@@ -12,8 +13,9 @@ from dataclasses import dataclass
 
 from x2radar.device.transport import Transport
 from x2radar.errors import DeviceError, RestartRequired, TransportClosed
-from x2radar.wire.messages import Message, Ping
-from x2radar.wire.protocol import Answered, Damaged, Event, Received, Refused, Session
+from x2radar.wire import framing
+from x2radar.wire.codec import encode, read_messages
+from x2radar.wire.messages import ANSWERS, Ack, ErrorReply, Message, Ping
 from x2radar.wire.wire_ids import ErrorCode
 
 RETRIES = 3
@@ -25,7 +27,8 @@ READ_S = 0.25
 _AGAIN = frozenset({ErrorCode.BUSY, ErrorCode.CRC_FAILED})
 """The module did not take the command, and says that it may do so later."""
 
-Listener = Callable[[Event, float], None]
+Listener = Callable[[Message, Message | None, float], None]
+"""Gets a message, the command that it answers or refuses, and when it came, in monotonic s."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,7 +55,7 @@ class Deadlines:
 
 
 class Link:
-    """One open port with its session; `listener` gets every event and its time of arrival."""
+    """One open port; `listener` gets every message."""
 
     def __init__(
         self,
@@ -70,7 +73,8 @@ class Link:
         self.halt = halt
         self._transport = transport
         self._listener = listener
-        self._session = Session()
+        self._decoder = framing.PacketDecoder()
+        self._command: Message | None = None
         # Asked now: once the module restarts, its device is no longer there to look at.
         self.is_usb = bool(getattr(transport, "is_usb", False))
 
@@ -84,27 +88,26 @@ class Link:
         finally:
             self._transport.close()
 
-    def pump(self, wait_s: float) -> Answered | Refused | None:
-        """Move bytes once, waiting `wait_s` for the first; return the reply."""
+    def pump(self, wait_s: float, out: bytes = b"") -> Message | None:
+        """Send `out`; read once, waiting `wait_s` for the first byte; return the reply."""
         if self.halt.is_set():
             raise TransportClosed(f"{self.name} was closed")
-        session = self._session
-        if out := session.data_to_send():
+        if out:
             self._transport.write(out)
-        if data := self._transport.read(wait_s):
-            session.receive(data)
+        data = self._transport.read(wait_s)
         arrived_s = time.monotonic()
-        reply: Answered | Refused | None = None
-        while (event := session.next_event()) is not None:
-            match event:
-                case Answered() | Refused():
-                    # One command is out at a time, so there is one reply at most.
-                    reply = event
-                case Damaged():
-                    self.counts["damaged"] += 1
-                case Received():
-                    pass
-            self._listener(event, arrived_s)
+        reply: Message | None = None
+        for message in read_messages(self._decoder, data):
+            if message is None:
+                self.counts["damaged"] += 1
+                continue
+            command = self._command
+            if command is not None:
+                if isinstance(message, (ErrorReply, ANSWERS.get(type(command), Ack))):
+                    reply, self._command = message, None
+                else:
+                    command = None
+            self._listener(message, command, arrived_s)
         return reply
 
     def listen(self, wait_s: float) -> None:
@@ -113,18 +116,15 @@ class Link:
         while (left_s := until_s - time.monotonic()) > 0:
             self.pump(min(left_s, READ_S))
 
-    def ask(self, command: Message, wait_s: float) -> Message | Refused | None:
-        """Send a command once; return the reply, the refusal, or None after `wait_s` seconds."""
-        session = self._session
-        session.give_up()
-        session.send(command)
+    def ask(self, command: Message, wait_s: float) -> Message | None:
+        """Send a command once; return its reply or refusal, or None after `wait_s` seconds."""
+        out, self._command = framing.encode(encode(command)), command
         until_s = time.monotonic() + wait_s
-        while (left_s := until_s - time.monotonic()) > 0:
-            reply = self.pump(min(left_s, READ_S))
-            if reply is not None:
-                return reply.reply if isinstance(reply, Answered) else reply
-        session.give_up()
-        return None
+        reply = None
+        while reply is None and (left_s := until_s - time.monotonic()) > 0:
+            reply, out = self.pump(min(left_s, READ_S), out), b""
+        self._command = None
+        return reply
 
     def command(
         self,
@@ -151,26 +151,25 @@ class Link:
                 unanswered += 1
                 if unanswered > resends:
                     raise DeviceError(f"{self.name}: no answer to {command}")
-            elif isinstance(reply, Refused):
+            elif isinstance(reply, ErrorReply):
                 if not self.may_ask_again(reply) or time.monotonic() > busy_until_s:
-                    raise refusal(self.name, reply)
+                    raise self.refusal(command, reply)
             else:
                 if unanswered and not isinstance(command, Ping):
                     self.ask(Ping(), self.deadlines.ping_every_s)
                 return reply
             self.counts["retries"] += 1
 
-    def may_ask_again(self, refused: Refused) -> bool:
+    def may_ask_again(self, refused: ErrorReply) -> bool:
         """Say whether a refusal is one for now only, after waiting until it may be over."""
         if refused.code not in _AGAIN:
             return False
         self.listen(self.deadlines.again_s)
         return True
 
-
-def refusal(name: str, refused: Refused) -> DeviceError:
-    """Return the error that says what `name` refused."""
-    code, names = refused.code, dict[int, str]((known, known.name) for known in ErrorCode)
-    label = names.get(code, "unknown").lower().replace("_", " ")
-    kind = RestartRequired if code == ErrorCode.RESTARTING else DeviceError
-    return kind(f"{name} refused {refused.command}: error {code:#x} ({label})")
+    def refusal(self, command: Message, refused: ErrorReply) -> DeviceError:
+        """Return the error that says what was refused."""
+        code, names = refused.code, dict[int, str]((known, known.name) for known in ErrorCode)
+        label = names.get(code, "unknown").lower().replace("_", " ")
+        kind = RestartRequired if code == ErrorCode.RESTARTING else DeviceError
+        return kind(f"{self.name} refused {command}: error {code:#x} ({label})")

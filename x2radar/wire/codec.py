@@ -1,4 +1,4 @@
-"""Packets to typed messages and back, by the rows of `x2radar.wire.layouts`.
+"""Packets to typed messages and back, by the rows of `x2radar.wire.messages`.
 
 Not in the rows: `SetOutput`, `X4Set`, an error of one byte, and REPLY and DATA. Host and module
 use the same first bytes for different things, so there is a decoder for each. Arrays come out
@@ -6,28 +6,19 @@ read-only and share the packet's memory.
 """
 
 import struct
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
 from x2radar.errors import MessageError
 from x2radar.wire import messages as msg
-from x2radar.wire.framing import PacketData
-from x2radar.wire.layouts import COMMANDS, RESPONSES, X4_FORMATS, Layout
+from x2radar.wire.framing import Packet, PacketData, PacketDecoder
+from x2radar.wire.messages import COMMANDS, RESPONSES, X4_FORMATS, Layout
 from x2radar.wire.wire_ids import COMMAND_NAMES, PING_SEED, RESPONSE_NAMES, DataType
 
-
-class _Form(NamedTuple):
-    row: Layout
-    head: struct.Struct
-
-
-_COMMANDS, _RESPONSES = (
-    {row.prefix: _Form(row, struct.Struct("<" + row.head)) for row in rows}
-    for rows in (COMMANDS, RESPONSES)
-)
-_BY_CLASS = {form.row.cls: form for form in (*_RESPONSES.values(), *_COMMANDS.values())}
+_COMMANDS, _RESPONSES = ({row.prefix: row for row in rows} for rows in (COMMANDS, RESPONSES))
+_BY_CLASS = {row.cls: row for row in (*RESPONSES, *COMMANDS)}
 # First bytes that only a host sends; the second ones of the X4 driver's set, get, write and read,
 # and the longest of those: 2 bytes, the setting and two floats.
 _ONLY_COMMANDS = frozenset(b"\x02\x21\x22\x23\x24\x25\x26\x40\x41\x42\x90\xb0\xc0")
@@ -93,6 +84,15 @@ def decode_response(data: PacketData) -> msg.Message:
     return _decode(data, _RESPONSES, (6, 5, 1), RESPONSE_NAMES)
 
 
+def read_messages(decoder: PacketDecoder, data: bytes) -> Iterator[msg.Message | None]:
+    """Yield what a module's bytes, cut anywhere, complete; None for each that is damaged."""
+    for item in decoder.feed(data):
+        try:
+            yield decode_response(item.data) if isinstance(item, Packet) else None
+        except MessageError:
+            yield None
+
+
 def decode_any(data: PacketData) -> msg.Message:
     """Read a packet of unknown direction, as in a trace of both.
 
@@ -124,25 +124,23 @@ def _is_command(data: PacketData) -> bool:
 
 def _decode(
     data: PacketData,
-    forms: Mapping[bytes, _Form],
+    rows: Mapping[bytes, Layout],
     lengths: tuple[int, ...],
     names: Mapping[bytes, str],
 ) -> msg.Message:
     for length in lengths:
-        form = forms.get(bytes(data[:length]))
-        if form is not None:
-            return _unpack(form, data)
+        if row := rows.get(bytes(data[:length])):
+            return _unpack(row, data)
     known = (names.get(bytes(data[:length])) for length in (5, 2, 1))
     return msg.Unknown(bytes(data), next(filter(None, known), ""))
 
 
-def _unpack(form: _Form, data: PacketData) -> msg.Message:
-    row = form.row
+def _unpack(row: Layout, data: PacketData) -> msg.Message:
     at = len(row.prefix)
     arrays: list[Any] = []
     try:
-        fields = form.head.unpack_from(data, at)
-        at += form.head.size
+        fields = struct.unpack_from("<" + row.head, data, at)
+        at += struct.calcsize("<" + row.head)
         if row.count is not None:
             n = fields[row.count]
             fields = fields[: row.count] + fields[row.count + 1 :]
@@ -158,8 +156,7 @@ def _unpack(form: _Form, data: PacketData) -> msg.Message:
     return row.cls(*fields, *arrays)
 
 
-def _pack(form: _Form, message: msg.Message) -> bytes:
-    row = form.row
+def _pack(row: Layout, message: msg.Message) -> bytes:
     values = [getattr(message, name) for name in message.__dataclass_fields__]
     bodies = []
     if row.count is not None:
@@ -169,7 +166,7 @@ def _pack(form: _Form, message: msg.Message) -> bytes:
         if len(sizes) != 1:
             raise ValueError(f"arrays of unequal length {sorted(sizes)}")
         values.insert(row.count, sizes.pop())
-    return b"".join([row.prefix, form.head.pack(*values), *bodies])
+    return b"".join([row.prefix, struct.pack("<" + row.head, *values), *bodies])
 
 
 def _decode_x4_set(data: PacketData, setting: int) -> msg.X4Set:

@@ -58,13 +58,6 @@ class Profile(IntEnum):
     RADAR = 0x57DABF09
 
 
-class AppItem(IntEnum):
-    """What application commands set."""
-
-    DETECTION_ZONE = 0x96A10A1C
-    SENSITIVITY = 0x10A5112B
-
-
 class InfoItem(IntEnum):
     """Argument of system info."""
 
@@ -229,7 +222,7 @@ COMMAND_NAMES = _by_prefix(
         "c0": "BootloaderCommand",
     }
 )
-"""What a host's packets are called that no row of `layouts` describes, by how they begin."""
+"""What a host's packets are called that no row of `messages` describes, by how they begin."""
 
 RESPONSE_NAMES = _by_prefix(
     {

@@ -32,7 +32,8 @@ from x2radar.device.transport import Transport
 from x2radar.frame import Frame, StreamInfo
 from x2radar.ports import parse_port
 from x2radar.radars import make_radar
-from x2radar.wire.protocol import Received, Session
+from x2radar.wire.codec import read_messages
+from x2radar.wire.framing import PacketDecoder
 
 _EXAMPLES = """\
 examples:
@@ -269,12 +270,11 @@ def listen(port: str, duration_s: float) -> Heard:
         frames = [first, *islice(coming, max(1, round(duration_s * stream.frame_rate_hz)) - 1)]
 
     def decode() -> None:
-        session, assembler = Session(), FrameAssembler(settings)
+        decoder, assembler = PacketDecoder(), FrameAssembler(settings)
         for chunk in chunks:
-            session.receive(chunk)
-            while (event := session.next_event()) is not None:
-                if isinstance(event, Received):
-                    assembler.frame(event.message, 0.0)
+            for message in read_messages(decoder, chunk):
+                if message is not None:
+                    assembler.frame(message, 0.0)
 
     return Heard(stream, frames, decode)
 

@@ -22,10 +22,9 @@ from x2radar.recording.about import NO_OVERRIDES, Overrides
 from x2radar.recording.blocks import BlockReader
 from x2radar.recording.capture import FROM_MODULE, OPENED, TO_MODULE, Capture, Chunk
 from x2radar.recording.faults import refuse
-from x2radar.wire.codec import decode_command
+from x2radar.wire.codec import decode_command, read_messages
 from x2radar.wire.framing import Packet, PacketDecoder
 from x2radar.wire.messages import SetMode, X4Set
-from x2radar.wire.protocol import Damaged, Received, Session
 from x2radar.wire.wire_ids import Mode, X4Setting
 
 
@@ -79,27 +78,19 @@ class WireReader(BlockReader):
         return self._falling(np.stack([f.samples for f in wanted]))
 
     def _decoded(self) -> Iterator[Frame]:
-        session, host = Session(), PacketDecoder()
+        module, host = PacketDecoder(), PacketDecoder()
         assembler = None if self._is_started else FrameAssembler(self._module)
         self._n_damaged = 0
         for chunk in self._capture.chunks():
             if assembler is None and _starts(host, chunk):
                 assembler = FrameAssembler(self._module)
             if chunk.kind == OPENED:
-                session = Session()
-            if chunk.kind == FROM_MODULE:
-                yield from self._frames_in(chunk, session, assembler)
-
-    def _frames_in(
-        self, chunk: Chunk, session: Session, assembler: FrameAssembler | None
-    ) -> Iterator[Frame]:
-        session.receive(chunk.data)
-        while (event := session.next_event()) is not None:
-            if isinstance(event, Damaged):
-                self._n_damaged += 1
-            elif isinstance(event, Received) and assembler is not None:
-                frame = assembler.frame(event.message, chunk.t_s)
-                if frame is not None:
+                module = PacketDecoder()
+            messages = read_messages(module, chunk.data) if chunk.kind == FROM_MODULE else ()
+            for message in messages:
+                if message is None:
+                    self._n_damaged += 1
+                elif assembler is not None and (frame := assembler.frame(message, chunk.t_s)):
                     yield frame
 
 
