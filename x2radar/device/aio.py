@@ -21,21 +21,16 @@ class AsyncRadar:
 
     `radar` is opened and closed here: leaving the block closes the port, also when its task is
     cancelled, while the radar is still being opened as well.
-
-    Examples
-    --------
-    >>> async with AsyncRadar(radar) as stream:  # doctest: +SKIP
-    ...     async for frame in stream:
-    ...         print(frame.index)
     """
+
+    _loop: asyncio.AbstractEventLoop
 
     def __init__(self, radar: X2Radar, *, max_waiting: int = _MAX_WAITING) -> None:
         self._radar = radar
         self._room = threading.Semaphore(max_waiting)
         self._halt = threading.Event()
         self._queue: asyncio.Queue[Frame | BaseException] = asyncio.Queue()
-        self._loop: asyncio.AbstractEventLoop | None = None
-        self._thread: threading.Thread | None = None
+        self._thread = threading.Thread(target=self._read, name="x2radar-reader", daemon=True)
 
     @property
     def stats(self) -> RadarStats:
@@ -57,7 +52,6 @@ class AsyncRadar:
             self._halt.set()
             self._radar.close()
             raise
-        self._thread = threading.Thread(target=self._read, name="x2radar-reader", daemon=True)
         self._thread.start()
         return self
 
@@ -65,7 +59,7 @@ class AsyncRadar:
         """Close the port and wait for the reader; a second cancellation ends only the wait."""
         self._halt.set()
         self._room.release()
-        await asyncio.shield(asyncio.to_thread(self._end))
+        await asyncio.shield(asyncio.to_thread(lambda: (self._radar.close(), self._thread.join())))
 
     def __aiter__(self) -> "AsyncRadar":
         """Iterate over the frames; see `__anext__`."""
@@ -73,7 +67,7 @@ class AsyncRadar:
 
     async def __anext__(self) -> Frame:
         """Return the next frame; raises as `X2Radar.frames`."""
-        if self._thread is None:
+        if self._thread.ident is None:
             raise TransportClosed("the radar is not open: use 'async with'")
         if self._halt.is_set() and self._queue.empty():
             raise StopAsyncIteration
@@ -97,12 +91,6 @@ class AsyncRadar:
             self._hand_over(err)
 
     def _hand_over(self, item: Frame | BaseException) -> None:
-        assert self._loop is not None  # noqa: S101 - set before the thread starts
         # RuntimeError: the loop is closed, nobody waits any more.
         with contextlib.suppress(RuntimeError):
             self._loop.call_soon_threadsafe(self._queue.put_nowait, item)
-
-    def _end(self) -> None:
-        self._radar.close()
-        if self._thread is not None:
-            self._thread.join()

@@ -71,12 +71,6 @@ class X2Radar(Closing):
         What to call the module in messages.
     run_id : str, optional
         `StreamInfo.run_id`; one that no other run has by default.
-
-    Examples
-    --------
-    >>> with X2Radar(lambda: SerialTransport("/dev/ttyACM0")) as radar:  # doctest: +SKIP
-    ...     for frame in radar:
-    ...         print(frame.index, frame.samples.shape)
     """
 
     def __init__(
@@ -238,8 +232,8 @@ class X2Radar(Closing):
     def _order_code(self) -> str:
         """Return what the module calls itself; empty when it does not say."""
         self._module = module = self._bring_up()
+        ask = GetSystemInfo(InfoItem.ORDER_CODE)
         try:
-            ask = GetSystemInfo(InfoItem.ORDER_CODE)
             answer = module.link.command(ask, resends=1, wait_s=_ASK_S)
         except DeviceError:
             return ""

@@ -49,15 +49,6 @@ class ReconnectingRadar(Closing):
     asked for. `wait` waits also for a device that is absent at first; `quit_on_loss` raises when
     it is lost later. Tests give their own `clock` (seconds) and `sleep`, which by default `close`
     ends at once.
-
-    Examples
-    --------
-    >>> with ReconnectingRadar(make_radar(parse_port("/dev/ttyACM0"))) as radar:  # doctest: +SKIP
-    ...     for item in radar.items():
-    ...         if isinstance(item, StreamEvent):
-    ...             print(item.kind, item.reason)
-    ...         else:
-    ...             print(item.index)
     """
 
     def __init__(
@@ -109,7 +100,12 @@ class ReconnectingRadar(Closing):
         what went wrong: at first unless `wait`, later with `quit_on_loss`.
         """
         try:
-            yield from self._opened_first()
+            try:
+                self._radar.open(halt=self._halt)
+            except _LOSSES as err:
+                if not self._wait or self._halt.is_set() or isinstance(err, errors.NoPort):
+                    raise
+                yield from self._found_again(err)
             while True:
                 try:
                     yield from self._streamed()
@@ -129,14 +125,6 @@ class ReconnectingRadar(Closing):
         """Close the device, or end the wait for it, at once; from any thread."""
         self._halt.set()
         self._radar.close()
-
-    def _opened_first(self) -> Iterator[StreamEvent]:
-        try:
-            self._radar.open(halt=self._halt)
-        except _LOSSES as err:
-            if not self._wait or self._halt.is_set() or isinstance(err, errors.NoPort):
-                raise
-            yield from self._found_again(err)
 
     def _found_again(self, err: errors.X2RadarError) -> Iterator[StreamEvent]:
         """Say that the device is lost, and open it again."""

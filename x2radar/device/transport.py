@@ -129,80 +129,69 @@ def _port_error(url: str, err: Exception) -> PortError:
     return PortError(f"{url}: cannot be opened: {getattr(inner, 'strerror', None) or text}")
 
 
-class _Pipe:
-    """One direction of a memory pair: bounded, so that a fast writer waits."""
-
-    def __init__(self, capacity: int, *, keeps_pieces: bool) -> None:
-        self._capacity = capacity
-        self._keeps_pieces = keeps_pieces
-        self._chunks: deque[bytes] = deque()
-        self._size = 0
-        self._closed = False
-        self._changed = threading.Condition()
-
-    def put(self, data: bytes) -> None:
-        with self._changed:
-            self._changed.wait_for(lambda: self._closed or self._size < self._capacity)
-            self._check()
-            self._chunks.append(data)
-            self._size += len(data)
-            self._changed.notify_all()
-
-    def get(self, timeout_s: float) -> bytes:
-        with self._changed:
-            if not self._chunks and not self._closed and timeout_s > 0:
-                self._changed.wait_for(lambda: self._closed or self._chunks, timeout_s)
-            if not self._chunks:
-                self._check()
-            n = min(1, len(self._chunks)) if self._keeps_pieces else len(self._chunks)
-            data = b"".join(self._chunks.popleft() for _ in range(n))
-            self._size -= len(data)
-            self._changed.notify_all()
-            return data
-
-    def close(self, *, forget: bool = False) -> None:
-        with self._changed:
-            self._closed = True
-            if forget:
-                self._chunks.clear()
-                self._size = 0
-            self._changed.notify_all()
-
-    def _check(self) -> None:
-        if self._closed:
-            raise TransportClosed("the far end of the memory pair is closed")
-
-
 class MemoryTransport:
-    """One end of a pair in memory; made by `memory_pair`."""
+    """One end of a pair in memory, bounded, so that a fast writer waits; see `memory_pair`."""
 
     is_usb = False
+    _far: "MemoryTransport"
 
-    def __init__(self, incoming: _Pipe, outgoing: _Pipe) -> None:
-        self._incoming = incoming
-        self._outgoing = outgoing
+    def __init__(self, changed: threading.Condition, capacity: int, *, keeps_pieces: bool) -> None:
+        self._changed = changed
+        self._capacity = capacity
+        self._keeps_pieces = keeps_pieces
+        self._unread: deque[bytes] = deque()
+        self._is_closed = False
 
     def read(self, timeout_s: float) -> bytes:
         """Return what the far end wrote; wait up to `timeout_s` for the first byte."""
-        return self._incoming.get(timeout_s)
+        with self._changed:
+            self._changed.wait_for(lambda: self._unread or self._is_over(), max(timeout_s, 0))
+            if not self._unread:
+                self._check()
+            n = min(1, len(self._unread)) if self._keeps_pieces else len(self._unread)
+            data = b"".join(self._unread.popleft() for _ in range(n))
+            self._changed.notify_all()
+            return data
 
     def write(self, data: bytes) -> None:
         """Send `data`; waits while the far end is `capacity` bytes behind."""
-        if data:
-            self._outgoing.put(bytes(data))
+        if not data:
+            return
+        unread = self._far._unread
+        with self._changed:
+            self._changed.wait_for(
+                lambda: self._is_over() or sum(map(len, unread)) < self._capacity
+            )
+            self._check()
+            unread.append(bytes(data))
+            self._changed.notify_all()
 
     def close(self) -> None:
         """Close both directions; what was not read here is dropped."""
-        self._incoming.close(forget=True)
-        self._outgoing.close()
+        with self._changed:
+            self._is_closed = True
+            self._unread.clear()
+            self._changed.notify_all()
+
+    def _is_over(self) -> bool:
+        return self._is_closed or self._far._is_closed
+
+    def _check(self) -> None:
+        if self._is_over():
+            raise TransportClosed("the far end of the memory pair is closed")
 
 
 def memory_pair(
     capacity: int = 1 << 17, *, keeps_pieces: bool = False
 ) -> tuple[MemoryTransport, MemoryTransport]:
-    """Return two connected ends; each waits to write while `capacity` bytes are unread."""
-    there, back = (_Pipe(capacity, keeps_pieces=keeps_pieces) for _ in range(2))
-    return MemoryTransport(there, back), MemoryTransport(back, there)
+    """Return two connected ends; each waits to write while `capacity` bytes are unread.
+
+    With `keeps_pieces` a read returns what one write sent.
+    """
+    changed = threading.Condition()
+    near, far = (MemoryTransport(changed, capacity, keeps_pieces=keeps_pieces) for _ in "nf")
+    near._far, far._far = far, near
+    return near, far
 
 
 class PtyTransport:
@@ -226,16 +215,10 @@ class PtyTransport:
         """Send all of `data`; waits while the terminal's buffer is full."""
         left = memoryview(data)
         while left:
-            left = left[self.write_some(left, 1.0) :]
-
-    def write_some(self, data: bytes | memoryview, timeout_s: float) -> int:
-        """Send what the terminal takes within `timeout_s`; return how many bytes that was."""
-        with self._open_master() as master:
-            _, ready, _ = select.select([], [master], [], timeout_s)
-            try:
-                return os.write(master, data) if ready else 0
-            except BlockingIOError:
-                return 0
+            with self._open_master() as master:
+                _, ready, _ = select.select([], [master], [], 1.0)
+                with contextlib.suppress(BlockingIOError):
+                    left = left[os.write(master, left) if ready else 0 :]
 
     @contextlib.contextmanager
     def _open_master(self) -> Iterator[int]:
