@@ -39,21 +39,15 @@ import numpy as np
 from x2radar.errors import ProtocolError
 
 START, END, ESC = 0x7D, 0x7E, 0x7F
-LENGTH_START = b"\x7c\x7c\x7c\x7c"
-LENGTH_HEADER = 9
 FAST = 0x51
-_FAST_HEADER = 6
+LENGTH_START = b"\x7c\x7c\x7c\x7c"
+LENGTH_HEADER, _FAST_HEADER = 9, 6
 MAX_PACKET = 1 << 17  # bytes: ten times the longest frame of any module, all escaped
 
-_START = b"\x7d"
-_END = b"\x7e"
-_ESC = b"\x7f"
-_ESC_ESC = b"\x7f\x7f"
-_ESC_START = b"\x7f\x7d"
-_ESC_END = b"\x7f\x7e"
-_END_START = b"\x7e\x7d"
+_START, _END, _ESC = b"\x7d", b"\x7e", b"\x7f"
+_ESC_ESC, _ESC_START, _ESC_END = b"\x7f\x7f", b"\x7f\x7d", b"\x7f\x7e"
+_END_START, _FAST_START = b"\x7e\x7d", b"\x7d\x51"
 _FIRST_FLAG, _N_FLAGS = np.uint8(START), np.uint8(3)
-_FAST_START = bytes([START, FAST])
 
 
 class Fault(Enum):
@@ -67,8 +61,6 @@ class Fault(Enum):
 
 
 _MERGED = frozenset({Fault.JUNK, Fault.OUT_OF_BUFFER})  # one, however many steps they took
-
-
 PacketData = bytes | memoryview  # a view behaves as bytes in comparisons, slices and NumPy
 
 
@@ -208,7 +200,9 @@ class PacketDecoder:
             start = length
         if start > 0:
             return self._drop(Fault.JUNK, start - at)
-        keep = _tail_of_length_start(buffer, at)
+        # Bytes at the end may be the beginning of a length packet.
+        ends = (n for n in (3, 2, 1) if n <= left and buffer.endswith(LENGTH_START[:n]))
+        keep = next(ends, 0)
         return self._drop(Fault.JUNK, left - keep) if left > keep else 0
 
     def _escaped(self, at: int, left: int) -> int:
@@ -217,13 +211,17 @@ class PacketDecoder:
         if size := self._sound(at, scan):
             return size
         end = buffer.find(_END, scan)
-        while end >= 0 and buffer[end - 1] == ESC and self._is_escaped(end, at):
+        while end >= 0 and _is_escaped(buffer, end, at + 1):
             # In a sound packet no bare start flag follows an escaped end flag.
             if buffer[end + 1 : end + 2] == _START and self._bare_checksum(at, end - 1):
                 return end + 1 - at
             end = buffer.find(_END, end + 1)
         if end < 0:
-            return self._unfinished(at, left)
+            if left > MAX_PACKET:
+                return self._drop(Fault.OUT_OF_BUFFER, 1)
+            # Everything up to here holds no end flag; a lone ESC at the end may still guard one.
+            self._scanned = max(at + 1, len(buffer) - 1)
+            return 0
         body = bytes(buffer[at + 1 : end])
         if _START in body and _has_start(body):
             return self._overrun(at, end, body)
@@ -263,13 +261,6 @@ class PacketDecoder:
         self._usual = len(data)
         self._emit(data.data[:-1])
         return end + 1 - at
-
-    def _unfinished(self, at: int, left: int) -> int:
-        if left <= MAX_PACKET:
-            # Everything up to here holds no end flag; a lone ESC at the end may still guard one.
-            self._scanned = max(at + 1, len(self._buffer) - 1)
-            return 0
-        return self._drop(Fault.OUT_OF_BUFFER, 1)
 
     def _bare_checksum(self, at: int, flag: int) -> bool:
         """Take the packet at `at` if the byte at `flag` is its checksum, sent unescaped."""
@@ -320,13 +311,6 @@ class PacketDecoder:
                 inner = buffer.find(start, inner + 1, end)
         return found
 
-    def _is_escaped(self, flag: int, at: int) -> bool:
-        """Say whether the byte at `flag` is preceded by an odd run of escapes."""
-        run = flag - 1
-        while run > at and self._buffer[run] == ESC:
-            run -= 1
-        return (flag - 1 - run) % 2 == 1
-
     def _length(self, at: int, left: int) -> int:
         if left < LENGTH_HEADER:
             return 0
@@ -371,15 +355,18 @@ def _has_start(body: bytes) -> bool:
     return any(p.count(_START) != p.count(_ESC_START) for p in body.split(_ESC_ESC))
 
 
+def _is_escaped(buffer: bytes | bytearray, flag: int, first: int = 0) -> bool:
+    """Say whether the byte at `flag` is preceded by an odd run of escapes, from `first` on."""
+    run = flag
+    while run > first and buffer[run - 1] == ESC:
+        run -= 1
+    return (flag - run) % 2 == 1
+
+
 def _last_start(body: bytes) -> int:
     """Return the position of the last unguarded start flag in `body`."""
     at = body.rfind(_START)
-    while at > 0:
-        run = at
-        while run > 0 and body[run - 1] == ESC:
-            run -= 1
-        if (at - run) % 2 == 0:
-            break
+    while at > 0 and _is_escaped(body, at):
         at = body.rfind(_START, 0, at)
     return at
 
@@ -391,11 +378,3 @@ def _hidden_start(data: bytes) -> int:
     until = np.bitwise_xor.accumulate(values)
     found = flags[until[flags] ^ until[-1] == START]
     return int(found[0]) if found.size else -1
-
-
-def _tail_of_length_start(buffer: bytearray, at: int) -> int:
-    """Return how many bytes at the end may be the beginning of a length packet."""
-    for n in (3, 2, 1):
-        if len(buffer) - at >= n and buffer.endswith(LENGTH_START[:n]):
-            return n
-    return 0
