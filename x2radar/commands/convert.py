@@ -15,7 +15,6 @@ from x2radar.recording.registry import (
     FORMATS,
     READABLE,
     WRITABLE,
-    Format,
     format_by_name,
     open_recording,
 )
@@ -88,7 +87,13 @@ def convert(
     overrides: Overrides = NO_OVERRIDES,
 ) -> Converted:
     """Write the recording `source` as a new file or folder `out`, whole or not at all."""
-    found = _format_to_write(out, out_kind)
+    found = FORMATS[out_kind] if out_kind else format_by_name(out)
+    if found is None:
+        msg = f"{out}: its name names no format; use --to with one of {', '.join(WRITABLE)}"
+        raise SettingsError(msg)
+    if not found.writer:
+        msg = f"{out}: {found.title}s are only read; written are {', '.join(WRITABLE)}"
+        raise SettingsError(msg)
     for path in found.files(out):
         refuse_taken(path)
     with open_recording(source, kind=source_kind, overrides=overrides) as reader:
@@ -106,17 +111,6 @@ def convert(
         duration_s = float(times[-1][-1] - times[0][0]) + 1 / reader.stream.frame_rate_hz
         warnings = [reader.warning] if reader.warning else []
         return Converted(found.name, reader.n_frames, duration_s, (*warnings, *notes))
-
-
-def _format_to_write(out: Path, out_kind: str | None) -> Format:
-    found = FORMATS[out_kind] if out_kind else format_by_name(out)
-    if found is None:
-        msg = f"{out}: its name names no format; use --to with one of {', '.join(WRITABLE)}"
-        raise SettingsError(msg)
-    if not found.writer:
-        msg = f"{out}: {found.title}s are only read; written are {', '.join(WRITABLE)}"
-        raise SettingsError(msg)
-    return found
 
 
 def _beside(out: Path) -> tempfile.TemporaryDirectory[str]:

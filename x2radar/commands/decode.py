@@ -59,9 +59,10 @@ def _summary(items: Iterable[dict[str, Any]]) -> Iterator[str]:
         if "fault" in item:
             faults[item["fault"]] += 1
         elif "message" in item:
-            name = item.get("name") or item["message"]
-            packets[item.get("direction", "").replace("_", " "), name] += 1
-            if _is_frame(item):
+            kind = item["message"]
+            packets[item.get("direction", "").replace("_", " "), item.get("name") or kind] += 1
+            is_raw = kind == "Data" and item["content_id"] == ContentId.RAW_FRAME
+            if is_raw or kind.startswith("Baseband"):
                 frames.add(item["counter"] if "counter" in item else item["info"])
                 times_s.append(item.get("t_s", 0.0))
     yield f"packets  {packets.total()}"
@@ -76,18 +77,13 @@ def _summary(items: Iterable[dict[str, Any]]) -> Iterator[str]:
         yield f"{n:>9}  {fault}"
 
 
-def _is_frame(item: dict[str, Any]) -> bool:
-    is_raw = item["message"] == "Data" and item["content_id"] == ContentId.RAW_FRAME
-    return is_raw or str(item["message"]).startswith("Baseband")
-
-
 _COMMENT = re.compile(r"//.*|#.*")
 # Four bytes at least, the shortest packet. A label in front is fine (`Read: 0x7d ...`);
 # prose that quotes some bytes is not.
-_PREFIXED_LINE = re.compile(r"(?:.*:)?\s*((?:0[xX][0-9a-fA-F]{2}[\s,]*){4,})")
-_PREFIXED = re.compile(r"0[xX]([0-9a-fA-F]{2})")
-_BARE_LINE = re.compile(r"\s*((?:[0-9a-fA-F]{2}[\s,]*){4,})")
-_BARE = re.compile(r"[0-9a-fA-F]{2}")
+_LINE = re.compile(
+    r"(?:.*:)?\s*((?:0[xX][0-9a-fA-F]{2}[\s,]*){4,})|\s*((?:[0-9a-fA-F]{2}[\s,]*){4,})"
+)
+_BYTE = re.compile(r"(?:0[xX])?([0-9a-fA-F]{2})")
 
 
 def read_trace(data: bytes) -> bytes:
@@ -98,14 +94,8 @@ def read_trace(data: bytes) -> bytes:
         return data
     out = bytearray()
     for line in text.splitlines():
-        body = _COMMENT.sub("", line)
-        if match := _PREFIXED_LINE.fullmatch(body):
-            pairs = _PREFIXED.findall(match[1])
-        elif match := _BARE_LINE.fullmatch(body):
-            pairs = _BARE.findall(match[1])
-        else:
-            continue
-        out += bytes(int(pair, 16) for pair in pairs)
+        if match := _LINE.fullmatch(_COMMENT.sub("", line)):
+            out += bytes.fromhex("".join(_BYTE.findall(match[1] or match[2])))
     return bytes(out) or data
 
 
@@ -144,12 +134,9 @@ def _describe(item: Packet | LineFault, decode: Callable[[PacketData], Message])
     if isinstance(item, LineFault):
         return {"fault": item.fault.value, "n_bytes": item.n_bytes}
     try:
-        return _message(decode(item.data))
+        message = decode(item.data)
     except MessageError as err:
         return {"fault": str(err), "n_bytes": len(item.data)}
-
-
-def _message(message: Message) -> dict[str, Any]:
     out: dict[str, Any] = {"message": type(message).__name__}
     out |= {name: _json_safe(getattr(message, name)) for name in message.__dataclass_fields__}
     if out.get("name") == "":
