@@ -1,6 +1,7 @@
 """Messages to frames: samples, axes, counters."""
 
 import dataclasses
+from collections import Counter
 
 import numpy as np
 import pytest
@@ -97,13 +98,14 @@ def test_what_counters_tell(counters: tuple[int, ...], told: list) -> None:
 
 def test_another_echo_under_the_same_number_is_a_restart() -> None:
     """A counter that restarts at 1 right behind the first frame: found by campaigns/faults.py."""
-    assembler = FrameAssembler(SETTINGS)
+    counts = Counter()
+    assembler = FrameAssembler(SETTINGS, counts)
     other = raw(1, np.arange(1, 9, dtype=np.float32))
     got = [assembler.frame(message, 0.0) for message in (raw(1), other, other, raw(2))]
     assert [(f.index, f.lost, f.restarted) if f else None for f in got] == [
         *((0, 0, False), (1, 0, True), None, (2, 0, False))
     ]
-    assert assembler.n_repeated == 1
+    assert counts["repeated"] == 1
 
 
 def test_the_axis_is_that_of_the_frame() -> None:

@@ -59,7 +59,11 @@ class AsyncRadar:
         """Close the port and wait for the reader; a second cancellation ends only the wait."""
         self._halt.set()
         self._room.release()
-        await asyncio.shield(asyncio.to_thread(lambda: (self._radar.close(), self._thread.join())))
+        await asyncio.shield(asyncio.to_thread(self._end))
+
+    def _end(self) -> None:
+        self._radar.close()
+        self._thread.join()
 
     def __aiter__(self) -> "AsyncRadar":
         """Iterate over the frames; see `__anext__`."""

@@ -4,6 +4,7 @@ Raw RF frames, baseband I/Q and baseband amplitude/phase all become a `Frame` wi
 every other message is none.
 """
 
+from collections import Counter
 from dataclasses import replace
 from typing import Any
 
@@ -17,15 +18,18 @@ from x2radar.wire.wire_ids import ContentId
 
 
 class FrameAssembler:
-    """Build frames from messages, with unwrapped counters; `settings` give raw ones an axis."""
+    """Build frames from messages, with unwrapped counters; `settings` give raw ones an axis.
 
-    def __init__(self, settings: ModuleSettings) -> None:
+    Frames that came twice are added to `counts`, as "repeated".
+    """
+
+    def __init__(self, settings: ModuleSettings, counts: Counter[str] | None = None) -> None:
         self._settings = settings
         self._counter = CounterTracker()
         self._said: dict[str, Any] = {}
         self._axis = settings.axis
         self._last: Samples | None = None
-        self.n_repeated = 0
+        self._counts = Counter[str]() if counts is None else counts
 
     def frame(self, message: Message, t_mono_s: float) -> Frame | None:
         """Return the frame in `message`, or None when it holds none or repeats the last."""
@@ -48,7 +52,7 @@ class FrameAssembler:
         step, lost = self._counter.update(counter)
         if step is Step.REPEAT:
             if self._last is not None and np.array_equal(samples, self._last):
-                self.n_repeated += 1
+                self._counts["repeated"] += 1
                 return None
             step = Step.RESTART
             self._counter.index += 1

@@ -7,10 +7,14 @@ again.
 
 import contextlib
 import time
+from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 
+from x2radar.device.assemble import FrameAssembler
 from x2radar.device.link import READ_S, RETRIES, Link, Listener
 from x2radar.errors import DeviceError, PortError, RestartRequired, SafeModeError, TransportClosed
+from x2radar.frame import Frame
 from x2radar.modules.base import ModuleSettings
 from x2radar.wire import framing
 from x2radar.wire.codec import encode
@@ -23,25 +27,21 @@ _REOPEN_EVERY_S = 0.1  # well under the half second that a module takes to resta
 class BringUp:
     """A module whose port is open, or on its way to be; the link's `halt` ends every wait.
 
-    `begin` is called right before the stream starts: what came before is void. `take` gets every
-    message of it, and its arrival in monotonic s; `has_frames` says whether frames have come.
+    Frames of its stream wait in `waiting`, until they are taken; their numbers begin at
+    `next_index`, and the first one is marked as a restart unless it is frame 0.
     """
 
     def __init__(
-        self,
-        connect: Callable[[Listener], Link],
-        settings: ModuleSettings,
-        *,
-        begin: Callable[[], None],
-        take: Callable[[Message, float], None],
-        has_frames: Callable[[], bool],
+        self, connect: Callable[[Listener], Link], settings: ModuleSettings, next_index: int
     ) -> None:
         self.has_restarted = False
+        self.waiting: deque[Frame] = deque()
+        self.next_index = self._first_index = next_index
+        self._assembler = FrameAssembler(settings)
         self._connect = connect
         self._commands = settings.startup_commands()
-        self._begin, self._take, self._has_frames = begin, take, has_frames
-        self._is_ready = False
-        self._is_ours = self._is_streaming = False
+        self._settings = settings
+        self._is_ready = self._is_ours = self._is_streaming = False
         self.link = connect(self._on_message)
 
     def start(self) -> None:
@@ -167,10 +167,13 @@ class BringUp:
                 if self.has_restarted:
                     break
             else:
-                self._begin()
+                # What came before is void; where a stream was before, its numbers go on.
+                self.waiting.clear()
+                self._first_index = self.next_index
+                self._assembler = FrameAssembler(self._settings, self.link.counts)
                 self._is_streaming = True
                 # Where frames come, only the answer was lost; another start would cut them.
-                self.link.command(start, resends=RETRIES, is_done=self._has_frames)
+                self.link.command(start, resends=RETRIES, is_done=lambda: bool(self.waiting))
                 if not self.has_restarted:
                     return
             self._wait_ready()
@@ -190,4 +193,11 @@ class BringUp:
                 # The late answer to a ping that was given up.
                 self._is_ready = True
             case None, _ if self._is_streaming and not self.has_restarted:
-                self._take(message, arrived_s)
+                if (frame := self._assembler.frame(message, arrived_s)) is None:
+                    return
+                if first := self._first_index:
+                    is_restart = frame.restarted or frame.index == 0
+                    frame = replace(frame, index=first + frame.index, restarted=is_restart)
+                self.next_index = frame.index + 1
+                self.waiting.append(frame)
+                self.link.counts.update(frames=1, lost=frame.lost, restarts=frame.restarted)

@@ -1,21 +1,20 @@
 """X2Radar: open a module, iterate over its frames, close it.
 
-`bring_up` brings the module from reset to streaming, `link` moves the bytes and repeats commands,
-`reconnect` opens a lost device again. This file owns the frames: their numbers, their marks after
-a restart, and the counts of what happened.
+`bring_up` brings the module from reset to streaming and makes frames of what it sends, `link`
+moves the bytes and repeats commands, `reconnect` opens a lost device again.
 """
 
 import threading
 import time
 import uuid
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 from typing import Self
 
-from x2radar.device.assemble import FrameAssembler
 from x2radar.device.bring_up import BringUp
-from x2radar.device.link import READ_S, RETRIES, Deadlines, Link, Listener
+from x2radar.device.link import READ_S, RETRIES, Deadlines, Link
 from x2radar.device.transport import Transport
 from x2radar.errors import DeviceError, ReadTimeout, TransportClosed
 from x2radar.frame import Closing, Frame, StreamInfo
@@ -95,9 +94,7 @@ class X2Radar(Closing):
         self._module: BringUp | None = None
         self._halt = threading.Event()
         self._halt_is_ours = True
-        self._assembler = FrameAssembler(self.settings)
-        self._waiting: deque[Frame] = deque()
-        self._first_index = self._next_index = 0
+        self._next_index = 0
         self._counts: Counter[str] = Counter()
 
     def __enter__(self) -> Self:
@@ -112,9 +109,7 @@ class X2Radar(Closing):
     @property
     def stats(self) -> RadarStats:
         """Counts up to now: a snapshot."""
-        counts = dict(self._counts)
-        counts["repeated"] = counts.get("repeated", 0) + self._assembler.n_repeated
-        return RadarStats(**counts)
+        return RadarStats(**self._counts)
 
     def open(self, *, stream: bool = True, halt: threading.Event | None = None) -> None:
         """Connect, reset, configure and start the stream; frames count from 0.
@@ -130,6 +125,7 @@ class X2Radar(Closing):
         DeviceError
             If the module does not answer, refuses a setting, or is in safe mode.
         """
+        self.close()
         self._next_index = 0
         self._open(halt, stream=stream)
 
@@ -158,8 +154,8 @@ class X2Radar(Closing):
         last_s = time.monotonic()
         while True:
             module = self._opened()
-            while self._waiting:
-                frame = self._waiting.popleft()
+            while module.waiting:
+                frame = module.waiting.popleft()
                 if self.stream is None:
                     self.stream = StreamInfo(frame.axis, rate_hz, self.name, self._run_id)
                 yield frame
@@ -169,7 +165,7 @@ class X2Radar(Closing):
                 last_s = time.monotonic()
             else:
                 module.link.pump(READ_S)
-            if not self._waiting and time.monotonic() - last_s > stall_s:
+            if not module.waiting and time.monotonic() - last_s > stall_s:
                 raise ReadTimeout(f"{self.name}: no frame for {stall_s:g} s")
 
     def command(self, command: Message, *, wait_s: float | None = None) -> Message:
@@ -206,13 +202,13 @@ class X2Radar(Closing):
         module, self._module = self._module, None
         if module is not None:
             module.close()
+            self._next_index = module.next_index
 
     def _open(self, halt: threading.Event | None, *, stream: bool) -> None:
         self.close()
         self._halt = threading.Event() if halt is None else halt
         self._halt_is_ours = halt is None
         self.stream = None
-        self._waiting.clear()
         if stream:
             self._identify()
         self._module = module = self._bring_up()
@@ -222,67 +218,37 @@ class X2Radar(Closing):
             module.start()
         except BaseException:
             self._module = None
+            self._next_index = module.next_index
             module.link.close()
             raise
 
     def _identify(self) -> None:
-        if self._choose is not None:
-            self.settings, self._choose = self._choose(self._order_code()), None
-
-    def _order_code(self) -> str:
-        """Return what the module calls itself; empty when it does not say."""
+        if self._choose is None:
+            return
         self._module = module = self._bring_up()
-        ask = GetSystemInfo(InfoItem.ORDER_CODE)
+        order_code = ""
         try:
+            ask = GetSystemInfo(InfoItem.ORDER_CODE)
             answer = module.link.command(ask, resends=1, wait_s=_ASK_S)
+            if isinstance(answer, Reply) and isinstance(answer.value, str):
+                order_code = answer.value
         except DeviceError:
-            return ""
+            pass
         finally:
             self._module = None
             module.link.close()
-        text = answer.value if isinstance(answer, Reply) else ""
-        return text if isinstance(text, str) else ""
+        self.settings, self._choose = self._choose(order_code), None
 
     def _bring_up(self) -> BringUp:
-        halt = self._halt  # this opening's own, whatever becomes of the radar meanwhile
-
-        def link(listener: Listener) -> Link:
-            return Link(
-                self._connect(),
-                listener,
-                name=self.name,
-                deadlines=self._deadlines,
-                counts=self._counts,
-                halt=halt,
-            )
-
+        # With the event of this opening, whatever becomes of the radar meanwhile.
+        link = partial(
+            Link, name=self.name, deadlines=self._deadlines, counts=self._counts, halt=self._halt
+        )
         return BringUp(
-            link,
-            self.settings,
-            begin=self._begin,
-            take=self._take,
-            has_frames=lambda: bool(self._waiting),
+            lambda listener: link(self._connect(), listener), self.settings, self._next_index
         )
 
     def _opened(self) -> BringUp:
         if self._module is None:
             raise TransportClosed(f"{self.name} is not open")
         return self._module
-
-    def _begin(self) -> None:
-        """Begin a stream; where one was before, its numbers go on."""
-        self._counts["repeated"] += self._assembler.n_repeated
-        self._assembler = FrameAssembler(self.settings)
-        self._waiting.clear()
-        self._first_index = self._next_index
-
-    def _take(self, message: Message, arrived_s: float) -> None:
-        frame = self._assembler.frame(message, arrived_s)
-        if frame is None:
-            return
-        if self._first_index:
-            is_restart = frame.restarted or frame.index == 0
-            frame = replace(frame, index=self._first_index + frame.index, restarted=is_restart)
-        self._next_index = frame.index + 1
-        self._waiting.append(frame)
-        self._counts.update(frames=1, lost=frame.lost, restarts=frame.restarted)
