@@ -30,12 +30,8 @@ _X4_SET = b"\x50\x10"
 _HEAD = struct.Struct("<BBII")
 _COUNT = struct.Struct("<I")
 _DATA_TYPES: dict[int, str] = {DataType.FLOAT: "<f4", DataType.BYTE: "u1", DataType.INT: "<i4"}
-_REPLY_SIZES: dict[int, int] = {
-    DataType.BYTE: 1,
-    DataType.INT: 4,
-    DataType.FLOAT: 4,
-    DataType.STRING: 1,
-}
+_REPLY_SIZES = {DataType.BYTE: 1, DataType.INT: 4, DataType.FLOAT: 4, DataType.STRING: 1}
+_REPLY_CODES = {DataType.BYTE: "B", DataType.INT: "i", DataType.FLOAT: "f"}
 
 
 def encode(message: msg.Message) -> bytes:
@@ -218,30 +214,22 @@ def _decode_reply(data: PacketData) -> msg.Reply:
     body = data[at : at + n * size]
     if len(body) != n * size or len(data) - at - len(body) > 1:
         raise MessageError(f"Reply has {len(data) - at} bytes for {n} elements of {size} bytes")
-    match kind:
-        case DataType.STRING:
-            text = bytes(body).rstrip(b"\0").decode("utf-8", "replace")
-            return msg.Reply(content_id, info, text)
-        case DataType.BYTE:
-            return msg.ByteReply(content_id, info, tuple(body))
-        case _:
-            code = "i" if kind == DataType.INT else "f"
-            return msg.Reply(content_id, info, struct.unpack(f"<{n}{code}", body))
+    if kind == DataType.STRING:
+        text = bytes(body).rstrip(b"\0").decode("utf-8", "replace")
+        return msg.Reply(content_id, info, text)
+    cls = msg.ByteReply if kind == DataType.BYTE else msg.Reply
+    return cls(content_id, info, struct.unpack(f"<{n}{_REPLY_CODES[kind]}", body))
 
 
 def _encode_reply(message: msg.Reply) -> bytes:
     value = message.value
-    n = len(value)
     if isinstance(value, str):
         kind, body = DataType.STRING, value.encode()
-        n = len(body)
-    elif isinstance(message, msg.ByteReply):
-        kind, body = DataType.BYTE, struct.pack(f"{n}B", *value)
-    elif any(isinstance(v, float) for v in value):
-        kind, body = DataType.FLOAT, struct.pack(f"<{n}f", *value)
     else:
-        kind, body = DataType.INT, struct.pack(f"<{n}i", *value)
+        kind = DataType.FLOAT if any(isinstance(v, float) for v in value) else DataType.INT
+        kind = DataType.BYTE if isinstance(message, msg.ByteReply) else kind
+        body = struct.pack(f"<{len(value)}{_REPLY_CODES[kind]}", *value)
+    size = _REPLY_SIZES[kind]
     head = _HEAD.pack(0x11, kind, message.content_id, message.info)
-    counted = _COUNT.pack(n) + body if n else b""
-    size = b"" if kind is DataType.INT else bytes([_REPLY_SIZES[kind]])
-    return head + counted + size
+    counted = _COUNT.pack(len(body) // size) + body if body else b""
+    return head + counted + (b"" if kind is DataType.INT else bytes([size]))
