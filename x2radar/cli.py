@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from x2radar.command import Parser, new_parser, run_command
-from x2radar.commands import convert, decode, info, plot, ports, record, selftest, simulate
+from x2radar.commands import convert, decode, info, plot, record, selftest, simulate
 from x2radar.manual import add_manual
 
 _EXAMPLES = """\
@@ -18,7 +18,7 @@ examples:
   x2radar convert dog.h5 dog.npz              between recording formats
   x2radar decode trace.txt                    a byte trace as JSON Lines
 """
-_COMMANDS = (ports, selftest, simulate, info, plot, record, convert, decode)
+_COMMANDS = (info, selftest, simulate, plot, record, convert, decode)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -1,4 +1,4 @@
-"""The subcommands of `x2radar`: one file each, with `register(commands)`."""
+"""The subcommands of `x2radar`; each file has `register(commands)`."""
 
 import argparse
 from typing import TypeAlias

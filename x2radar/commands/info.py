@@ -1,4 +1,4 @@
-"""`x2radar info`: what a recording holds, or what a module says about itself."""
+"""`x2radar ports` and `info`: where modules are; what a module or recording says of itself."""
 
 import argparse
 import json
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from x2radar.commands import Commands, add_command
 from x2radar.device.device import X2Radar
+from x2radar.device.discovery import list_ports, port_state
 from x2radar.errors import DeviceError
 from x2radar.frame import FrameCounts
 from x2radar.ports import is_port, parse_port, recording_path
@@ -22,6 +23,11 @@ _LOSSES = ("lost", "gaps", "longest_gap", "restarts", "repeats")
 
 
 def register(commands: Commands) -> None:
+    text = "list serial ports and what is known of them"
+    parser = add_command(commands, "ports", text, "example:\n  x2radar ports --probe\n")
+    parser.add_argument("--probe", action="store_true", help="ping every port, one after another")
+    parser.add_argument("--json", action="store_true", help="one JSON object a port")
+    parser.set_defaults(run=_list)
     parser = add_command(
         commands,
         "info",
@@ -30,10 +36,26 @@ def register(commands: Commands) -> None:
     )
     parser.add_argument("what", metavar="FILE|PORT", help="recording, device, URL or sim:SCENE")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
-    parser.set_defaults(run=_run)
+    parser.set_defaults(run=_describe)
 
 
-def _run(args: argparse.Namespace) -> int:
+def _list(args: argparse.Namespace) -> int:
+    rows = list_ports()
+    if not rows and not args.json:
+        print("no serial ports")
+    for row in rows:
+        is_module, state = port_state(row.path) if args.probe else (None, None)
+        if args.json:
+            print(json.dumps({**asdict(row), "is_module": is_module, "state": state}))
+            continue
+        known = f"{row.known} ({row.known_from})" if row.known else ""
+        maker = f"{row.manufacturer} {row.product}".strip()
+        parts = (row.path, state, row.usb_id, maker, row.serial_number, known, row.by_id)
+        print("  ".join(part for part in parts if part))
+    return 0
+
+
+def _describe(args: argparse.Namespace) -> int:
     if is_port(args.what):
         facts = _ask(args.what)
         shown = {"port": facts["port"], "ping": facts["ping"], **facts["info"]}

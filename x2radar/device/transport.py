@@ -132,7 +132,6 @@ def _port_error(url: str, err: Exception) -> PortError:
 class MemoryTransport:
     """One end of a pair in memory, bounded, so that a fast writer waits; see `memory_pair`."""
 
-    is_usb = False
     _far: "MemoryTransport"
 
     def __init__(self, changed: threading.Condition, capacity: int, *, keeps_pieces: bool) -> None:
@@ -196,8 +195,6 @@ def memory_pair(
 
 class PtyTransport:
     """The master side of a pseudo-terminal; the slave side is kept open for who comes back."""
-
-    is_usb = False
 
     def __init__(self) -> None:
         self._master, self._slave = os.openpty()
