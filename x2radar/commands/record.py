@@ -100,22 +100,17 @@ def _run(args: argparse.Namespace) -> int:
             rotate_s=args.rotate_time,
             fsync=args.fsync,
         )
-        # Called after the writer is closed, unless it failed.
-        open_now.push(
-            lambda kind, *_: (
-                None if kind else writer.label(_labels(args.label, port, radar, first.counter))
+        with writer:
+            tally = record(
+                chain([first], frames),
+                writer,
+                stop=stop,
+                max_frames=max(1, round(args.duration * rate_hz)) if args.duration else math.inf,
+                check_every=max(1, round(rate_hz)),
+                floor_bytes=args.free_floor * _MB,
+                paths=paths,
             )
-        )
-        open_now.enter_context(writer)
-        tally = record(
-            chain([first], frames),
-            writer,
-            stop=stop,
-            max_frames=max(1, round(args.duration * rate_hz)) if args.duration else math.inf,
-            check_every=max(1, round(rate_hz)),
-            floor_bytes=args.free_floor * _MB,
-            paths=paths,
-        )
+        writer.label(_labels(args.label, port, radar, first.counter))
     parts = f", {len(writer.paths)} parts" if writer.is_rotating else ""
     lost = f", {tally.n_lost} lost" if tally.n_lost else ""
     line = f"{args.file}: {tally.n_frames} frames, {tally.n_frames / rate_hz:.1f} s{lost}{parts}"

@@ -5,6 +5,7 @@ it resets, reports what it has found when something fails, and judges by the lim
 """
 
 import argparse
+import contextlib
 import json
 import platform
 import time
@@ -29,7 +30,6 @@ from x2radar.wire.messages import GetSystemInfo, Message, Ping, Pong, Reply
 from x2radar.wire.wire_ids import PONG_NAMES, InfoItem
 
 _ASK_S = 0.25  # for an answer: short, because old firmware leaves many questions unanswered
-
 _KEPT_BYTES = 32 << 20  # most samples kept for the recording: what can be sent in by mail
 
 _SLOW_START_S = 8.0
@@ -41,7 +41,6 @@ _WEAK_CLUTTER_DB = 15.0
 _PHASE_JITTER_RAD = 0.05
 _SPIKE_TIMES = 4.0
 _FLAT_RUN = 3  # limits above: pass up to the first (or only) one, warn up to the second
-
 _CHI2_MEDIAN = 0.4549  # median of the square of a standard normal variable
 
 
@@ -69,15 +68,11 @@ def register(commands: Commands) -> None:
         "test a module and make a report to send in",
         "example:\n  x2radar selftest --port /dev/ttyACM0 --out mine.h5 > report.txt\n",
     )
-    parser.add_argument("--port", required=True, help=PORT_FORMS)
-    parser.add_argument("--duration", type=float, default=10.0, metavar="S", help="seconds (10)")
-    parser.add_argument(
-        "--out",
-        type=Path,
-        metavar="FILE",
-        help="recording to make (x2radar-selftest-TIME.h5, in this folder)",
-    )
-    parser.add_argument("--json", action="store_true", help="the report as one JSON object")
+    add, usual = parser.add_argument, "x2radar-selftest-TIME.h5, in this folder"
+    add("--port", required=True, help=PORT_FORMS)
+    add("--duration", type=float, default=10.0, metavar="S", help="seconds (10)")
+    add("--out", type=Path, metavar="FILE", help=f"recording to make ({usual})")
+    add("--json", action="store_true", help="the report as one JSON object")
     parser.set_defaults(run=_run)
 
 
@@ -118,14 +113,9 @@ def _record(out: Path, radar: X2Radar, frames: list[Frame], report: dict[str, An
     from x2radar.recording.hdf5_writer import RecordingWriter  # noqa: PLC0415
 
     assert radar.stream is not None  # noqa: S101 - known with the first frame
-    about = {"name": radar.name, **report["info"], "selftest": report}
-    with RecordingWriter(
-        out,
-        radar.stream,
-        started_utc=report["started_utc"],
-        device=about,
-        settings=report["settings"],
-    ) as writer:
+    device = {"name": radar.name, **report["info"], "selftest": report}
+    about = {"started_utc": report["started_utc"], "settings": report["settings"]}
+    with RecordingWriter(out, radar.stream, device=device, **about) as writer:
         for frame in frames:
             writer.write(frame)
 
@@ -147,14 +137,10 @@ def _lines(report: dict[str, Any]) -> list[str]:
 def _tested(radar: X2Radar, duration_s: float) -> Report:
     """Test a module for `duration_s` of stream time; `error` of the report if it fails."""
     report = Report()
-    try:
+    # Whether it streams all the same comes next.
+    with contextlib.closing(radar), contextlib.suppress(DeviceError, TransportClosed):
         radar.open(stream=False)
         _ask(radar, report)
-    except (DeviceError, TransportClosed):
-        # Whether it streams all the same comes next.
-        pass
-    finally:
-        radar.close()
     said = report.ping.replace("_", " ") or "nothing"
     report.judge("ping", said == "ready", f"answered: {said}")
     before = radar.stats
@@ -267,16 +253,14 @@ def judge_signal(report: Report) -> None:
         "clipped_samples": clipped,
         "equal_frames": equal,
     }
-    if sigma == 0 or equal:
-        why = f"{equal} frames equal the one before: a dead receiver, or no receiver"
-        judge("noise", "fail", why)
-    else:
-        judge("noise", "pass", f"{sigma:.3g} per sample")
+    dead = f"{equal} frames equal the one before: a dead receiver, or no receiver"
+    is_dead = sigma == 0 or equal
+    judge("noise", "fail" if is_dead else "pass", dead if is_dead else f"{sigma:.3g} per sample")
     is_strong = over_db >= _WEAK_CLUTTER_DB
     judge("clutter", is_strong, f"strongest still echo {over_db:.1f} dB over the noise")
     if is_strong:
-        why = f"jitter {jitter_rad:.3g} rad in the strongest bin"
-        judge("phase", jitter_rad <= _PHASE_JITTER_RAD, why)
+        is_calm = jitter_rad <= _PHASE_JITTER_RAD
+        judge("phase", is_calm, f"jitter {jitter_rad:.3g} rad in the strongest bin")
     judge("spikes", not spikes, f"{spikes} samples")
     judge("clipping", not clipped, f"{clipped} samples at an end stop")
 
