@@ -5,7 +5,7 @@ import pytest
 
 from tests.device_helpers import plugged
 from x2radar.cli import main
-from x2radar.device.discovery import find_module, list_ports, port_state, probe
+from x2radar.device.discovery import find_module, list_ports, port_state
 from x2radar.device.transport import PtyTransport, SerialTransport
 from x2radar.errors import PortNotFound
 from x2radar.recording.hdf5_reader import RecordingReader
@@ -27,8 +27,7 @@ def nobody():
 
 
 def test_a_module_answers_and_nobody_does_not(module, nobody):
-    assert probe(module.path) == "ready"
-    assert probe(nobody.path, 0.05) == ""
+    assert port_state(module.path) == (True, "ready")
     assert port_state(nobody.path, 0.05) == (False, "silent")
     assert find_module([nobody.path, module.path], 0.2) == module.path
 

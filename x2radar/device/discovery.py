@@ -5,6 +5,7 @@ known to nobody, so an unknown id excludes nothing. A port gets one ping and not
 and a port that another program holds is left alone.
 """
 
+import contextlib
 import os
 import time
 from collections.abc import Iterable
@@ -68,31 +69,6 @@ def list_ports() -> list[PortRow]:
     return rows
 
 
-def probe(path: str, timeout_s: float = _ANSWER_S) -> str:
-    """Ping a port once; return 'ready', 'not ready', 'safe mode', 'streams' or ''."""
-    _refuse_locked(path)
-    transport = SerialTransport(path)
-    decoder = PacketDecoder()
-    try:
-        transport.write(framing.encode(_PING))
-        until_s = time.monotonic() + timeout_s
-        heard = ""
-        while (left_s := until_s - time.monotonic()) > 0:
-            for item in decoder.feed(transport.read(left_s)):
-                said = _meaning(item.data) if isinstance(item, Packet) else ""
-                if said and said != "streams":
-                    return said
-                heard = heard or said
-            if heard:
-                # Its answer may still stand behind data; but that it is a module is clear.
-                return heard
-    except errors.TransportClosed:
-        return ""
-    finally:
-        transport.close()
-    return ""
-
-
 def find_module(candidates: Iterable[str] | None = None, timeout_s: float = _ANSWER_S) -> str:
     """Return the only port on which a module answers; PortNotFound if none or several do."""
     if candidates is None:
@@ -120,9 +96,10 @@ def find_module(candidates: Iterable[str] | None = None, timeout_s: float = _ANS
 
 
 def port_state(path: str, timeout_s: float = _ANSWER_S) -> tuple[bool, str]:
-    """Probe a port; return whether a module answers, and a few words for people."""
+    """Ping a port once; return whether a module answers, and a few words for people."""
     try:
-        said = probe(path, timeout_s)
+        _refuse_locked(path)
+        transport = SerialTransport(path)
     except errors.PortError as err:
         words = {
             errors.PortBusy: "in use",
@@ -130,7 +107,17 @@ def port_state(path: str, timeout_s: float = _ANSWER_S) -> tuple[bool, str]:
             errors.PortNotFound: "gone",
         }
         return False, words.get(type(err), "cannot be opened")
-    return bool(said), said or "silent"
+    decoder = PacketDecoder()
+    with contextlib.closing(transport), contextlib.suppress(errors.TransportClosed):
+        transport.write(framing.encode(_PING))
+        until_s = time.monotonic() + timeout_s
+        while (left_s := until_s - time.monotonic()) > 0:
+            items = decoder.feed(transport.read(left_s))
+            heard = [_meaning(item.data) for item in items if isinstance(item, Packet)]
+            # Its answer may still stand behind data; but that it is a module is clear.
+            if said := max(filter(None, heard), key=lambda said: said != "streams", default=""):
+                return True, said
+    return False, "silent"
 
 
 def _meaning(data: PacketData) -> str:
