@@ -140,11 +140,6 @@ def is_port(what: str) -> bool:
     )
 
 
-def recording_path(what: str) -> Path:
-    """Return the file or folder that a word names, with or without ``replay:`` in front."""
-    return Path(what.removeprefix("replay:"))
-
-
 def parse_speed(text: str) -> float | None:
     """Return stream seconds per real second, None for all speed; or SettingsError."""
     if text in {"realtime", "max"}:

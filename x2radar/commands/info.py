@@ -11,7 +11,7 @@ from x2radar.device.device import X2Radar
 from x2radar.device.discovery import list_ports, port_state
 from x2radar.errors import DeviceError
 from x2radar.frame import FrameCounts
-from x2radar.ports import is_port, parse_port, recording_path
+from x2radar.ports import is_port, parse_port
 from x2radar.radars import make_radar
 from x2radar.wire.messages import GetSystemInfo, Message, Ping, Pong, Reply
 from x2radar.wire.wire_ids import PONG_NAMES, InfoItem
@@ -62,7 +62,7 @@ def _describe(args: argparse.Namespace) -> int:
         rows = {**shown, **facts["settings"]}.items()
         lines = [f"{name.replace('_', ' '):<16} {value}" for name, value in rows]
     else:
-        facts = describe_recording(recording_path(args.what))
+        facts = describe_recording(Path(args.what.removeprefix("replay:")))
         lines = [f"{name:<11}{text}" for name, text in _summary(facts).items()]
     print(json.dumps(facts, default=str) if args.json else "\n".join(lines))
     return 0

@@ -19,7 +19,7 @@ from x2radar.extras import needed
 from x2radar.frame import Frame, Samples, StreamInfo
 from x2radar.maps import range_time, spectrum, velocity_time
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
-from x2radar.ports import is_port, parse_port, recording_path
+from x2radar.ports import is_port, parse_port
 from x2radar.radars import make_radar
 
 _DEPTHS_DB = (40.0, 30.0)  # under the peak of range and of velocity: what limbs need to show
@@ -50,11 +50,9 @@ def _run(args: argparse.Namespace) -> int:
         title, start_s = args.what, 0.0
         samples, stream = _from_port(args.what, args.duration)
     else:
-        path, start_s = recording_path(args.what), args.start
-        title, (samples, stream) = (
-            path.name,
-            read_frames(path, start_s=start_s, duration_s=args.duration),
-        )
+        path, start_s = Path(args.what.removeprefix("replay:")), args.start
+        title = path.name
+        samples, stream = read_frames(path, start_s=start_s, duration_s=args.duration)
     plt: Any = needed("matplotlib.pyplot", what="pictures")
     if args.out is None and plt.get_backend().lower() == "agg":
         raise SettingsError("no window can be opened here; give --out FILE.png")
@@ -118,11 +116,8 @@ def draw(title: str, stream: StreamInfo, samples: Samples, start_s: float) -> An
         text += f"{2 * alias_mps:.2f} m/s off"
     else:
         text = "no aliases"
-    middle.set(
-        ylabel="radial velocity (m/s),\napproaching positive",
-        title=f"by radial velocity: {text}",
-        xlabel="time (s)",
-    )
+    middle.set(ylabel="radial velocity (m/s),\napproaching positive", xlabel="time (s)")
+    middle.set_title(f"by radial velocity: {text}")
     for values, name in ((total, "all"), (moving, "what moves")):
         # Without the mean of the RF samples, which is not of the pulse and above all else.
         bottom.plot(frequency_hz[1:] / 1e9, _db(values)[1:], label=name, lw=1)
@@ -144,14 +139,8 @@ def _image(
         half = (values[-1] - values[0]) / max(1, len(values) - 1) / 2 or 0.5
         extent += [values[0] - half, values[-1] + half]
     level_db = _db(power)
-    return axes.imshow(
-        level_db - level_db.max(),
-        aspect="auto",
-        origin="lower",
-        extent=extent,
-        vmin=-depth_db,
-        vmax=0,
-    )
+    how = {"aspect": "auto", "origin": "lower", "extent": extent}
+    return axes.imshow(level_db - level_db.max(), vmin=-depth_db, vmax=0, **how)
 
 
 def _db(power: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -21,9 +21,7 @@ import serial
 from x2radar.errors import NoPort, PortBusy, PortDenied, PortError, PortNotFound, TransportClosed
 
 _READ_SIZE = 1 << 16  # most bytes of one read: more than any system's buffer of a serial port
-
 _WRITE_TIMEOUT_S = 5.0  # until a port counts as gone: ten times what its buffers take
-
 _BAUD = 115_200  # of XeThru modules; ports on USB ignore it
 TTY_CLASS = Path("/sys/class/tty")
 
@@ -32,19 +30,13 @@ class Transport(Protocol):
     """A two-way byte pipe."""
 
     def read(self, timeout_s: float) -> bytes:
-        """Return the bytes that are there; wait up to `timeout_s` for the first one.
-
-        Raises TransportClosed when the pipe has ended and everything was read.
-        """
-        ...
+        """Return the bytes that are there; wait up to `timeout_s` for the first one."""
 
     def write(self, data: bytes) -> None:
-        """Send all of `data`; raises TransportClosed when nobody can receive it."""
-        ...
+        """Send all of `data`."""
 
     def close(self) -> None:
         """Close this end; a second call does nothing."""
-        ...
 
 
 class SerialTransport:
