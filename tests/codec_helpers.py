@@ -16,10 +16,8 @@ from x2radar.wire.messages import (
     Message,
     Reply,
     SetOutput,
-    Unknown,
     X4Set,
 )
-from x2radar.wire.wire_ids import COMMAND_NAMES, RESPONSE_NAMES
 
 u32 = st.integers(0, 2**32 - 1)
 i32 = st.integers(-(2**31), 2**31 - 1)
@@ -86,20 +84,7 @@ BY_HAND: dict[type[Message], st.SearchStrategy[Message]] = {
 """Messages whose shape is not in a row."""
 
 
-def named(names: dict[bytes, str]) -> st.SearchStrategy[Message]:
-    """Draw packets that are known by their name alone."""
-    return st.builds(
-        lambda prefix, rest: Unknown(prefix + b"\xfe" + rest, names[prefix]),
-        st.sampled_from(list(names)),
-        st.binary(min_size=12, max_size=20),
-    )
-
-
-command_messages = st.one_of(
-    *map(messages_of, COMMANDS), BY_HAND[SetOutput], BY_HAND[X4Set], named(COMMAND_NAMES)
-)
+command_messages = st.one_of(*map(messages_of, COMMANDS), BY_HAND[SetOutput], BY_HAND[X4Set])
 response_messages = st.one_of(
-    *map(messages_of, RESPONSES),
-    *(BY_HAND[cls] for cls in (Reply, ByteReply, Data)),
-    named(RESPONSE_NAMES),
+    *map(messages_of, RESPONSES), *(BY_HAND[cls] for cls in (Reply, ByteReply, Data))
 )

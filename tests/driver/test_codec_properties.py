@@ -29,7 +29,7 @@ def test_round_trip_of_commands(message: Message) -> None:
     read = decode_command(encode(message))
     assert same(read, message)
     # A ping with another seed cannot be told from a pong, nor HIL from DATA.
-    is_plain = not isinstance(message, Ping | Unknown) or message == Ping()
+    is_plain = not isinstance(message, Ping) or message == Ping()
     assert not is_plain or same(decode_any(encode(message)), message)
 
 
@@ -41,7 +41,7 @@ def test_round_trip_of_responses(message: Message) -> None:
     assert same(read, message)
     for value in values_of(read):
         assert not isinstance(value, np.ndarray) or not value.flags.writeable
-    if not isinstance(message, Unknown) and data != encode(Ping()):
+    if data != encode(Ping()):
         assert same(decode_any(data), message)
 
 
