@@ -21,7 +21,7 @@ from x2radar.interrupts import interrupts
 _EXTRAS = {"radard": "daemon", "train-export": "train"}
 """What pyproject.toml calls the packages that a command needs."""
 Body = Callable[[Sequence[str]], int]
-_OURS = ("x2radar", "radard", "x2train")
+_OURS = ("x2radar", "radard", "x2train", "")
 
 
 def legible(name: Path | str) -> str:
@@ -204,10 +204,7 @@ def _give_up(stream: TextIO) -> None:
 
 
 def _missing_extra(prog: str, err: BaseException) -> str:
-    extra = _EXTRAS.get(prog)
-    if extra is None or not isinstance(err, ModuleNotFoundError) or not err.name:
+    name = (getattr(err, "name", None) or "").partition(".")[0]
+    if not isinstance(err, ModuleNotFoundError) or prog not in _EXTRAS or name in _OURS:
         return ""
-    name = err.name.partition(".")[0]
-    if name in _OURS:
-        return ""
-    return f"needs {name}, which is not installed: {install_hint(extra)}"
+    return f"needs {name}, which is not installed: {install_hint(_EXTRAS[prog])}"

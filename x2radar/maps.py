@@ -120,7 +120,18 @@ def velocity_time(
     step_mps = SPEED_OF_LIGHT_MPS * frame_rate_hz / (2 * axis.carrier_hz * n_cpi)
     n_side = max(1, round(2 * _MAX_MPS / step_mps))
     velocity_mps: Reals = np.arange(-n_side, n_side + 1, dtype=np.float64) * (step_mps / 2)
-    lines, frequency_hz = _in_band(samples, axis)
+    lines, frequency_hz = _lines(samples, axis)
+    # Those in the pulse's bandwidth, the strongest 10 dB where it is unknown.
+    if axis.bandwidth_hz > 0:
+        is_in = np.abs(frequency_hz - axis.carrier_hz) <= axis.bandwidth_hz / 2
+    else:
+        changing = lines.var(axis=0)
+        is_in = changing >= 0.1 * changing.max()
+    chosen = np.flatnonzero(is_in & (frequency_hz > 0))
+    if not chosen.size:
+        chosen = np.array([np.abs(frequency_hz - axis.carrier_hz).argmin()])
+    chosen = chosen[:: -(-chosen.size // _MAX_FREQUENCIES)]
+    lines, frequency_hz = lines[:, chosen], frequency_hz[chosen]
     at_s = np.arange(n_cpi) / frame_rate_hz
     window = np.hanning(n_cpi)
     power = np.zeros((len(velocity_mps), len(starts)))
@@ -181,18 +192,3 @@ def _lines(samples: Samples, axis: FastTimeAxis) -> tuple[NDArray[np.complex128]
     turns_per_m = (np.fft.rfftfreq if is_rf else np.fft.fftfreq)(n_range, axis.bin_length_m)
     lines = (np.fft.rfft if is_rf else np.fft.fft)(samples, axis=1)
     return lines, (0.0 if is_rf else axis.carrier_hz) + turns_per_m * SPEED_OF_LIGHT_MPS / 2
-
-
-def _in_band(samples: Samples, axis: FastTimeAxis) -> tuple[NDArray[np.complex128], Reals]:
-    """Return the lines within the pulse's bandwidth, the strongest 10 dB where it is unknown."""
-    lines, frequency_hz = _lines(samples, axis)
-    if axis.bandwidth_hz > 0:
-        is_in = np.abs(frequency_hz - axis.carrier_hz) <= axis.bandwidth_hz / 2
-    else:
-        moving = lines.var(axis=0)
-        is_in = moving >= 0.1 * moving.max()
-    chosen = np.flatnonzero(is_in & (frequency_hz > 0))
-    if not chosen.size:
-        chosen = np.array([np.abs(frequency_hz - axis.carrier_hz).argmin()])
-    chosen = chosen[:: -(-chosen.size // _MAX_FREQUENCIES)]
-    return lines[:, chosen], frequency_hz[chosen]

@@ -10,13 +10,13 @@ import sys
 STOP = (signal.SIGINT, signal.SIGTERM)
 
 
-def begin() -> None:
-    """Make standard streams and signals what every command relies on; to be called first.
+def start(prog: str, module: str) -> int:
+    """Run a command as a process, with standard streams and signals that it can rely on.
 
     A standard stream that is closed becomes the null device, so that no file which is opened later
     takes its number; stdout is UTF-8 whatever the locale, and takes names of files of any bytes.
-    SIGINT and SIGTERM end the process with 0 until `interrupts`; as process 1 of a container it
-    would not even notice them.
+    SIGINT and SIGTERM end the process with 0 until `interrupts`, also while `module` is imported;
+    as process 1 of a container it would not even notice them.
     """
     for number in STOP:
         if signal.getsignal(number) in {signal.SIG_DFL, signal.default_int_handler}:
@@ -32,18 +32,13 @@ def begin() -> None:
             setattr(sys, name, stream)
     if hasattr(sys.stdout, "reconfigure"):
         sys.stdout.reconfigure(encoding="utf-8", errors="surrogateescape")
-
-
-def end_at_once(_number: int, _frame: object) -> None:
-    """End the process with 0, whatever it is doing."""
-    os._exit(0)
-
-
-def start(prog: str, module: str) -> int:
-    """Run a command as a process; a signal while `module` is imported ends it at once."""
-    begin()
     # Late: signals are heard before anything else is loaded.
     from importlib import import_module  # noqa: PLC0415
 
     run = import_module("x2radar.command").run_command
     return int(run(prog, lambda argv: int(import_module(module).main(argv)), is_loaded=False))
+
+
+def end_at_once(_number: int, _frame: object) -> None:
+    """End the process with 0, whatever it is doing."""
+    os._exit(0)

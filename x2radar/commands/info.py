@@ -19,8 +19,6 @@ from x2radar.wire.wire_ids import PONG_NAMES, InfoItem
 if TYPE_CHECKING:
     from x2radar.recording.blocks import BlockReader
 
-_LOSSES = ("lost", "gaps", "longest_gap", "restarts", "repeats")
-
 
 def register(commands: Commands) -> None:
     text = "list serial ports and what is known of them"
@@ -131,13 +129,14 @@ def _counted(reader: "BlockReader") -> dict[str, Any]:
         times_s = [*times_s[:1], float(block.t_s[0]), float(block.t_s[-1])]
         for counter in block.counter.tolist():
             counts.add(counter)
+    losses = ("lost", "gaps", "longest_gap", "restarts", "repeats")
     span_s, index = times_s[-1] - times_s[0], counts.tracker.index
     return {
         "n_frames": counts.n_frames,
         "duration_s": span_s + 1 / reader.stream.frame_rate_hz,
         "frame_rate_hz": reader.stream.frame_rate_hz,
         "measured_rate_hz": index / span_s if span_s > 0 and index > 0 else None,
-        **{name: getattr(counts, name) for name in _LOSSES},
+        **{name: getattr(counts, name) for name in losses},
     }
 
 

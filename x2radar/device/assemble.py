@@ -35,16 +35,30 @@ class FrameAssembler:
         """Return the frame in `message`, or None when it holds none or repeats the last."""
         samples: Samples
         match message:
-            case BasebandIq():
-                samples = _complex(message.i, message.q)
-                axis, counter = self._baseband_axis(message, samples.size), message.counter
-            case BasebandAp(amplitude=amplitude, phase=phase):
-                samples = _complex(amplitude * np.cos(phase), amplitude * np.sin(phase))
-                axis, counter = self._baseband_axis(message, samples.size), message.counter
-            case Data(content_id=ContentId.RAW_FRAME) if message.values.dtype == np.float32:
-                samples = self._raw(message.values)
+            case BasebandIq() | BasebandAp():
+                if isinstance(message, BasebandIq):
+                    samples = _complex(message.i, message.q)
+                else:
+                    amplitude, phase = message.amplitude, message.phase
+                    samples = _complex(amplitude * np.cos(phase), amplitude * np.sin(phase))
+                counter = message.counter
+                axis = self._shared_axis(
+                    kind="baseband",
+                    n_range=samples.size,
+                    bin_length_m=message.bin_length_m,
+                    range_offset_m=message.range_offset_m,
+                    carrier_hz=message.carrier_hz,
+                    sample_rate_hz=message.sample_rate_hz,
+                )
+            case Data(ContentId.RAW_FRAME, counter, values) if values.dtype == np.float32:
+                if self._settings.raw_kind == "rf":
+                    # Behind its header the packet's memory is not aligned; users' libraries mind.
+                    samples = np.require(values, np.float32, "A")
+                else:
+                    # Half I and half Q (X4), if even.
+                    half = 0 if values.size % 2 else values.size // 2
+                    samples = _complex(values[:half], values[half : 2 * half])
                 axis = self._shared_axis(kind=self._settings.raw_kind, n_range=samples.size)
-                counter = message.info
             case _:
                 return None
         if samples.size == 0:
@@ -60,24 +74,6 @@ class FrameAssembler:
         samples.flags.writeable = False
         restarted = step is Step.RESTART
         return Frame(samples, counter, self._counter.index, lost, restarted, axis, t_mono_s)
-
-    def _raw(self, values: NDArray[Any]) -> Samples:
-        """Return a raw frame's samples: RF as it is, or half I and half Q (X4), if even."""
-        if self._settings.raw_kind == "rf":
-            # Behind its header the packet's memory is not aligned; users' libraries mind.
-            return np.require(values, np.float32, "A")
-        half = 0 if values.size % 2 else values.size // 2
-        return _complex(values[:half], values[half : 2 * half])
-
-    def _baseband_axis(self, message: BasebandIq | BasebandAp, n_range: int) -> FastTimeAxis:
-        return self._shared_axis(
-            kind="baseband",
-            n_range=n_range,
-            bin_length_m=message.bin_length_m,
-            range_offset_m=message.range_offset_m,
-            carrier_hz=message.carrier_hz,
-            sample_rate_hz=message.sample_rate_hz,
-        )
 
     def _shared_axis(self, **said: Any) -> FastTimeAxis:
         """Return the settings' axis with what a frame says; one while nothing changes."""

@@ -65,7 +65,7 @@ def decode_command(data: PacketData) -> msg.Message:
         (setting,) = _COUNT.unpack_from(data, 2)
         if setting in X4_FORMATS:
             return _decode_x4_set(data, setting)
-    return _decode(data, _COMMANDS, (6, 2, 1), COMMAND_NAMES)
+    return _decode(data, _COMMANDS, COMMAND_NAMES)
 
 
 def decode_response(data: PacketData) -> msg.Message:
@@ -77,7 +77,7 @@ def decode_response(data: PacketData) -> msg.Message:
         return _decode_data(data)
     if first == b"\x11" and (kind is None or kind in _REPLY_SIZES):
         return _decode_reply(data)
-    return _decode(data, _RESPONSES, (6, 5, 1), RESPONSE_NAMES)
+    return _decode(data, _RESPONSES, RESPONSE_NAMES)
 
 
 def read_messages(decoder: PacketDecoder, data: bytes) -> Iterator[msg.Message | None]:
@@ -119,12 +119,9 @@ def _is_command(data: PacketData) -> bool:
 
 
 def _decode(
-    data: PacketData,
-    rows: Mapping[bytes, Layout],
-    lengths: tuple[int, ...],
-    names: Mapping[bytes, str],
+    data: PacketData, rows: Mapping[bytes, Layout], names: Mapping[bytes, str]
 ) -> msg.Message:
-    for length in lengths:
+    for length in (6, 5, 2, 1):
         if row := rows.get(bytes(data[:length])):
             return _unpack(row, data)
     known = (names.get(bytes(data[:length])) for length in (5, 2, 1))
