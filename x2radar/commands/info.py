@@ -2,6 +2,7 @@
 
 import argparse
 import json
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -69,27 +70,25 @@ def _describe(args: argparse.Namespace) -> int:
 def _ask(port: str) -> dict[str, Any]:
     """Open a module, ask for everything it has an item for, and close it."""
     with make_radar(parse_port(port)) as radar:
-        pong = _answer(radar, Ping())
-        items = {}
-        for item in InfoItem:
-            reply = _answer(radar, GetSystemInfo(item))
-            if isinstance(reply, Reply):
-                value = reply.value
-                items[item.name.lower()] = value if isinstance(value, str) else list(value)
+        answers = dict(answers_of(radar))
+    pong = answers.pop("ping")
+    values = {name: reply.value for name, reply in answers.items() if isinstance(reply, Reply)}
     return {
         "port": port,
         "ping": PONG_NAMES.get(pong.code, pong.code) if isinstance(pong, Pong) else None,
-        "info": items,
+        "info": {name: v if isinstance(v, str) else list(v) for name, v in values.items()},
         "settings": asdict(radar.settings),
     }
 
 
-def _answer(radar: X2Radar, command: Message) -> Message | None:
-    """Return the reply, or None where the module refuses: old firmware lacks items."""
-    try:
-        return radar.command(command)
-    except DeviceError:
-        return None
+def answers_of(radar: X2Radar, wait_s: float | None = None) -> Iterator[tuple[str, Message | str]]:
+    """Yield what a module says to a ping and to each `InfoItem`; old firmware lacks items."""
+    items = ((item.name.lower(), GetSystemInfo(item)) for item in InfoItem)
+    for name, command in (("ping", Ping()), *items):
+        try:
+            yield name, radar.command(command, wait_s=wait_s)
+        except DeviceError as err:
+            yield name, "no answer" if "no answer" in str(err) else "refused"
 
 
 def describe_recording(path: Path) -> dict[str, Any]:

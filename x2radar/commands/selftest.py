@@ -19,6 +19,7 @@ import numpy as np
 from x2radar import wall_clock
 from x2radar.command import installed_version
 from x2radar.commands import Commands, add_command, check_above_zero
+from x2radar.commands.info import answers_of
 from x2radar.device.device import X2Radar
 from x2radar.errors import DeviceError, PortError, ReadTimeout, TransportClosed
 from x2radar.frame import Frame, Samples
@@ -26,8 +27,8 @@ from x2radar.ports import PORT_FORMS, parse_port
 from x2radar.radars import make_radar
 from x2radar.recording.faults import refuse_taken
 from x2radar.recording.registry import check_name
-from x2radar.wire.messages import GetSystemInfo, Message, Ping, Pong, Reply
-from x2radar.wire.wire_ids import PONG_NAMES, InfoItem
+from x2radar.wire.messages import Pong, Reply
+from x2radar.wire.wire_ids import PONG_NAMES
 
 _ASK_S = 0.25  # for an answer: short, because old firmware leaves many questions unanswered
 _KEPT_BYTES = 32 << 20  # most samples kept for the recording: what can be sent in by mail
@@ -173,20 +174,13 @@ def _tested(radar: X2Radar, duration_s: float) -> Report:
 
 
 def _ask(radar: X2Radar, report: Report) -> None:
-    def answer(command: Message) -> Message | str:
-        try:
-            return radar.command(command, wait_s=_ASK_S)
-        except DeviceError as err:
-            return "no answer" if "no answer" in str(err) else "refused"
-
-    pong = answer(Ping())
-    if isinstance(pong, Pong):
-        report.ping = PONG_NAMES.get(pong.code, f"{pong.code:#x}")
-    elif pong == "no answer":
-        return
-    for item in InfoItem:
-        reply = answer(GetSystemInfo(item))
-        report.info[item.name.lower()] = str(reply.value if isinstance(reply, Reply) else reply)
+    for name, reply in answers_of(radar, _ASK_S):
+        if name != "ping":
+            report.info[name] = str(reply.value if isinstance(reply, Reply) else reply)
+        elif isinstance(reply, Pong):
+            report.ping = PONG_NAMES.get(reply.code, f"{reply.code:#x}")
+        elif reply == "no answer":
+            return
 
 
 def _level(value: float, limits: tuple[float, float]) -> str:
