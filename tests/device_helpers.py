@@ -11,7 +11,7 @@ import numpy as np
 
 from x2radar.device.device import X2Radar
 from x2radar.device.link import Deadlines
-from x2radar.device.transport import PtyTransport, SerialTransport, Transport, memory_pair
+from x2radar.device.transport import PtyTransport, Transport, memory_pair
 from x2radar.errors import TransportClosed
 from x2radar.frame import Frame
 from x2radar.modules.x2 import RadarSettings
@@ -66,19 +66,6 @@ def plugged(
     far = PtyTransport()
     with served(far, module or SimulatedModule(load_scene("empty")), speed):
         yield far
-
-
-@contextmanager
-def simulated(kind: str, speed: float | None = None) -> Iterator[Callable[[], Transport]]:
-    """Run a simulated module at the far end; lend what connects to it."""
-    if kind == "memory":
-        near, far = memory_pair()
-        connect: Callable[[], Transport] = lambda: near  # noqa: E731 - the other one is a call
-    else:
-        far = PtyTransport()
-        connect = lambda: SerialTransport(far.path)  # noqa: E731
-    with served(far, module(), speed):
-        yield connect
 
 
 def faulty(faults: str = "", speed: float | None = None, **options: Any) -> X2Radar:

@@ -3,24 +3,35 @@
 import numpy as np
 import pytest
 
-from tests.device_helpers import SETTINGS, SHORT, OnUsb, in_thread, module, simulated, take
+from tests.device_helpers import SETTINGS, SHORT, OnUsb, in_thread, module, plugged, take
 from x2radar.device.device import X2Radar
 from x2radar.device.link import Deadlines
-from x2radar.device.transport import Transport, memory_pair
+from x2radar.device.transport import SerialTransport, Transport, memory_pair
 from x2radar.errors import DeviceError, PortNotFound, TransportClosed
 from x2radar.modules.x2 import RadarSettings
-from x2radar.sim.module.host import serve
+from x2radar.sim.module.host import connect, serve
 from x2radar.wire.codec import decode_command
 from x2radar.wire.messages import GetSystemInfo, Reply
 
 pytestmark = pytest.mark.integration
 
 
+def in_memory() -> Transport:
+    return connect(module, None)
+
+
 @pytest.mark.parametrize("kind", ["memory", "pty"])
 @pytest.mark.parametrize(("output", "dtype"), [("rf", "f4"), ("iq", "c8"), ("ap", "c8")])
 def test_first_frames(kind: str, output: str, dtype: str) -> None:
     settings = RadarSettings(frame_stitch=1, output=output, pulse_generator=6)
-    with simulated(kind) as connect, X2Radar(connect, settings, name="sim") as radar:
+    with (
+        plugged(module()) as far,
+        X2Radar(
+            (lambda: SerialTransport(far.path)) if kind == "pty" else in_memory,
+            settings,
+            name="sim",
+        ) as radar,
+    ):
         assert radar.stream is None
         frames = take(radar, 20)
         assert radar.stats.damaged == 0
@@ -38,7 +49,7 @@ def test_first_frames(kind: str, output: str, dtype: str) -> None:
 
 
 def test_the_module_answers_further_commands_while_it_streams() -> None:
-    with simulated("memory") as connect, X2Radar(connect, SETTINGS) as radar:
+    with X2Radar(in_memory, SETTINGS) as radar:
         reply = radar.command(GetSystemInfo(2))
         assert isinstance(reply, Reply)
         assert reply.value == "x2radar simulated module"

@@ -1,6 +1,7 @@
 """How fast frames come: reads that wait, a rate that was not set, and clocks that run apart."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,33 +13,19 @@ from tests.radar_helpers import run_radard
 from x2radar.errors import TransportClosed
 
 
-class Port:
-    """A transport whose reads are written down beforehand; None is a port that went away."""
+def reader(*reads, due_s=lambda: math.inf):
+    """A port whose reads are written down beforehand; None is one that went away."""
+    left, clock = list(reads), Clock()
 
-    is_usb = False
-
-    def __init__(self, *reads):
-        self.reads = list(reads)
-
-    def read(self, timeout_s):
+    def read(timeout_s):
         assert timeout_s > 0
-        data = self.reads.pop(0)
-        if data is None:
+        if (data := left.pop(0)) is None:
             msg = "gone"
             raise TransportClosed(msg)
         return data
 
-    def write(self, data):
-        raise NotImplementedError
-
-    def close(self):
-        raise NotImplementedError
-
-
-def reader(*reads, due_s=lambda: math.inf):
-    clock = Clock()
-    port = CoalescedReads(Port(*reads), due_s=due_s, clock=clock, sleep=clock.sleep)
-    return port, clock
+    inner = SimpleNamespace(read=read, write=None, close=None)
+    return CoalescedReads(inner, due_s=due_s, clock=clock, sleep=clock.sleep), clock
 
 
 @pytest.mark.parametrize(
