@@ -223,8 +223,8 @@ class PacketDecoder:
             self._scanned = max(at + 1, len(buffer) - 1)
             return 0
         body = bytes(buffer[at + 1 : end])
-        if _START in body and _has_start(body):
-            return self._overrun(at, end, body)
+        if (last := _last_start(body)) >= 0:
+            return self._overrun(at, end, body, last)
         data = unescape(body)
         if len(data) > 1 and not checksum(data):
             self._emit(data[:-1])
@@ -266,16 +266,15 @@ class PacketDecoder:
         """Take the packet at `at` if the byte at `flag` is its checksum, sent unescaped."""
         body = bytes(self._buffer[at + 1 : flag])
         data = unescape(body)
-        if not data or _has_start(body) or checksum(data) != self._buffer[flag]:
+        if not data or _last_start(body) >= 0 or checksum(data) != self._buffer[flag]:
             return False
         self._emit(data)
         return True
 
-    def _overrun(self, at: int, end: int, body: bytes) -> int:
+    def _overrun(self, at: int, end: int, body: bytes, last: int) -> int:
         """Deal with a start flag inside a packet: go on there, or behind a bare checksum."""
         if body.endswith(_START) and self._bare_checksum(at, end - 1):
             return end + 1 - at
-        last = _last_start(body)
         if last == len(body) - 1:
             # It may be the bare checksum of the packet that begins one start flag earlier.
             before = _last_start(body[:-1])
@@ -350,11 +349,6 @@ class PacketDecoder:
         return size
 
 
-def _has_start(body: bytes) -> bool:
-    """Say whether `body` holds a start flag that no escape guards."""
-    return any(p.count(_START) != p.count(_ESC_START) for p in body.split(_ESC_ESC))
-
-
 def _is_escaped(buffer: bytes | bytearray, flag: int, first: int = 0) -> bool:
     """Say whether the byte at `flag` is preceded by an odd run of escapes, from `first` on."""
     run = flag
@@ -364,7 +358,7 @@ def _is_escaped(buffer: bytes | bytearray, flag: int, first: int = 0) -> bool:
 
 
 def _last_start(body: bytes) -> int:
-    """Return the position of the last unguarded start flag in `body`."""
+    """Return the position of the last start flag in `body` that no escape guards, or -1."""
     at = body.rfind(_START)
     while at > 0 and _is_escaped(body, at):
         at = body.rfind(_START, 0, at)
