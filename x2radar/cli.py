@@ -23,13 +23,12 @@ _COMMANDS = (info, selftest, simulate, plot, record, convert, decode)
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `x2radar`; return its exit code."""
-    return run_command("x2radar", _body, argv)
 
+    def body(words: Sequence[str]) -> int:
+        args = whole_parser().parse_args(words)
+        return int(args.run(args))
 
-def _body(argv: Sequence[str]) -> int:
-    args = whole_parser().parse_args(argv)
-    code: int = args.run(args)
-    return code
+    return run_command("x2radar", body, argv)
 
 
 def whole_parser() -> Parser:

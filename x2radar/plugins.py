@@ -18,7 +18,6 @@ BODIES = "x2radar.bodies"
 class Plugin:
     """A plug-in that was found and loaded."""
 
-    name: str
     about: str  # group, name and distribution, for messages
     made: Any  # what the entry point names
 
@@ -62,7 +61,7 @@ def find_plugin(group: str, name: str) -> Plugin | None:
     except Exception as err:
         msg = f"{about}: cannot be loaded: {type(err).__name__}: {' '.join(str(err).split())}"
         raise PluginError(msg) from err
-    return Plugin(name, about, made)
+    return Plugin(about, made)
 
 
 def plugin_names(group: str) -> tuple[str, ...]:

@@ -44,14 +44,6 @@ class BringUp:
         self._is_ready = self._is_ours = self._is_streaming = False
         self.link = connect(self._on_message)
 
-    def start(self) -> None:
-        """Reset, configure and start; raises DeviceError, PortError or TransportClosed."""
-        self._bring_up(self._reset)
-
-    def start_again(self) -> None:
-        """Configure and start a module that has restarted by itself; raises as `start`."""
-        self._bring_up(self._wait_ready)
-
     def close(self) -> None:
         """Tell a started module to stop, as far as it still listens; close the port."""
         # The first command of every start-up is the one that stops. What was never started
@@ -76,12 +68,18 @@ class BringUp:
                     self.link.close()
                 return
 
-    def _bring_up(self, prepare: Callable[[], None]) -> None:
-        """Configure a module that `prepare` has made ready; say plainly why it cannot be."""
+    def start(self) -> None:
+        """Reset, unless it has just restarted by itself, configure and start; say why if not.
+
+        Raises DeviceError, PortError or TransportClosed.
+        """
         self._is_ours = True
         try:
             try:
-                prepare()
+                if self.has_restarted:
+                    self._wait_ready()
+                else:
+                    self._reset()
                 self._configure()
             except RestartRequired:
                 # It restarts by itself now. Then everything is told again, once.

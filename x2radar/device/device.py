@@ -161,7 +161,7 @@ class X2Radar(Closing):
                 yield frame
                 last_s = time.monotonic()
             if module.has_restarted:
-                module.start_again()
+                module.start()
                 last_s = time.monotonic()
             else:
                 module.link.pump(READ_S)
