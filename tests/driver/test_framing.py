@@ -9,15 +9,7 @@ from hypothesis import strategies as st
 
 from tests.framing_helpers import Packing, any_packet, cut, decode, encode
 from x2radar.errors import ProtocolError
-from x2radar.wire.framing import (
-    END,
-    ESC,
-    LENGTH_HEADER,
-    MAX_PACKET,
-    START,
-    Packet,
-    checksum,
-)
+from x2radar.wire.framing import END, ESC, LENGTH_HEADER, MAX_PACKET, START, Packet, checksum
 
 
 def reference_read(stream: bytes) -> list[tuple[bytes, Packing]]:

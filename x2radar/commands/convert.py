@@ -11,13 +11,7 @@ from x2radar.commands import Commands, add_command
 from x2radar.errors import RecordingError, SettingsError, WriteError
 from x2radar.recording.about import NO_OVERRIDES, Overrides
 from x2radar.recording.faults import refuse, refuse_taken
-from x2radar.recording.registry import (
-    FORMATS,
-    READABLE,
-    WRITABLE,
-    format_by_name,
-    open_recording,
-)
+from x2radar.recording.registry import FORMATS, READABLE, WRITABLE, format_by_name, open_recording
 
 _AXIS = (
     ("frame_rate_hz", "--frame-rate", "HZ", "frames per second"),
