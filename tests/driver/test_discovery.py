@@ -5,7 +5,8 @@ import pytest
 
 from tests.device_helpers import plugged
 from x2radar.cli import main
-from x2radar.device.discovery import find_module, list_ports, port_state
+from x2radar.device import discovery
+from x2radar.device.discovery import PortRow, find_module, list_ports, port_state
 from x2radar.device.transport import PtyTransport, SerialTransport
 from x2radar.errors import PortNotFound
 from x2radar.recording.hdf5_reader import RecordingReader
@@ -26,25 +27,36 @@ def nobody():
     far.close()
 
 
-def test_a_module_answers_and_nobody_does_not(module, nobody):
+@pytest.fixture
+def found(monkeypatch):
+    """What is found where there are ports of these paths."""
+
+    def find(*paths):
+        monkeypatch.setattr(discovery, "list_ports", lambda: [PortRow(path) for path in paths])
+        return find_module()
+
+    return find
+
+
+def test_a_module_answers_and_nobody_does_not(module, nobody, found):
     assert port_state(module.path) == (True, "ready")
-    assert port_state(nobody.path, 0.05) == (False, "silent")
-    assert find_module([nobody.path, module.path], 0.2) == module.path
+    assert port_state(nobody.path) == (False, "silent")
+    assert found(nobody.path, module.path, "/dev/rfcomm0") == module.path
 
 
-def test_none_several_and_busy_ports_are_named(module, nobody):
+def test_none_several_and_busy_ports_are_named(module, nobody, found):
     with pytest.raises(PortNotFound, match="there is no serial port"):
-        find_module([])
-    with pytest.raises(PortNotFound, match=f"asked: {nobody.path}"):
-        find_module([nobody.path], 0.05)
+        found("/dev/rfcomm0")
+    with pytest.raises(PortNotFound, match=rf"asked: {nobody.path} \(silent\)"):
+        found(nobody.path)
     with plugged() as other, pytest.raises(PortNotFound, match="several modules answer"):
-        find_module([module.path, other.path])
+        found(module.path, other.path)
     held = SerialTransport(module.path)
     with pytest.raises(PortNotFound, match="in use"):
-        find_module([module.path])
+        found(module.path)
     held.close()
     with pytest.raises(PortNotFound, match="gone"):
-        find_module(["/dev/ttyNONE"])
+        found("/dev/ttyNONE")
 
 
 def test_ports_command(capsys):

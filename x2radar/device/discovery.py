@@ -8,7 +8,6 @@ and a port that another program holds is left alone.
 import contextlib
 import os
 import time
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -69,11 +68,10 @@ def list_ports() -> list[PortRow]:
     return rows
 
 
-def find_module(candidates: Iterable[str] | None = None, timeout_s: float = _ANSWER_S) -> str:
+def find_module() -> str:
     """Return the only port on which a module answers; PortNotFound if none or several do."""
-    if candidates is None:
-        # Opening an rfcomm device sets up a radio connection.
-        candidates = [r.path for r in list_ports() if "/rfcomm" not in r.path]
+    # Opening an rfcomm device sets up a radio connection.
+    candidates = [row.path for row in list_ports() if "/rfcomm" not in row.path]
     paths = list({os.path.realpath(path): path for path in candidates}.values())
     if not paths:
         raise errors.PortNotFound(
@@ -83,19 +81,17 @@ def find_module(candidates: Iterable[str] | None = None, timeout_s: float = _ANS
     from concurrent.futures import ThreadPoolExecutor  # noqa: PLC0415
 
     with ThreadPoolExecutor(min(len(paths), _MAX_AT_ONCE)) as pool:
-        states = list(pool.map(lambda path: port_state(path, timeout_s), paths))
-    found = [path for path, (is_module, _) in zip(paths, states, strict=True) if is_module]
+        states = dict(zip(paths, pool.map(port_state, paths), strict=True))
+    found = [path for path, (is_module, _) in states.items() if is_module]
     if len(found) == 1:
         return found[0]
-    listed = ", ".join(f"{p} ({state})" for p, (_, state) in zip(paths, states, strict=True))
-    if found:
-        msg = f"several modules answer; name one of them as the port: {listed}"
-    else:
-        msg = f"no module answers; asked: {listed}"
-    raise errors.PortNotFound(msg)
+    several = "several modules answer; name one of them as the port"
+    why = several if found else "no module answers; asked"
+    listed = ", ".join(f"{path} ({state})" for path, (_, state) in states.items())
+    raise errors.PortNotFound(f"{why}: {listed}")
 
 
-def port_state(path: str, timeout_s: float = _ANSWER_S) -> tuple[bool, str]:
+def port_state(path: str) -> tuple[bool, str]:
     """Ping a port once; return whether a module answers, and a few words for people."""
     try:
         _refuse_locked(path)
@@ -110,7 +106,7 @@ def port_state(path: str, timeout_s: float = _ANSWER_S) -> tuple[bool, str]:
     decoder = PacketDecoder()
     with contextlib.closing(transport), contextlib.suppress(errors.TransportClosed):
         transport.write(framing.encode(_PING))
-        until_s = time.monotonic() + timeout_s
+        until_s = time.monotonic() + _ANSWER_S
         while (left_s := until_s - time.monotonic()) > 0:
             items = decoder.feed(transport.read(left_s))
             heard = [_meaning(item.data) for item in items if isinstance(item, Packet)]

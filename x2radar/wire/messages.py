@@ -55,9 +55,6 @@ def _row(
     return add
 
 
-# ---------------------------------------------------------------- module to host
-
-
 @_row(RESPONSES, "01", "I")
 class Pong(Message):
     """Answer to a ping (`wire_ids.PongCode`)."""
@@ -154,9 +151,6 @@ class Unknown(Message):
 
     data: bytes
     name: str = field(default="", compare=False)  # the maker's name, where known (`wire_ids`)
-
-
-# ---------------------------------------------------------------- host to module
 
 
 @_row(COMMANDS, "01", "I", answer=Pong)
