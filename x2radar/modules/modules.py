@@ -44,7 +44,7 @@ MODULES: Mapping[str, ModuleRow] = {
             order_codes=("",),
             # The NVA6201, from chip to chip (protocol notes, section 5).
             samplers_hz=(38e9, 41e9),
-            pulses=tuple((each.carrier_hz, each.bandwidth_hz) for each in PULSE_GENERATORS),
+            pulses=PULSE_GENERATORS,
         ),
         ModuleRow(device="x2m200", name="X2M200", settings=ProfileSettings),
         ModuleRow(

@@ -27,25 +27,13 @@ class PulseGenerator(NamedTuple):
 
     carrier_hz: float
     bandwidth_hz: float
-    power_dbm: float
 
 
+_CARRIERS_GHZ = (5.3, 5.4, 5.7, 6.1, 6.4, 6.8, 7.3, 7.7, 7.8, 8.2, 8.8, 9.1)
+_BANDWIDTHS_GHZ = (1.75, 1.80, 1.85, 2.05, 2.15, 2.30, 2.35, 2.50, 2.50, 2.65, 3.10, 3.10)
 PULSE_GENERATORS: tuple[PulseGenerator, ...] = tuple(
-    PulseGenerator(fc * 1e9, bw * 1e9, dbm)
-    for fc, bw, dbm in (
-        (5.3, 1.75, -10.7),
-        (5.4, 1.80, -10.8),
-        (5.7, 1.85, -11.2),
-        (6.1, 2.05, -11.8),
-        (6.4, 2.15, -12.0),
-        (6.8, 2.30, -12.6),
-        (7.3, 2.35, -13.3),
-        (7.7, 2.50, -14.0),
-        (7.8, 2.50, -14.0),
-        (8.2, 2.65, -14.8),
-        (8.8, 3.10, -16.4),
-        (9.1, 3.10, -16.7),
-    )
+    PulseGenerator(fc * 1e9, bw * 1e9)
+    for fc, bw in zip(_CARRIERS_GHZ, _BANDWIDTHS_GHZ, strict=True)
 )
 
 SYS_FIELDS: Mapping[SysCfg, str] = {
