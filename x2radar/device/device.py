@@ -177,9 +177,7 @@ class X2Radar(Closing):
         away.
         """
         resends = 0 if isinstance(command, _ONCE) else RETRIES
-        answer = self._opened().link.command(command, resends=resends, wait_s=wait_s)
-        assert answer is not None  # noqa: S101 - None needs is_done
-        return answer
+        return self._opened().link.command(command, resends=resends, wait_s=wait_s)
 
     def identify(self) -> None:
         """Settle `settings` where they depend on what the module calls itself.

@@ -5,6 +5,7 @@ answers nothing. It is sent again where that does no harm. The late answer of th
 be taken for that of the next command, so a ping draws the line: no answer but its own is a pong.
 """
 
+import contextlib
 import threading
 import time
 from collections import Counter
@@ -80,13 +81,9 @@ class Link:
 
     def close(self, farewell: bytes = b"") -> None:
         """Close the port, after sending `farewell` as far as it still goes out."""
-        try:
+        with contextlib.closing(self._transport), contextlib.suppress(TransportClosed):
             if farewell:
                 self._transport.write(farewell)
-        except TransportClosed:
-            pass
-        finally:
-            self._transport.close()
 
     def pump(self, wait_s: float, out: bytes = b"") -> Message | None:
         """Send `out`; read once, waiting `wait_s` for the first byte; return the reply."""
@@ -102,11 +99,10 @@ class Link:
                 self.counts["damaged"] += 1
                 continue
             command = self._command
-            if command is not None:
-                if isinstance(message, (ErrorReply, ANSWERS.get(type(command), Ack))):
-                    reply, self._command = message, None
-                else:
-                    command = None
+            if command and isinstance(message, (ErrorReply, ANSWERS.get(type(command), Ack))):
+                reply, self._command = message, None
+            else:
+                command = None
             self._listener(message, command, arrived_s)
         return reply
 
@@ -133,11 +129,11 @@ class Link:
         resends: int = 0,
         wait_s: float | None = None,
         is_done: Callable[[], bool] = lambda: False,
-    ) -> Message | None:
+    ) -> Message:
         """Send a command until it is answered, up to `resends` times more; return the reply.
 
         When no answer came within `wait_s`, `is_done` says whether the command shows its effect
-        all the same: then None is returned. Raises DeviceError (RestartRequired with error 0x22)
+        all the same, as if ACK had come. Raises DeviceError (RestartRequired with error 0x22)
         otherwise.
         """
         wait_s = self.deadlines.reply_s if wait_s is None else wait_s
@@ -147,7 +143,7 @@ class Link:
             reply = self.ask(command, wait_s)
             if reply is None:
                 if is_done():
-                    return None
+                    return Ack()
                 unanswered += 1
                 if unanswered > resends:
                     raise DeviceError(f"{self.name}: no answer to {command}")
