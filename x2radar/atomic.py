@@ -77,8 +77,7 @@ def write_picture(path: Path, figure: Any) -> None:
 
 
 def _opened(path: Path) -> BinaryIO:
-    try:
+    with contextlib.suppress(FileNotFoundError):
         return path.open("wb")
-    except FileNotFoundError:
-        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        return path.open("wb")
+    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    return path.open("wb")
