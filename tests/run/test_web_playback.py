@@ -22,7 +22,7 @@ def recording(tmp_path):
 def test_a_pause_holds_and_says_so():
     reminders, changes = [], []
     playback = Playback(10.0, None, lambda: reminders.append(1))
-    playback.listen(lambda: changes.append(1))
+    playback.on_change = lambda: changes.append(1)
     playback.play(is_playing=False)
     assert not playback.state.is_playing
     assert playback.wait_s(1.0) > 0
@@ -73,7 +73,7 @@ def test_a_round_that_is_read_late_follows_on_the_last_all_the_same(monkeypatch)
     now = [100.0]
     playback = Playback(10.0, 2.0)
     monkeypatch.setattr("radard.stream.playback.time.monotonic", lambda: now[0])
-    playback.begin_at(101.0)
+    playback.begin_s = 101.0
     assert playback.wait_s(0.0) == pytest.approx(1.0)
     now[0] = 110.0
     assert (playback.wait_s(9.8), playback.due_s) == (0.0, pytest.approx(105.9))

@@ -70,11 +70,11 @@ class RunningSensor:
 
     def start(self) -> None:
         """Start the reader; from now on the pool works on what the ring has."""
-        self.ring.listen(self._turns.ask)
+        self.ring.on_item = self._turns.ask
         if isinstance(source := self.opened.source, ReplaySource):
             self._items = source.items()
-            source.playback.listen(self._turns.ask)
-            source.playback.begin_at(self._pool.begin_s())
+            source.playback.on_change = self._turns.ask
+            source.playback.begin_s = self._pool.begin_s()
         else:
             self._reader.start()
         self._turns.ask()

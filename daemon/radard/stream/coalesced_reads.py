@@ -42,8 +42,7 @@ class CoalescedReads:
 
     def read(self, timeout_s: float) -> bytes:
         """Read from the inner transport; once a stream was found, only after the pause."""
-        wait_s = self._wait_s()
-        if wait_s > 0:
+        if (wait_s := self._wait_s()) > 0:
             self._sleep(wait_s)
         data = part = self._inner.read(timeout_s)
         for _ in range(_MAX_READS):
@@ -61,8 +60,7 @@ class CoalescedReads:
 
     def _wait_s(self) -> float:
         now_s = self._clock()
-        left_s = self._next_s - now_s
-        if left_s <= 0:
+        if (left_s := self._next_s - now_s) <= 0:
             return 0.0
         to_due_s = self._due_s() - now_s
         # One that does not come is lost; then nothing is gained by looking all the time.

@@ -120,8 +120,7 @@ class RateWatch:
             return ""
         first, middle, last = points[0], points[_STRETCH], points[-1]
         before, after = _pace(first, middle), _pace(middle, last)
-        is_off = max(before, after) < 1 - _MAX_OFF or min(before, after) > 1 + _MAX_OFF
-        if not is_off:
+        if max(before, after) >= 1 - _MAX_OFF and min(before, after) <= 1 + _MAX_OFF:
             return ""
         rate_hz = _pace(first, last) * self._rate_hz
         return f"frames come at {rate_hz:.3g} Hz, not at {self._rate_hz:g} Hz: speeds are wrong"

@@ -34,14 +34,14 @@ class Playback:
         self._on_pause = on_pause
         self._changed = threading.Condition()
         self._speed = speed
-        self._is_playing = True
-        self._is_closed = False
+        self._is_playing, self._is_closed = True, False
         self._position_s = 0.0
         self._seek_s: float | None = None
         self._anchor: tuple[float, float] | None = None
-        self._begin_s = 0.0
         self._is_touched = False
-        self._on_change: Callable[[], object] = lambda: None
+        self.begin_s = 0.0  # no frame is due before, monotonic
+        self.on_change: Callable[[], object] = lambda: None
+        """Called whenever what `wait_s` said may hold no more; from any thread."""
         self.due_s = 0.0  # monotonic, of the frame last asked for; 0: arrival means nothing
 
     @property
@@ -83,14 +83,6 @@ class Playback:
         self._is_closed = True
         self._touch()
 
-    def begin_at(self, begin_s: float) -> None:
-        """Let no frame be due before that time on the host's monotonic clock."""
-        self._begin_s = begin_s
-
-    def listen(self, on_change: Callable[[], object]) -> None:
-        """Call `on_change` whenever what `wait_s` said may hold no more; from any thread."""
-        self._on_change = on_change
-
     def wait_s(self, position_s: float) -> float:
         """Return in how many seconds a frame may be due; 0 now, to go elsewhere, or closed."""
         with self._changed:
@@ -127,7 +119,7 @@ class Playback:
             return 0.0
         now_s = time.monotonic()
         if self._anchor is None:
-            self._anchor = (max(now_s, self._begin_s), position_s)
+            self._anchor = (max(now_s, self.begin_s), position_s)
         begun_s, first_s = self._anchor
         after_s = (position_s - first_s) / self._speed
         self.due_s = begun_s + TICK_S * math.ceil(after_s / TICK_S)
@@ -137,4 +129,4 @@ class Playback:
         with self._changed:
             self._is_touched = True
             self._changed.notify_all()
-        self._on_change()
+        self.on_change()

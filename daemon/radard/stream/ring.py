@@ -9,7 +9,8 @@ writer waits before it would overwrite a row that a waiting dwell still needs.
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,8 +113,7 @@ class FrameRing:
         self._changed = threading.Condition()
         self._queue: deque[tuple[int, Dwell] | Notice] = deque()
         self._held_from: int | None = None
-        self._ended = False
-        self._stopped = False
+        self._ended = self._stopped = False
         self._samples: NDArray[np.float32] | NDArray[np.complex64] = np.zeros((0, 0), np.float32)
         self._is_here = np.zeros(_FRAMES_AT_ONCE, np.bool_)
         self._index = -1
@@ -122,7 +122,8 @@ class FrameRing:
         # The first frame is a restart: it sets when a dwell is due.
         self._taken = self._n_waiting = self._watched_to = 0
         self._base = self._origin = self._due = self._hops = 0
-        self._on_item: Callable[[], object] = lambda: None
+        self.on_item: Callable[[], object] = lambda: None
+        """Called when there is something to take, also the end; from any thread."""
         self._timing = FrameTiming(shape.frame_rate_hz)
 
     def due_s(self) -> float:
@@ -150,41 +151,31 @@ class FrameRing:
 
     def push(self, frame: Frame) -> bool:
         """Add the next frame; wait while the worker is behind. False once none is wanted."""
-        if frame.restarted or self._taken == 0:
-            self._restart(frame)
-        else:
-            for _ in range(frame.lost):
-                self._index += 1
-                if not self._add(None, 0.0):
-                    return False
-        self._index = frame.index
-        self._timing.note(self._taken + 1, frame.t_mono_s)
-        return self._add(frame.samples, frame.t_mono_s)
+        return all(self._steps(frame))
 
     def items(self, frame: Frame) -> Iterator[Dwell | Notice]:
         """Push a frame and yield what it completes, where reader and worker are one thread."""
-        if frame.lost and self._taken and not frame.restarted:
-            for _ in range(frame.lost):
-                self._index += 1
-                self._add(None, 0.0)
-                yield from self._completed()
-            frame = replace(frame, lost=0)
-        self.push(frame)
-        yield from self._completed()
+        for _ in self._steps(frame):
+            while self._queue:
+                if (item := self.next_item()) is not None:
+                    yield item
 
     def dwells(self, frames: Iterable[Frame]) -> Iterator[Dwell]:
         """Push frames and yield the dwells that they complete, as `items`."""
         for frame in frames:
             yield from (item for item in self.items(frame) if isinstance(item, Dwell))
 
-    def _completed(self) -> Iterator[Dwell | Notice]:
-        while self._queue:
-            if (item := self.next_item()) is not None:
-                yield item
-
-    def listen(self, on_item: Callable[[], object]) -> None:
-        """Call `on_item` whenever there is something to take, also the end; from any thread."""
-        self._on_item = on_item
+    def _steps(self, frame: Frame) -> Iterator[bool]:
+        """Add the frames lost before one and itself; yield for each whether more are wanted."""
+        if frame.restarted or self._taken == 0:
+            self._restart(frame)
+        else:
+            for _ in range(frame.lost):
+                self._index += 1
+                yield self._add(None, 0.0)
+        self._index = frame.index
+        self._timing.note(self._taken + 1, frame.t_mono_s)
+        yield self._add(frame.samples, frame.t_mono_s)
 
     def post(
         self, kind: str, reason: str = "", call: Callable[[float], object] | None = None
@@ -198,13 +189,13 @@ class FrameRing:
         with self._changed:
             self._ended = True
             self._changed.notify_all()
-        self._on_item()
+        self.on_item()
 
     def _put(self, item: tuple[int, Dwell] | Notice) -> None:
         with self._changed:
             self._queue.append(item)
             self._changed.notify_all()
-        self._on_item()
+        self.on_item()
 
     def stop(self) -> None:
         """Tell the reader that nothing more is wanted, and free it if it waits."""
@@ -239,11 +230,7 @@ class FrameRing:
         self._base = self._origin = self._taken
         self._timing.reset()
         self._hops = 0
-        self._schedule(0)
-
-    def _schedule(self, hop: int) -> None:
-        ahead = round(hop * self._shape.hop_s * self.frame_rate_hz)
-        self._due = self._origin + self._shape.n_slow + ahead
+        self._due = self._origin + self._shape.n_slow
 
     def _schedule_next(self, dwell: Dwell) -> None:
         """Let the next dwell be due a hop later, or with the first whole one behind a gap."""
@@ -253,7 +240,8 @@ class FrameRing:
             behind = first + int(np.flatnonzero(~dwell.valid)[-1]) + 1
             if behind - first < round(self._shape.hop_s * self.frame_rate_hz):
                 self._origin, self._hops = behind, 0
-        self._schedule(self._hops)
+        ahead = round(self._hops * self._shape.hop_s * self.frame_rate_hz)
+        self._due = self._origin + self._shape.n_slow + ahead
 
     def _add(
         self, samples: NDArray[np.float32] | NDArray[np.complex64] | None, t_mono_s: float
@@ -307,36 +295,28 @@ class FrameRing:
         return True
 
     def _may_write(self) -> bool:
-        if self._stopped:
-            return True
         needed = self._held_from
         if needed is None:
             needed = next((q[0] for q in self._queue if isinstance(q, tuple)), None)
-        return needed is None or self._taken <= needed + self._capacity
+        return self._stopped or needed is None or self._taken <= needed + self._capacity
 
     def _emit(self, t_mono_s: float) -> None:
         first = self._taken - self._shape.n_slow
         at = first % self._capacity
         rows = self._rows[at : at + self._shape.n_slow]
         valid = self._valid[at : at + self._shape.n_slow].copy()
+        gaps = [len(list(run)) for is_here, run in groupby(valid.tolist()) if not is_here]
         dwell = Dwell(
             rows,
             valid,
             self.axis,
             self.frame_rate_hz,
             (self._index + 1) / self.frame_rate_hz,
-            int(np.count_nonzero(~valid)),
-            _longest_run(~valid) / self.frame_rate_hz,
+            sum(gaps),
+            max(gaps, default=0) / self.frame_rate_hz,
             t_mono_s,
             self._taken,
         )
         self._timing.next_hop()
         self._schedule_next(dwell)
         self._put((first, dwell))
-
-
-def _longest_run(flags: NDArray[np.bool_]) -> int:
-    if not flags.any():
-        return 0
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(np.int8)))
-    return int((edges[1::2] - edges[::2]).max())

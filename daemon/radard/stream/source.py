@@ -6,7 +6,7 @@ opens before the first frame is asked for, so that faults of the port come at st
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import chain
 from typing import Protocol
@@ -14,7 +14,7 @@ from typing import Protocol
 from radard.errors import UsageError
 from radard.stream.coalesced_reads import CoalescedReads
 from radard.stream.playback import Playback
-from x2radar.device.device import RadarStats
+from x2radar.device.device import RadarStats, X2Radar
 from x2radar.device.reconnect import ReconnectingRadar
 from x2radar.errors import RecordingError, TransportClosed
 from x2radar.frame import Frame, StreamInfo
@@ -30,7 +30,14 @@ _MAX_COALESCED = 2.0  # times real time: faster streams never let reads pause
 
 
 class FrameSource(Protocol):
-    """A live or recorded stream of frames, from a port or a file."""
+    """A live or recorded stream of frames, from a port or a file.
+
+    An entry point of `radard.sources`, whose name is the port's scheme, is called with
+    ``(target, options, *, speed)``: what stands behind the colon, up to the question mark and
+    behind it, and stream seconds per real second for sources that can choose (None: as fast as
+    possible). It returns one that is open, with its stream known, frames numbered from 0 and
+    read-only, or raises a RadardError or X2RadarError of one line, with its exit code.
+    """
 
     @property
     def stream(self) -> StreamInfo:
@@ -51,33 +58,11 @@ class FrameSource(Protocol):
         ...
 
 
-class SourceOpener(Protocol):
-    """What an entry point of `radard.sources` names; its own name is the port's scheme."""
-
-    def __call__(
-        self, target: str, options: Mapping[str, str], *, speed: float | None
-    ) -> FrameSource:
-        """Open what stands behind the colon: `target` up to the question mark, and its `options`.
-
-        `speed` is stream seconds per real second, for sources that can choose; None is as fast as
-        possible. The source is open and its stream known, its frames are numbered from 0 and
-        read-only. What cannot be opened raises a RadardError or X2RadarError of one line, with its
-        exit code.
-        """
-        ...
-
-
 def speed_factor(text: str, port: Port) -> float | None:
     """Return stream seconds per real second, None for all speed; or SettingsError."""
     if text == "auto":
         return None if port.kind == "replay" else 1.0
     return parse_speed(text)
-
-
-def plugin_scheme(port: str) -> str:
-    """Return the word before the colon; empty where there is none, or a URL follows."""
-    match = _SCHEME.match(port)
-    return match[1] if match else ""
 
 
 def open_source(
@@ -101,13 +86,12 @@ def open_source(
     """
     parsed = parse_port(port)
     factor = speed_factor(speed, parsed)
-    if parsed.kind == "live":
-        scheme = plugin_scheme(port)
-        if scheme and (plugin := find_plugin("radard.sources", scheme)) is not None:
-            target = parsed.target.partition(":")[2]
-            source: FrameSource = plugin.call(target, parsed.options, speed=factor)
-            plugin.check(source, ("stream", "is_live", "frames", "close"))
-            return source
+    scheme = _SCHEME.match(port) if parsed.kind == "live" else None
+    if scheme and (plugin := find_plugin("radard.sources", scheme[1])) is not None:
+        target = parsed.target.partition(":")[2]
+        source: FrameSource = plugin.call(target, parsed.options, speed=factor)
+        plugin.check(source, ("stream", "is_live", "frames", "close"))
+        return source
     if parsed.kind == "replay":
         return ReplaySource(parsed, factor, on_notice)
     radar = make_radar(parsed, speed=factor)
@@ -115,7 +99,7 @@ def open_source(
         radar.wrap_transport(lambda connect: lambda: CoalescedReads(connect(), due_s=due_s))
     device = ReconnectingRadar(radar, wait=wait, quit_on_loss=quit_on_loss)
     on_wait(device.close)
-    return LiveSource(device, on_notice, lambda: module_of(radar.settings).name)
+    return LiveSource(device, radar, on_notice)
 
 
 class LiveSource:
@@ -123,20 +107,17 @@ class LiveSource:
 
     is_live = True
 
-    def __init__(
-        self, radar: ReconnectingRadar, on_notice: Notify, module: Callable[[], str]
-    ) -> None:
-        self._radar = radar
+    def __init__(self, device: ReconnectingRadar, radar: X2Radar, on_notice: Notify) -> None:
+        self._device = device
         self._on_notice = on_notice
         self._frames = self._read()
         first = next(self._frames, None)
         if first is None:
             raise TransportClosed("closed before the first frame")
         self._first = first
-        assert radar.stream is not None  # noqa: S101 - known with the first frame
-        self.stream: StreamInfo = radar.stream
-        self.module = module()
-        """What sends the frames, as its maker calls it."""
+        assert device.stream is not None  # noqa: S101 - known with the first frame
+        self.stream: StreamInfo = device.stream
+        self.module = module_of(radar.settings).name  # what sends the frames, by its maker
 
     def frames(self) -> Iterator[Frame]:
         """Yield frames, the first after a loss marked; raises if it is not waited for."""
@@ -145,14 +126,14 @@ class LiveSource:
     @property
     def stats(self) -> RadarStats:
         """What the driver has counted up to now; for any thread."""
-        return self._radar.stats
+        return self._device.stats
 
     def close(self) -> None:
         """Close the port; `frames` then ends."""
-        self._radar.close()
+        self._device.close()
 
     def _read(self) -> Iterator[Frame]:
-        for item in self._radar.items():
+        for item in self._device.items():
             if isinstance(item, Frame):
                 yield item
             elif item.kind in {"lost", "found"}:
@@ -177,7 +158,7 @@ class ReplaySource:
         from x2radar.recording.registry import open_recording  # noqa: PLC0415
 
         self._reader = open_recording(port.target, kind=port.options.get("from"))
-        self.stream: StreamInfo = replace(self._reader.stream, run_id=self._reader.run_id)
+        self.stream = replace(self._reader.stream, run_id=self._reader.run_id)
         self._closed = False
         self._on_notice = on_notice
         self.warning = self._reader.warning
