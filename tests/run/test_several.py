@@ -101,7 +101,7 @@ def test_when_none_can_work_the_process_ends_with_the_first_fault(tmp_path, laun
 
 
 def test_work_that_breaks_off_is_begun_anew(tmp_path, launch, monkeypatch):
-    monkeypatch.setattr("radard.run.keeper._FIRST_PAUSE_S", 0.3)
+    monkeypatch.setattr("radard.run.process._FIRST_PAUSE_S", 0.3)
     plain, broken = LiveSource.frames, []
 
     def frames(self):
