@@ -383,8 +383,12 @@ class EventLog:
                     [(e.n, e.key, e.put_s + self._offset_s, e.text) for e in entries],
                 )
                 db.execute("DELETE FROM log WHERE n < ?", (first,))
-                for name, place in places.items():
-                    _put_place(db, name, place)
+                gone = [(name,) for name, place in places.items() if place is None]
+                db.executemany("DELETE FROM cursors WHERE name = ?", gone)
+                stands = [
+                    (k, p.done, p.seen, json.dumps(p.deferred)) for k, p in places.items() if p
+                ]
+                db.executemany("INSERT OR REPLACE INTO cursors VALUES (?, ?, ?, ?)", stands)
             db.executemany("INSERT OR REPLACE INTO kept VALUES (?, ?)", held.items())
             stand = (now_s + self._offset_s, last)
             db.execute("INSERT OR REPLACE INTO stand VALUES (0, ?, ?)", stand)
@@ -395,11 +399,3 @@ class EventLog:
             raise
         with self._changed:
             self._written, self._held = last, held
-
-
-def _put_place(db: sqlite3.Connection, name: str, place: Place | None) -> None:
-    if place is None:
-        db.execute("DELETE FROM cursors WHERE name = ?", (name,))
-        return
-    row = (name, place.done, place.seen, json.dumps(place.deferred))
-    db.execute("INSERT OR REPLACE INTO cursors VALUES (?, ?, ?, ?)", row)

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from radard.stream.coalesced_reads import PAUSE_S, CoalescedReads
 from radard.stream.frame_timing import ClockDrift, FrameTiming, RateWatch
+from radard.stream.source import PAUSE_S, CoalescedReads
 from tests.device_helpers import Clock, plugged
 from tests.radar_helpers import run_radard
 from x2radar.errors import TransportClosed

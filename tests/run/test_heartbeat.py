@@ -40,7 +40,7 @@ def test_messages_reach_the_service_manager(name, tmp_path):
     assert abs(int(message["MONOTONIC_USEC"]) / 1e6 - time.monotonic()) < 60
     notifier.feed("online", 12.6)
     assert far.next()["WATCHDOG"] == "1"
-    notifier.stopping("stopped")
+    notifier.send("STOPPING=1", "STATUS=stopped")
     assert far.next() == {"STOPPING": "1", "STATUS": "stopped"}
     far.close()
     notifier.ready("nobody listens")

@@ -5,7 +5,7 @@ import time
 from collections import deque
 from itertools import pairwise
 
-from radard.run.pool import WorkerPool
+from radard.run.pool import Turns, WorkerPool
 from tests.waiting import wait_for
 
 
@@ -15,7 +15,7 @@ class Radar:
     def __init__(self, pool):
         self.waiting, self.done = deque(), []
         self.alone = threading.Lock()
-        self.turns = pool.turns(self.step)
+        self.turns = Turns(self.step, pool)
 
     def give(self, item):
         self.waiting.append(item)
@@ -57,7 +57,7 @@ def test_items_of_many_radars_come_in_order_and_all_of_them():
 def test_one_that_stands_still_stops_no_other_and_is_made_good():
     pool, gate = WorkerPool(), threading.Event()
     pool.fit(1)
-    stuck = pool.turns(lambda: gate.wait(60) and False)
+    stuck = Turns(lambda: gate.wait(60) and False, pool)
     stuck.ask()
     other = Radar(pool)
     other.give(1)
@@ -76,7 +76,7 @@ def test_nobody_has_two_turns_before_another_has_one():
         left[name] -= 1
         return left[name] > 0
 
-    turns = [pool.turns(lambda name=name: step(name)) for name in left]
+    turns = [Turns(lambda name=name: step(name), pool) for name in left]
     for each in turns:
         each.ask()
     pool.fit(1)
@@ -96,7 +96,7 @@ def test_turns_come_when_they_were_asked_for_one_for_each_time():
             turns.ask_in(0.05)
         return False
 
-    turns = pool.turns(step)
+    turns = Turns(step, pool)
     pool.fit(2)
     turns.ask()
     wait_for(lambda: len(came) == 4)
@@ -114,9 +114,9 @@ def test_times_are_heeded_while_one_thread_hangs_and_another_radar_never_rests()
         late.ask_in(0.01)
         return False
 
-    late = pool.turns(tick)
-    busy = pool.turns(lambda: not gate.is_set())
-    stuck = pool.turns(lambda: gate.wait(60) and False)
+    late = Turns(tick, pool)
+    busy = Turns(lambda: not gate.is_set(), pool)
+    stuck = Turns(lambda: gate.wait(60) and False, pool)
     pool.fit(2)
     late.ask()
     wait_for(lambda: len(came) > 2)

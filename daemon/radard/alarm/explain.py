@@ -4,6 +4,7 @@ All stages that may stop an alarm stand here in their order. The words are made 
 record and those before it, by the functions of the alarm itself, so that they agree with it.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import datetime, timedelta
@@ -185,13 +186,9 @@ class _Panel:
 def _confirmed(hits: Sequence[bool], panel: _Panel) -> list[DecisionStage]:
     if not hits[-1]:
         where = "It does not count towards an alarm: it is outside of the zones, or"
-        return [
-            _decided(
-                "zones",
-                f"{where} p(human) is under {panel.policy.p_on:.2f}.",
-                f"{where} less than {100 * panel.policy.p_on:.0f} % a person.",
-            )
-        ]
+        text = f"{where} p(human) is under {panel.policy.p_on:.2f}."
+        plain = f"{where} less than {100 * panel.policy.p_on:.0f} % a person."
+        return [_decided("zones", text, plain)]
     return [_passed("zones", "It is where it counts.", "Yes."), _panel_stage(sum(hits), panel)]
 
 
@@ -226,11 +223,9 @@ def _held_by(panel: _Panel) -> str:
         return f"the exit delay is running: {left} left, and nobody is told."
     if state.panel == "entry":
         return f"the entry delay is running: {left} left to disarm."
-    ends_s = [
-        e["end_t_s"] for e in panel.alarms if e["end_t_s"] is not None and e["end_t_s"] <= t_s
-    ]
-    pause_s = max(ends_s, default=-policy.refractory_s) + policy.refractory_s - t_s
-    if ends_s and pause_s > 0:
+    ends_s = (e["end_t_s"] for e in panel.alarms if e["end_t_s"] is not None)
+    last_s = max((end_s for end_s in ends_s if end_s <= t_s), default=-math.inf)
+    if (pause_s := last_s + policy.refractory_s - t_s) > 0:
         return f"it is the pause after the last alarm: {_seconds(pause_s)} left."
     if quiet := _quiet_left(panel):
         return f"it is a quiet period: {quiet} left."
@@ -281,33 +276,21 @@ def _headline(record: Record, by: DecisionStage) -> str:
 
 
 def _is_hit(record: Record, policy: AlarmPolicy, zones: ZonesSection, limit: float) -> bool:
+    """Return whether a record's decision counts, by what `sight_of` heeds of it."""
     if record["gate"] == "invalid":
         return False
-    return sight_of(_decision(record), policy, zones, limit).is_hit
-
-
-def _decision(record: Record) -> Decision:
-    reading = GateReading(
-        record["gate"] == "open",
-        record["power_db"],
-        record["noise_floor_db"],
-        record["threshold_db"],
-        record["range_m"] or 0.0,
-    )
+    about = ("id", "range_m", "radial_velocity_mps")
     tracks = tuple(
-        TrackVerdict(
-            **{name: t[name] for name in ("id", "range_m", "radial_velocity_mps")},
-            window=_probabilities(t, "p_"),
-        )
+        TrackVerdict(**{name: t[name] for name in about}, window=_probabilities(t, "p_"))
         for t in record["tracks"]
     )
-    return Decision(
+    decision = Decision(
         **{n: record[n] for n in ("seq", "t_s", "gate", "label", "alarm", "frames", "dropped")},
-        reading=reading,
-        window=_probabilities(record, "p_"),
+        reading=GateReading(True, 0.0, 0.0, 0.0, record["range_m"] or 0.0),
         fused=_probabilities(record, "fused_p_"),
         tracks=tracks,
     )
+    return sight_of(decision, policy, zones, limit).is_hit
 
 
 def _probabilities(record: Record, prefix: str) -> Probabilities | None:

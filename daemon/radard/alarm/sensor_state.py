@@ -103,8 +103,7 @@ class StateStore:
             self._text = None if self._name is None else self._log.kept(self._name)
             found = self._read(self._text)
             self.has_kept = found is not None
-            kept = found or KeptState(is_armed=is_armed)
-            self._saved = self._whole(kept)
+            self._saved = self._whole(found or KeptState(is_armed=is_armed))
         return self._at_now(self._saved)
 
     def save(self, state: KeptState) -> None:

@@ -55,10 +55,6 @@ class Notifier:
         """Say that a reload begins; `ready` ends it."""
         self.send("RELOADING=1", f"MONOTONIC_USEC={time.monotonic_ns() // 1000}")
 
-    def stopping(self, status: str) -> None:
-        """Say that the end has begun."""
-        self.send("STOPPING=1", f"STATUS={status}")
-
     def feed(self, status: str, now_s: float) -> None:
         """Feed the watchdog, four times as often as it must be."""
         if self.every_s is not None and now_s - self._fed_s >= self.every_s / 2:
@@ -121,7 +117,7 @@ class Heartbeat:
             return
         self._halt.set()
         self._thread.join(1.0)
-        self._notifier.stopping(self.status.reason)
+        self._notifier.send("STOPPING=1", f"STATUS={self.status.reason}")
         self._write()
 
     def _run(self) -> None:
@@ -135,8 +131,7 @@ class Heartbeat:
         is_late = self._main_s is not None and now_s - self._main_s > _MAIN_LATE_S
         if is_late or not may_feed_all(each.health for each in self._watched):
             return
-        status = self.status
-        text = str(status)
+        text = str(self.status)
         if not self._is_ready:
             # Ready means: the first decision is there, or there is nothing to decide on.
             self._is_ready = True
@@ -170,18 +165,13 @@ def _leave_to_other(each: Watched) -> None:
         return
     report = read_status(each.path, stale_s=3.0)
     pid = report.content.get("pid")
-    if report.content.get("state") != "offline" and _is_other(pid) and report.is_healthy:
-        log.warning("%s belongs to process %s; none is written", each.path, pid)
-        each.path = None
-
-
-def _is_other(pid: Any) -> bool:
-    if not isinstance(pid, int) or pid == os.getpid():
-        return False
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:
-        pass  # another user's
-    return True
+    if not report.is_healthy or not isinstance(pid, int) or pid == os.getpid():
+        return
+    # Another user's may not be told anything.
+    with contextlib.suppress(PermissionError):
+        try:
+            os.kill(pid, 0)
+        except ProcessLookupError:
+            return
+    log.warning("%s belongs to process %s; none is written", each.path, pid)
+    each.path = None

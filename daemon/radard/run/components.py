@@ -21,7 +21,7 @@ from radard.config.directories import (
     state_dir,
 )
 from radard.config.quiet_hours import Now, QuietHours, parse_quiet, time_zone
-from radard.config.sections import AUTO_MODEL, ZonesSection
+from radard.config.sections import AUTO_MODEL
 from radard.detect.calibration import Calibration, load_calibration
 from radard.detect.room_reference import RoomStore
 from radard.detect.tamper import TamperWatch
@@ -51,7 +51,6 @@ class Parts:
     config: Config  # what the rest was made of
     pipeline: Pipeline  # dwell to decision
     policy: AlarmPolicy  # decisions to alarm
-    zones: ZonesSection  # whose sight counts
     quiet: QuietHours  # when no alarm is wanted
     room: RoomStore  # where the room's reference is kept
     clips: ClipKeeper | None  # None when nothing is kept
@@ -92,18 +91,17 @@ def make_parts(
     config: Config, pipeline: Pipeline, *, now: Now, is_live: bool, old: Parts | None = None
 ) -> Parts:
     """Make what `config` asks for around a pipeline; keep of `old` what has not changed."""
-    zones, range_m = config.zones, pipeline.stream.axis.range_m
+    range_m = pipeline.stream.axis.range_m
     swath = float(range_m[0]), float(range_m[-1])
-    fault = zone_fault(zones, *swath)
+    fault = zone_fault(config.zones, *swath)
     if fault and old is None:
         raise ConfigError(fault)
-    warnings = [] if fault else list(zone_warnings(zones, *swath))
+    warnings = [] if fault else list(zone_warnings(config.zones, *swath))
     was = old.config if old else None
     bundle = pipeline.classifier.bundle if pipeline.classifier else None
     if bundle is not None and (was is None or was.model != config.model):
-        text = hop_warning(bundle, config.decision.hop_s, config.model.profile)
-        warnings += filter(None, [text])
-    for text in warnings:
+        warnings.append(hop_warning(bundle, config.decision.hop_s, config.model.profile))
+    for text in filter(None, warnings):
         logger_of(config).warning("%s", text)
     is_same = old is not None and old.config.gate.calibration == config.gate.calibration
     held = old.pipeline.calibration if old is not None and is_same else None
@@ -111,22 +109,19 @@ def make_parts(
     quiet = QuietHours(
         [parse_quiet(text) for text in config.alarm.quiet], time_zone(config.alarm.timezone), now
     )
-    clips = old.clips if old else None
+    clips, about = old.clips if old else None, _about_clips(config, pipeline)
     room = _watch_for_tamper(config, pipeline, is_live=is_live, old=old)
     if was is None or was.clips != config.clips:
-        folder = clip_dir(config) if is_live else None
-        shape, about = pipeline.shape, _about_clips(config, pipeline)
-        clips = None
-        if folder is not None:
-            clips = ClipKeeper(config.clips, folder, pipeline.stream, shape.n_slow, about)
+        clips, n_slow = None, pipeline.shape.n_slow
+        if is_live and (folder := clip_dir(config)) is not None:
+            clips = ClipKeeper(config.clips, folder, pipeline.stream, n_slow, about)
     elif clips is not None:
         # The frames that it holds, and a clip that is being made, stay.
-        clips.describe(_about_clips(config, pipeline))
+        clips.describe(about)
     return Parts(
         config=config,
         pipeline=pipeline,
         policy=alarm_policy(config.alarm, pipeline.policy),
-        zones=zones,
         quiet=quiet,
         room=room,
         clips=clips,
@@ -238,18 +233,19 @@ def _watch_for_tamper(
 ) -> RoomStore:
     """Let a pipeline look for tamper, if that is wanted; return where the reference is kept."""
     stream = room_of(config, pipeline)
-    is_same = old is not None and old.room.stream == stream
-    if old is not None and is_same and old.config.tamper == config.tamper:
-        pipeline.tamper = old.pipeline.tamper
-        return old.room
+    same = old if old is not None and old.room.stream == stream else None
+    if same is not None and same.config.tamper == config.tamper:
+        pipeline.tamper = same.pipeline.tamper
+        return same.room
     store = RoomStore(_kept_file(config, "room.npz", is_live=is_live), stream)
     # Other settings are no reason to take what is there now for the room.
-    watch = old.pipeline.tamper if old is not None and is_same else None
+    watch = same.pipeline.tamper if same is not None else None
     known = watch.known if watch is not None else None
-    pipeline.tamper = None
     if config.tamper.enabled:
         hop_s = pipeline.shape.hop_s
         pipeline.tamper = TamperWatch(config.tamper, hop_s, known or store.load())
+    else:
+        pipeline.tamper = None
     return store
 
 

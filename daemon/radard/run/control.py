@@ -57,7 +57,6 @@ class ControlServer:
         self._radars = radars
         self._folder = folder
         self._selector = selectors.DefaultSelector()
-        self._open: list[tuple[socket.socket, Path, int]] = []
         self._halt = threading.Event()
         self._thread = threading.Thread(target=self._run, name="control", daemon=True)
 
@@ -76,11 +75,10 @@ class ControlServer:
 
     def remove(self, name: str) -> None:
         """Serve a radar no more."""
-        path = control_path(self._folder, name)
-        for each in [each for each in self._open if each[1] == path]:
-            self._open.remove(each)
-            self._selector.unregister(each[0])
-            _take_away(*each)
+        for key in self._open():
+            if key.data[0].sensor == name:
+                self._selector.unregister(key.fileobj)
+                _take_away(key)
 
     def stop(self) -> None:
         """Take the sockets away; no-op if not started."""
@@ -88,8 +86,11 @@ class ControlServer:
             return
         self._halt.set()
         self._thread.join(1.0)
-        for each in self._open:
-            _take_away(*each)
+        for key in self._open():
+            _take_away(key)
+
+    def _open(self) -> list[selectors.SelectorKey]:
+        return list(self._selector.get_map().values())
 
     def _serve_radar(self, radar: "Sensor") -> None:
         path = control_path(self._folder, radar.sensor)
@@ -99,21 +100,18 @@ class ControlServer:
             log.warning("%s: no commands from there: %s", path, err.strerror or err)
             return
         if sock is not None:
-            self._open.append((sock, path, path.stat().st_ino))
-            self._selector.register(sock, selectors.EVENT_READ, radar)
+            about = radar, path, path.stat().st_ino
+            self._selector.register(sock, selectors.EVENT_READ, about)
 
     def _run(self) -> None:
         while not self._halt.is_set():
-            for key, _ in self._selector.select(_LOOK_S) if self._open else ():
+            for key, _ in self._selector.select(_LOOK_S):
                 try:
-                    self._serve(key.fileobj, key.data)  # type: ignore[arg-type]
+                    self._serve(key.fileobj, key.data[0])  # type: ignore[arg-type]
                 except OSError as err:
                     log.warning("a command was not answered: %s", err.strerror or err)
                     # One that cannot even be accepted is there again at once.
                     self._halt.wait(_LOOK_S)
-            if not self._open:
-                # A radar may be added later.
-                self._halt.wait(_REQUEST_S)
 
     def _serve(self, sock: socket.socket, radar: "Sensor") -> None:
         line, _ = sock.accept()
@@ -222,9 +220,10 @@ def _short(path: Path) -> Iterator[str]:
         os.close(folder)
 
 
-def _take_away(sock: socket.socket, path: Path, inode: int) -> None:
+def _take_away(key: selectors.SelectorKey) -> None:
     """Close a socket and remove its file, unless that is another daemon's by now."""
-    sock.close()
+    _, path, inode = key.data
+    key.fileobj.close()  # type: ignore[union-attr]
     with contextlib.suppress(OSError):
         if path.stat().st_ino == inode:
             path.unlink()

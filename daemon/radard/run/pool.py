@@ -4,8 +4,6 @@ More threads than cores only wait for each other. A radar's items are worked on 
 whichever thread is free, one item a turn: no radar keeps the others waiting for longer.
 """
 
-import heapq
-import math
 import os
 import threading
 import time
@@ -14,7 +12,6 @@ from collections.abc import Callable
 
 _MIN_THREADS = 2  # with one core, too: a radar whose work stands still must not stop the others
 _HELP_S = 0.05  # so late a second thread helps: two at once wait for the interpreter's lock
-
 _SPREAD = (5**0.5 - 1) / 2  # of a second, between streams' beginnings: no two in phase
 
 
@@ -26,25 +23,15 @@ class Turns:
         self._pool = pool
         self._lock = threading.Lock()
         self._is_asked = self._is_queued = False
-        self._due_s = math.inf
 
     def ask(self) -> None:
         """Have `step` called soon, once more than before; for any thread."""
-        if self._note():
+        if self.note():
             self._pool.queue(self)
 
     def ask_in(self, seconds: float) -> None:
-        """Have `step` called in so many seconds, or before; for `step` itself."""
-        due_s = time.monotonic() + seconds
-        if due_s < self._due_s:
-            self._due_s = due_s
-            self._pool.queue_at(due_s, self)
-
-    def is_due(self, due_s: float) -> bool:
-        """Note that a time has come; return whether this turn is yet to be taken."""
-        if due_s == self._due_s:
-            self._due_s = math.inf
-        return self._note()
+        """Have `step` called in so many seconds, or before; for any thread."""
+        self._pool.queue_at(time.monotonic() + seconds, self)
 
     def take(self) -> bool:
         """Do one piece of work; return whether another is to be queued; for the pool."""
@@ -55,7 +42,8 @@ class Turns:
             self._is_queued = has_more or self._is_asked
             return self._is_queued
 
-    def _note(self) -> bool:
+    def note(self) -> bool:
+        """Note that it was asked for; return whether it is yet to be queued; for the pool."""
         with self._lock:
             self._is_asked = True
             was_queued, self._is_queued = self._is_queued, True
@@ -68,8 +56,7 @@ class WorkerPool:
     def __init__(self) -> None:
         self._changed = threading.Condition()
         self._ready: deque[Turns] = deque()
-        self._later: list[tuple[float, int, Turns]] = []
-        self._n_later = 0
+        self._later: dict[Turns, float] = {}  # when each is to be queued, monotonic
         self._is_watched = self._is_closed = False
         self._n_threads = 0
         self._n_begun, self._first_s = 0, 0.0
@@ -86,19 +73,15 @@ class WorkerPool:
         name = f"worker {self._n_threads}"
         threading.Thread(target=self._work, name=name, daemon=True).start()
 
-    def turns(self, step: Callable[[], bool]) -> Turns:
-        """Return the turns of another radar."""
-        return Turns(step, self)
-
     def begin_s(self) -> float:
         """Return when another stream should begin, monotonic, so that dwells alternate."""
         now_s = time.monotonic()
         with self._changed:
             if not self._n_begun:
                 self._first_s = now_s
-            phase_s = self._n_begun * _SPREAD
+            begin_s = self._first_s + self._n_begun * _SPREAD
             self._n_begun += 1
-        return now_s + (self._first_s + phase_s - now_s) % 1.0
+        return now_s + (begin_s - now_s) % 1.0
 
     def queue(self, turns: Turns) -> None:
         """Let a turn be taken by the next thread that is free; for `Turns`."""
@@ -109,9 +92,8 @@ class WorkerPool:
     def queue_at(self, due_s: float, turns: Turns) -> None:
         """Let a turn be taken at a time of the host's monotonic clock; for `Turns`."""
         with self._changed:
-            self._n_later += 1
-            heapq.heappush(self._later, (due_s, self._n_later, turns))
-            if self._later[0][2] is turns:
+            due_s = self._later[turns] = min(due_s, self._later.get(turns, due_s))
+            if due_s == min(self._later.values()):
                 self._changed.notify()
 
     def close(self) -> None:
@@ -136,13 +118,13 @@ class WorkerPool:
         """Wait for the next turn to be taken; None at the end."""
         while not self._is_closed:
             now_s = time.monotonic()
-            while self._later and self._later[0][0] <= now_s:
-                due_s, _, turns = heapq.heappop(self._later)
-                if turns.is_due(due_s):
+            for turns in [each for each, due_s in self._later.items() if due_s <= now_s]:
+                del self._later[turns]
+                if turns.note():
                     self._ready.append(turns)
             if self._ready:
                 return self._ready.popleft()
-            self._wait(self._later[0][0] - now_s if self._later else None)
+            self._wait(min(self._later.values()) - now_s if self._later else None)
         return None
 
     def _wait(self, seconds: float | None) -> None:

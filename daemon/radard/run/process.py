@@ -10,6 +10,7 @@ import logging
 import resource
 import threading
 import time
+from collections.abc import Mapping
 from dataclasses import asdict
 from functools import partial
 
@@ -272,11 +273,10 @@ class Process:
             self._troubled[sensor.sensor] = set(own)
 
     def _states(self) -> dict[str, object]:
-        states: dict[str, object] = {}
-        for sensor in self.sensors:
-            state = {**asdict(sensor.health.status), **_told(sensor)}
-            states |= {sensor.sensor: state} if self._config.is_one_of_several else state
-        return states
+        states = {
+            each.sensor: {**asdict(each.health.status), **_told(each)} for each in self.sensors
+        }
+        return dict(states if self._config.is_one_of_several else states[self.sensors[0].sensor])
 
     def _stop(self, keepers: list[Keeper]) -> None:
         going = [keeper for keeper in keepers if keeper.thread.is_alive()]

@@ -14,7 +14,7 @@ from radard.config.quiet_hours import Now
 from radard.errors import RadardError
 from radard.pipeline import Pipeline
 from radard.run.components import logger_of
-from radard.run.pool import WorkerPool
+from radard.run.pool import Turns, WorkerPool
 from radard.run.tap import Tap
 from radard.run.worker import Worker
 from radard.stream.ring import FrameRing
@@ -63,7 +63,7 @@ class RunningSensor:
         self._has_begun = self._must_look = self._is_stopped = False
         self._on_over = on_over
         self._pool = pool
-        self._turns = pool.turns(self._step)
+        self._turns = Turns(self._step, pool)
         self._reader = threading.Thread(target=self._read, name=thread_name, daemon=True)
         self._first: int | None = None
         self._items: Iterator[Frame | float] | None = None
@@ -138,11 +138,7 @@ class RunningSensor:
                 return False
             if not self._keep(found):
                 break
-            has_worked = False
-            for item in self.ring.items(found):
-                self.worker.handle(item)
-                has_worked = True
-            if has_worked:
+            if [self.worker.handle(item) for item in self.ring.items(found)]:
                 return True
         self.ring.end()
         return True

@@ -89,6 +89,8 @@ class Sensor:
         self.reload = ask_reload
         self.log = logger_of(config)
         self.sensor = config.sensor.name
+        self._is_one_of_several = config.is_one_of_several
+        self._told_as = self.sensor if self._is_one_of_several else None  # in records
         self._classifier = make_classifier(config)
         self._is_live = config.sensor.kind != "replay"
         self._factor = speed_factor(config.sensor.speed, parse_port(self._port))
@@ -171,22 +173,20 @@ class Sensor:
 
     def put(self, record: Record, *, waits: bool = True) -> bool:
         """Hand a record to the outputs, which learn whose it is; see `Outputs.put`."""
-        name = self.sensor if self._config.is_one_of_several else None
-        if name is not None:
-            record = {**record, "sensor": name}
+        if self._told_as is not None:
+            record = {**record, "sensor": self._told_as}
         if record["type"] in {"decision", "event"}:
             self.recent = (*self.recent[1 - _RECENT :], record)
-        return self._outputs.put(marked(record, self.mark()), name, waits=waits)
+        return self._outputs.put(marked(record, self.mark()), self._told_as, waits=waits)
 
     def owns(self, record: Mapping[str, object]) -> bool:
         """Return whether an event of this run or of an earlier one is of this radar."""
-        name = self.sensor if self._config.is_one_of_several else None
         mark = next((mark for mark in MARKS if record.get(mark)), "")
-        return record.get("sensor") == name and mark == self.mark()
+        return record.get("sensor") == self._told_as and mark == self.mark()
 
     def tell(self, status: Status | None) -> None:
         """Hand on a change of state, not before the `hello`, not waiting for the outputs."""
-        if status is not None and (self._has_said_hello or self._config.is_one_of_several):
+        if status is not None and (self._has_said_hello or self._is_one_of_several):
             self.put(status_record(status), waits=False)
 
     def complain(self, source: str, reason: str) -> None:
@@ -216,7 +216,7 @@ class Sensor:
             self._port,
             speed=sensor.speed,
             # One of several must not keep the others from their work.
-            wait=sensor.wait or self._config.is_one_of_several,
+            wait=sensor.wait or self._is_one_of_several,
             quit_on_loss=sensor.on_device_loss == "quit",
             on_notice=notice,
             on_wait=on_wait,
@@ -255,8 +255,7 @@ class Sensor:
         rate = RateWatch(source.stream.frame_rate_hz) if is_real_time else None
         worker = Worker(parts, ring, self.put, self.health, self._kept_state(), rate=rate)
         worker.n_decided = self._n_decided
-        warning = getattr(source, "warning", None)
-        if warning:
+        if warning := getattr(source, "warning", None):
             self.log.warning("%s", warning)
         hello = _hello(worker, parts, opened, self.mark())
         if hello["taken"]:
@@ -282,9 +281,7 @@ class Sensor:
                 self._pool,
                 max_frames=None if duration_s is None else max(1, round(duration_s * rate_hz)),
                 warm_up=not self.can_wait,
-                thread_name=f"{self.sensor} reader"
-                if self._config.is_one_of_several
-                else "reader",
+                thread_name=f"{self.sensor} reader" if self._is_one_of_several else "reader",
                 on_over=on_over,
             )
         run.start()
@@ -324,15 +321,14 @@ class Sensor:
             was, config = self._config, without_restart(config, self._config)
             known = self._classifier if config.model == was.model else make_classifier(config)
             return partial(self._hold, config, known)
-        opened = run.opened
-        parts = remake_parts(
-            config, run.worker.parts, now=opened.now, is_live=opened.source.is_live
-        )
-        return partial(self._exchange, run, parts)
+        opened, worker = run.opened, run.worker
+        parts = remake_parts(config, worker.parts, now=opened.now, is_live=opened.source.is_live)
 
-    def _exchange(self, run: RunningSensor, parts: Parts) -> Record:
-        run.worker.exchange(parts)
-        return _hello(run.worker, parts, run.opened, self.mark())
+        def exchange() -> Record:
+            worker.exchange(parts)
+            return _hello(worker, parts, opened, self.mark())
+
+        return exchange
 
     def _hold(self, config: Config, classifier: Classifier | None) -> None:
         self._config, self._classifier = config, classifier

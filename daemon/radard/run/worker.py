@@ -48,16 +48,16 @@ class Worker:
         self.n_decided = 0  # number of the last decision; of a sensor that works again it goes on
         self._t_s = 0.0
         self._last: Decision | None = None
-        self._log = logger_of(parts.config)
-        kept = store.load(is_armed=parts.config.alarm.armed)
-        if kept.is_armed != parts.config.alarm.armed:
+        config = parts.config
+        self._log = logger_of(config)
+        kept = store.load(is_armed=config.alarm.armed)
+        if kept.is_armed != config.alarm.armed:
             word = "armed" if kept.is_armed else "disarmed"
             self._log.warning("%s, as the last command said", word)
         panel = AlarmPanel(parts.policy, is_armed=kept.is_armed, mode=kept.mode)
-        config = parts.config
         sensor = f" {config.sensor.name}" if config.is_one_of_several else ""
         run = f" {parts.pipeline.stream.run_id}{sensor}"
-        self.tracker = EventTracker(panel, parts.zones, parts.pet_limit, run)
+        self.tracker = EventTracker(panel, config.zones, parts.pet_limit, run)
         self.has_kept = store.has_kept  # whether how the sensor is armed was kept
         self._kept_events = self.tracker.resume(kept)
         self._is_moved = False
@@ -273,7 +273,7 @@ class Worker:
         self.parts = parts
         parts.pipeline.verdict.pet_limit = parts.pet_limit
         self.tracker.panel.policy = parts.policy
-        self.tracker.zones, self.tracker.pet_limit = parts.zones, parts.pet_limit
+        self.tracker.zones, self.tracker.pet_limit = parts.config.zones, parts.pet_limit
 
     def _after_clip(self, t_s: float, events: Sequence[Event]) -> None:
         clips = self.parts.clips
