@@ -7,7 +7,7 @@ alarm would have seen. Frames come from `x2radar.simulate`, `x2radar.read_frames
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -211,9 +211,7 @@ def _checked(frames: Any, axis: FastTimeAxis, frame_rate_hz: float) -> Frames:
     if not 0 < frame_rate_hz < np.inf:
         raise UsageError(f"frame_rate_hz {frame_rate_hz}: must be above 0")
     dtype = np.complex64 if axis.kind == "baseband" else np.float32
-    fitting: Any = np.ascontiguousarray(rows, dtype)
-    made: Frames = fitting
-    return made
+    return cast("Frames", np.ascontiguousarray(rows, dtype))
 
 
 def _numbered(frames: Frames, axis: FastTimeAxis) -> Iterator[Frame]:

@@ -15,7 +15,7 @@ import threading
 import time
 import uuid
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 from radard.log_cursor import Cursor, Entry, Place, Record, Wants
@@ -33,6 +33,7 @@ from radard.log_file import (
 )
 
 log = logging.getLogger("radard")
+_Rows = list[tuple[int, str, float, bytes]]  # of the table `log`
 _WAIT_S = 0.5  # a person does not notice it; disks take a tenth of it
 _OPEN_S = 5.0  # a disk that spins up takes as long; beyond it the run begins without its past
 _CLOSE_S = 1.0  # of the 6 s that systemd gives, the rest is for outputs
@@ -99,9 +100,8 @@ class EventLog:
             entry = Entry(self._last, key, time.monotonic(), json.dumps(dict(record)))
             self._entries.append(entry)
             self._note(record)
-            n = self._ask() if self._keeps_events else 0
-        self._wait(n, _WAIT_S)
-        with self._changed:
+            if self._keeps_events:
+                self._wait(self._ask(), _WAIT_S)
             newest = itertools.takewhile(lambda e: e.n > self.told, reversed(self._entries))
             fresh = [each for each in newest if each.n <= entry.n][::-1]
             self.told = max(self.told, entry.n)
@@ -151,8 +151,7 @@ class EventLog:
             if self._kept.get(name) == text:
                 return
             self._kept[name] = text
-            n = self._ask()
-        self._wait(n, _WAIT_S)
+            self._wait(self._ask(), _WAIT_S)
 
     def kept(self, name: str) -> str | None:
         """Return what is kept under a name."""
@@ -217,7 +216,9 @@ class EventLog:
                     lambda: self._n_asked > self._n_done or self._is_ended, _TEND_S
                 )
                 n, is_over = self._n_asked, self._is_ended
-            if n > self._n_done or is_over or self._is_due():
+                is_late = time.monotonic() - self._checked_s >= _CHECK_S
+                is_due = is_late or self._trouble or any(map(len, self._cursors.values()))
+            if n > self._n_done or is_over or is_due:
                 # A damaged file is put aside, and what memory holds is at once in a new one.
                 for _ in range(_ATTEMPTS):
                     try:
@@ -232,12 +233,6 @@ class EventLog:
                 self._n_done = n
                 self._changed.notify_all()
         self._shut()
-
-    def _is_due(self) -> bool:
-        with self._changed:
-            is_waiting = any(map(len, self._cursors.values()))
-        is_late = time.monotonic() - self._checked_s >= _CHECK_S
-        return bool(self._trouble) or is_waiting or is_late
 
     def _begins_anew(self, err: Exception) -> bool:
         """Open the file again at the next attempt; return whether that is a new one."""
@@ -289,7 +284,7 @@ class EventLog:
 
     def _load(self, db: sqlite3.Connection, path: Path) -> None:
         """Take what the file holds, of a damaged one what can be read; newer is put behind it."""
-        rows: list[tuple[int, str, float, bytes]] = []
+        rows: _Rows = []
         places: dict[str, Place] = {}
         kept: dict[str, str] = {}
         last, run_s, damage = 0, 0.0, None
@@ -301,13 +296,13 @@ class EventLog:
             if self._keeps_events:
                 query = "SELECT n, key, run_s, CAST(record AS BLOB) FROM log ORDER BY n"
                 for row in db.execute(query):
-                    rows.append(row)  # noqa: PERF402 - all before a damaged one
+                    rows.append(row)
             check_pages(path)
         except (sqlite3.Error, ValueError, TypeError) as err:
             if isinstance(err, sqlite3.Error) and not is_damage(err):
                 raise
             damage = err
-        self._join(rows, places, kept, last=last, run_s=run_s)
+        self._join(rows, places, kept, last, run_s)
         self._is_loaded = True
         if damage is not None:
             lost = sqlite3.DatabaseError(str(damage))
@@ -315,13 +310,7 @@ class EventLog:
             raise lost
 
     def _join(
-        self,
-        rows: Sequence[tuple[int, str, float, bytes]],
-        places: dict[str, Place],
-        kept: dict[str, str],
-        *,
-        last: int,
-        run_s: float,
+        self, rows: _Rows, places: dict[str, Place], kept: dict[str, str], last: int, run_s: float
     ) -> None:
         now_s = time.monotonic()
         entries, known = [], {entry.key for entry in self._entries}

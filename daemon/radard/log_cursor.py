@@ -29,8 +29,7 @@ class Entry:
     @property
     def record(self) -> Record:
         """The record; a new mapping each time."""
-        record: Record = json.loads(self.text)
-        return record
+        return dict(json.loads(self.text))
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,13 +73,13 @@ class Cursor:
 
     def waiting(self, record: Record | None = None) -> list[Entry]:
         """Return what is to be delivered, up to a record: nothing once that is delivered."""
-        text = None if record is None else json.dumps(dict(record))
         with self._lock:
-            found = [*self._waiting, *self._deferred] if record is None else list(self._waiting)
-        if text is None:
-            return found
-        ends = [i for i, entry in enumerate(found) if entry.text == text]
-        return found[: ends[0] + 1] if ends else []
+            waiting, deferred = list(self._waiting), list(self._deferred)
+        if record is None:
+            return waiting + deferred
+        texts = [entry.text for entry in waiting]
+        text = json.dumps(dict(record))
+        return waiting[: texts.index(text) + 1] if text in texts else []
 
     def done(self, entry: Entry) -> None:
         """Note that an entry was delivered, or given up."""

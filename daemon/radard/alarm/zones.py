@@ -66,14 +66,10 @@ def sight_of(
     may_be = decision.alarm or decision.label == "pending" or p_human > policy.p_off
     is_seen = is_hit or (is_heeded and may_be)
     place = f" at {where:.1f} m" if where is not None and where >= 0 else ""
-    return Sight(is_hit, is_seen, f"{_who(decision)}{place}")
-
-
-def _who(decision: Decision) -> str:
-    waited_s = decision.undecided_s
-    if waited_s is None:
-        return str(decision.label)
-    return f"undecided for {waited_s:.0f} s" if waited_s >= 0.5 else "undecided"
+    who, waited_s = str(decision.label), decision.undecided_s
+    if waited_s is not None:
+        who = f"undecided for {waited_s:.0f} s" if waited_s >= 0.5 else "undecided"
+    return Sight(is_hit, is_seen, f"{who}{place}")
 
 
 def _nearest_heeded(decision: Decision, zones: ZonesSection, pet_limit: float) -> float | None:

@@ -60,7 +60,8 @@ class Health:
         self._due_s = self._decided_s + max(START_S, stale_s)
         self._may_wait = True
         self._complaints: dict[str, str] = {}
-        self._is_away = self._is_over = False
+        self._is_away = False
+        self.is_over = False  # whether the run of this sensor has ended for good; for any thread
         self._told: State = "starting"
 
     @property
@@ -73,13 +74,7 @@ class Health:
     def may_feed(self) -> bool:
         """Whether the watchdog may be fed: decisions are fresh, or the device is declared away."""
         with self._lock:
-            return not self._is_over and (self._is_away or self._now().is_well)
-
-    @property
-    def is_over(self) -> bool:
-        """Whether the run of this sensor has ended for good."""
-        with self._lock:
-            return self._is_over
+            return not self.is_over and (self._is_away or self._now().is_well)
 
     @property
     def age_s(self) -> float:
@@ -90,7 +85,7 @@ class Health:
     def on_decision(self, decision: Decision) -> Status | None:
         """Note a decision; what counts is when its last frame arrived."""
         with self._lock:
-            if self._is_over:
+            if self.is_over:
                 return None
             self._decided_s = decision.t_mono_s or self._clock()
             self._due_s = self._decided_s + self._stale_s
@@ -131,8 +126,8 @@ class Health:
     def on_end(self, reason: str) -> Status | None:
         """Note that the run is over."""
         with self._lock:
-            if not self._is_over:
-                self._base, self._is_over = Status("offline", reason), True
+            if not self.is_over:
+                self._base, self.is_over = Status("offline", reason), True
             return self._changed()
 
     def complain(self, source: str, reason: str) -> Status | None:
@@ -154,13 +149,13 @@ class Health:
             self._due_s, self._may_wait = self._clock() + seconds, False
 
     def _say(self, base: Status, *, is_away: bool = False) -> Status | None:
-        if self._is_over:
+        if self.is_over:
             return None
         self._base, self._is_away = base, is_away
         return self._changed()
 
     def _now(self) -> Status:
-        if self._is_over or self._is_away:
+        if self.is_over or self._is_away:
             return self._base
         now_s = self._clock()
         if now_s > self._due_s:

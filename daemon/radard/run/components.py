@@ -109,7 +109,15 @@ def make_parts(
     quiet = QuietHours(
         [parse_quiet(text) for text in config.alarm.quiet], time_zone(config.alarm.timezone), now
     )
-    clips, about = old.clips if old else None, _about_clips(config, pipeline)
+    clips = old.clips if old else None
+    # What made the decisions of a clip, in its root.
+    about = {
+        "sensor": config.sensor.name,
+        "config_hash": config.digest(),
+        "model": bundle.name if bundle else "none",
+        "model_sha256": hashlib.sha256(bundle.onnx).hexdigest() if bundle else "",
+        "version": installed_version(),
+    }
     room = _watch_for_tamper(config, pipeline, is_live=is_live, old=old)
     if was is None or was.clips != config.clips:
         clips, n_slow = None, pipeline.shape.n_slow
@@ -263,15 +271,3 @@ def room_of(config: Config, pipeline: Pipeline) -> str:
             f"calibrated {made_utc or ('then' if pipeline.calibration else 'never')}",
         )
     )
-
-
-def _about_clips(config: Config, pipeline: Pipeline) -> dict[str, str]:
-    """Return the root attributes of clips: what made their decisions."""
-    bundle = pipeline.classifier.bundle if pipeline.classifier else None
-    return {
-        "sensor": config.sensor.name,
-        "config_hash": config.digest(),
-        "model": bundle.name if bundle else "none",
-        "model_sha256": hashlib.sha256(bundle.onnx).hexdigest() if bundle else "",
-        "version": installed_version(),
-    }

@@ -10,7 +10,6 @@ import logging
 import resource
 import threading
 import time
-from collections.abc import Mapping
 from dataclasses import asdict
 from functools import partial
 
@@ -44,18 +43,14 @@ _LOOK_S = 0.2  # so late a radar that waits to be brought up heeds the end
 
 def run(config: Config, options: RunOptions) -> int:
     """Run the daemon; return the exit code, or raise RadardError, X2RadarError with it."""
-    _allow_many_files()
-    with state_lock(config):
-        return Process(config, options).go()
-
-
-def _allow_many_files() -> None:
-    """Let many radars, pages and outputs be open at once; the usual limit is 1024, or 256."""
+    # Many radars, pages and outputs are open at once; the usual limit is 1024, or 256.
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     most = _MAX_FILES if hard == resource.RLIM_INFINITY else min(hard, _MAX_FILES)
     if soft != resource.RLIM_INFINITY and soft < most:
         with contextlib.suppress(OSError, ValueError):
             resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
+    with state_lock(config):
+        return Process(config, options).go()
 
 
 class Keeper:
@@ -206,7 +201,16 @@ class Process:
                 self._stop(self._keepers)
                 is_stuck = any(k.thread.is_alive() for k in self._left)
                 is_stuck |= any(k.stuck for k in self._keepers)
-                self._shut(is_stuck=is_stuck)
+                self._control.stop()
+                self._heart.stop()
+                self._outputs.close()
+                self._pool.close()
+                if is_stuck:
+                    # The interpreter's own end would wait for ever for what a stuck thread holds:
+                    # stdout, or HDF5's lock.
+                    (self._force or force_after(_DEADLINE_S)).join()
+                elif self._force is not None:
+                    self._force.cancel()
         lost = [keeper.failure for keeper in self._keepers if keeper.has_lost_output]
         failures = lost or [keeper.failure for keeper in self._keepers]
         failure = next((each for each in failures if each is not None), None)
@@ -287,18 +291,6 @@ class Process:
             keeper.thread.join(max(0.1, end_s - time.monotonic()))
             if keeper.thread.is_alive():
                 keeper.stuck.append(keeper.thread.name)
-
-    def _shut(self, *, is_stuck: bool) -> None:
-        self._control.stop()
-        self._heart.stop()
-        self._outputs.close()
-        self._pool.close()
-        if is_stuck:
-            # The interpreter's own end would wait for ever for what a stuck thread holds: stdout,
-            # or HDF5's lock.
-            (self._force or force_after(_DEADLINE_S)).join()
-        elif self._force is not None:
-            self._force.cancel()
 
     def _reload(self) -> None:
         """Read the configuration again and hand it to the radars; their streams go on."""

@@ -59,8 +59,7 @@ def judge_all(
             (config, path, Path(folder) / f"{number}.jsonl", number)
             for number, path in enumerate(paths)
         ]
-        judged = _in_turn(todo, tell) if jobs == 1 else _at_once(todo, jobs, tell)
-        for done in judged:
+        for done in _in_turn(todo, tell) if jobs == 1 else _at_once(todo, jobs, tell):
             yield done
             done.records.unlink(missing_ok=True)
 
@@ -70,11 +69,7 @@ _Job = tuple[Config, Path, Path, int]
 
 def _in_turn(todo: Sequence[_Job], tell: Tell) -> Iterator[Judged]:
     for number, job in enumerate(todo):
-
-        def note(share: float, number: int = number) -> None:
-            tell((number + share) / len(todo), number)
-
-        yield _judge(job, note)
+        yield _judge(job, lambda share, n=number: tell((n + share) / len(todo), n))
 
 
 def _at_once(todo: Sequence[_Job], jobs: int, tell: Tell) -> Iterator[Judged]:

@@ -134,21 +134,22 @@ class RunningSensor:
         """Read what is due, and work on the first item of it; return whether there is more."""
         for found in items:
             if not isinstance(found, Frame):
-                self._turns.ask_in(found + self._rest_s())
+                # The next dwell is whole so much later than the next frame is due.
+                source = self.opened.source
+                speed = source.playback.state.speed if isinstance(source, ReplaySource) else None
+                rate_hz = source.stream.frame_rate_hz * (speed or math.inf)
+                self._turns.ask_in(found + min((self.ring.n_left - 1) / rate_hz, _MAX_REST_S))
                 return False
             if not self._keep(found):
                 break
-            if [self.worker.handle(item) for item in self.ring.items(found)]:
+            has_worked = False
+            for item in self.ring.items(found):
+                self.worker.handle(item)
+                has_worked = True
+            if has_worked:
                 return True
         self.ring.end()
         return True
-
-    def _rest_s(self) -> float:
-        """Return how much later the next dwell is whole than the next frame is due."""
-        source = self.opened.source
-        speed = source.playback.state.speed if isinstance(source, ReplaySource) else None
-        rest_s = (self.ring.n_left - 1) / source.stream.frame_rate_hz / (speed or math.inf)
-        return min(rest_s, _MAX_REST_S)
 
     def _step(self) -> bool:
         """Work on one item; return whether there may be another."""

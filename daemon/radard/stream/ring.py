@@ -168,7 +168,14 @@ class FrameRing:
     def _steps(self, frame: Frame) -> Iterator[bool]:
         """Add the frames lost before one and itself; yield for each whether more are wanted."""
         if frame.restarted or self._taken == 0:
-            self._restart(frame)
+            if self._taken:
+                self.post("restart", f"the frame counter jumped to {frame.counter}")
+            self._convert_waiting()
+            # Rows that waiting dwells still need stay where they are: the schedule starts again.
+            self._base = self._origin = self._taken
+            self._timing.reset()
+            self._hops = 0
+            self._due = self._origin + self._shape.n_slow
         else:
             for _ in range(frame.lost):
                 self._index += 1
@@ -221,16 +228,6 @@ class FrameRing:
                 return item
             self._held_from, dwell = item
             return dwell
-
-    def _restart(self, frame: Frame) -> None:
-        if self._taken:
-            self.post("restart", f"the frame counter jumped to {frame.counter}")
-        self._convert_waiting()
-        # Rows that waiting dwells still need stay where they are: only the schedule starts again.
-        self._base = self._origin = self._taken
-        self._timing.reset()
-        self._hops = 0
-        self._due = self._origin + self._shape.n_slow
 
     def _schedule_next(self, dwell: Dwell) -> None:
         """Let the next dwell be due a hop later, or with the first whole one behind a gap."""

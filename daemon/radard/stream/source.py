@@ -256,7 +256,12 @@ class CoalescedReads:
 
     def read(self, timeout_s: float) -> bytes:
         """Read from the inner transport; once a stream was found, only after the pause."""
-        if (wait_s := self._wait_s()) > 0:
+        now_s = self._clock()
+        wait_s, to_due_s = self._next_s - now_s, self._due_s() - now_s
+        # A frame that does not come is lost; nothing is gained then by looking all the time.
+        if to_due_s > -_LATE_S:
+            wait_s = min(wait_s, to_due_s - _EARLY_S)
+        if wait_s > 0:
             self._sleep(wait_s)
         data = part = self._inner.read(timeout_s)
         for _ in range(_MAX_READS):
@@ -271,11 +276,3 @@ class CoalescedReads:
         flows = len(data) >= _FLOWS_BYTES
         self._next_s = self._clock() + PAUSE_S if flows else 0.0
         return data
-
-    def _wait_s(self) -> float:
-        now_s = self._clock()
-        if (left_s := self._next_s - now_s) <= 0:
-            return 0.0
-        to_due_s = self._due_s() - now_s
-        # One that does not come is lost; then nothing is gained by looking all the time.
-        return min(left_s, max(0.0, to_due_s - _EARLY_S)) if to_due_s > -_LATE_S else left_s
