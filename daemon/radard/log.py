@@ -296,7 +296,7 @@ class EventLog:
             if self._keeps_events:
                 query = "SELECT n, key, run_s, CAST(record AS BLOB) FROM log ORDER BY n"
                 for row in db.execute(query):
-                    rows.append(row)
+                    rows.append(row)  # all before a damaged one
             check_pages(path)
         except (sqlite3.Error, ValueError, TypeError) as err:
             if isinstance(err, sqlite3.Error) and not is_damage(err):
@@ -358,12 +358,9 @@ class EventLog:
             first = self._entries[0].n if self._entries else last + 1
             moved, self._moved = self._moved, set()
             # What is appended is seen by every cursor that there is.
-            places = {
-                name: self._cursors[name].place(self.told, last)
-                if name in self._cursors
-                else self._places.get(name)
-                for name in moved.union(self._cursors if entries else ())
-            }
+            seeing = self._cursors if entries else moved.intersection(self._cursors)
+            places = {name: self._places.get(name) for name in moved}
+            places |= {name: self._cursors[name].place(self.told, last) for name in seeing}
         try:
             db.execute("BEGIN IMMEDIATE")
             if self._keeps_events:
@@ -374,10 +371,8 @@ class EventLog:
                 db.execute("DELETE FROM log WHERE n < ?", (first,))
                 gone = [(name,) for name, place in places.items() if place is None]
                 db.executemany("DELETE FROM cursors WHERE name = ?", gone)
-                stands = [
-                    (k, p.done, p.seen, json.dumps(p.deferred)) for k, p in places.items() if p
-                ]
-                db.executemany("INSERT OR REPLACE INTO cursors VALUES (?, ?, ?, ?)", stands)
+                at = [(k, p.done, p.seen, json.dumps(p.deferred)) for k, p in places.items() if p]
+                db.executemany("INSERT OR REPLACE INTO cursors VALUES (?, ?, ?, ?)", at)
             db.executemany("INSERT OR REPLACE INTO kept VALUES (?, ?)", held.items())
             stand = (now_s + self._offset_s, last)
             db.execute("INSERT OR REPLACE INTO stand VALUES (0, ?, ?)", stand)

@@ -11,8 +11,14 @@ from radard.cli import main
 from radard.config.config import load_config
 from radard.config.directories import clip_dir, runtime_dir, state_dir, status_dirs
 from radard.health.health import Health, Status
-from radard.health.heartbeat import Heartbeat, Notifier, Watched
-from radard.health.status_file import read_status, status_path, write_status
+from radard.health.heartbeat import (
+    Heartbeat,
+    Notifier,
+    Watched,
+    read_status,
+    status_path,
+    write_status,
+)
 from tests.alarm_helpers import NotifySocket
 
 

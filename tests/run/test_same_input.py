@@ -13,7 +13,7 @@ from radard.config.directories import clip_dir, demo_state, log_path, own_folder
 from radard.config.saved import change
 from radard.log import EventLog
 from radard.pipeline import Pipeline
-from radard.run.listening import listen
+from radard.run.components import listen
 from tests.alarm_helpers import write_recording
 from tests.processes import environ, ran
 from tests.radar_helpers import decisions, events, noise, run_radard, stable

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from radard.health.heartbeat import Heartbeat
-from radard.health.status_file import read_status, status_path
+from radard.health.heartbeat import Heartbeat, read_status, status_path
 from radard.pipeline import Pipeline
 from radard.run.os_signals import Signals
 from radard.run.worker import Worker

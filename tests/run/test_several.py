@@ -8,7 +8,7 @@ import yaml
 
 from radard.config.config import load_config, load_with_origins
 from radard.errors import UsageError
-from radard.health.status_file import read_status, status_path
+from radard.health.heartbeat import read_status, status_path
 from radard.log import EventLog
 from radard.run.sensor import Sensor
 from radard.stream.source import LiveSource

@@ -24,7 +24,7 @@ def test_a_pause_holds_and_says_so():
     playback = Playback(10.0, None, lambda: reminders.append(1))
     playback.on_change = lambda: changes.append(1)
     playback.play(is_playing=False)
-    assert not playback.state.is_playing
+    assert not playback.state["is_playing"]
     assert playback.wait_s(1.0) > 0
     assert playback.wait_s(1.0) > 0
     assert len(reminders) == 2
@@ -37,7 +37,7 @@ def test_a_seek_wakes_a_pause_and_is_told_once():
     playback = Playback(10.0, 1.0)
     playback.play(is_playing=False)
     playback.seek(4.0)
-    assert playback.state.position_s == 4.0
+    assert playback.state["position_s"] == 4.0
     assert (playback.wait_s(1.0), playback.take_seek()) == (0.0, 4.0)
     playback.play()
     assert (playback.wait_s(4.0), playback.take_seek()) == (0.0, None)

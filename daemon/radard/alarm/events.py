@@ -165,10 +165,9 @@ class EventTracker:
         return [self._go_on(kind, reason, t_s, "end") for kind in self.open_events]
 
     def has_clip(self, event_id: str, clip: str | None) -> None:
-        """Note which clip is made of an event that is on; its further phases name it."""
-        for kind, event in self._open.items():
-            if event.id == event_id:
-                self._open[kind] = replace(event, clip=clip)
+        """Note which clip is made of an alarm that is on; its further phases name it."""
+        if (alarm := self._open.get("alarm")) is not None and alarm.id == event_id:
+            self._open["alarm"] = replace(alarm, clip=clip)
 
     def _step(
         self,

@@ -6,10 +6,10 @@ record and those before it, by the functions of the alarm itself, so that they a
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from datetime import datetime, timedelta
 from functools import partial
-from typing import Any, Literal
+from typing import Any
 
 from radard.alarm.panel import AlarmPolicy
 from radard.alarm.sensitivity import alarm_policy
@@ -23,20 +23,16 @@ from radard.judge.classifier import Probabilities
 from radard.judge.decision import MIN_P, Decision, TrackVerdict
 from radard.log_cursor import Record
 
+Stage = dict[str, str]
 _WORDS = {"human": "person", "pet": "pet", "other": "something else"}
 
 
-@dataclass(frozen=True, slots=True)
-class DecisionStage:
-    """One stage of a decision."""
-
-    outcome: Literal["passed", "decided"]
-    name: str
-    text: str  # with the numbers that decided
-    plain: str  # the same for people
+def _stage(outcome: str, name: str, text: str, plain: str) -> Stage:
+    """Return one stage of a decision: `text` has the numbers, `plain` the same for people."""
+    return {"outcome": outcome, "name": name, "text": text, "plain": plain}
 
 
-_passed, _decided = partial(DecisionStage, "passed"), partial(DecisionStage, "decided")
+_passed, _decided = partial(_stage, "passed"), partial(_stage, "decided")
 
 
 def explain(
@@ -46,7 +42,7 @@ def explain(
     events: Sequence[Record] = (),
     state: SensorState | None = None,
 ) -> dict[str, Any]:
-    """Return seq, t_s, headline, decided_by and `DecisionStage`s of the last of `records`."""
+    """Return seq, t_s, headline, decided_by and stages of the last of `records`."""
     record = records[-1]
     state = state or SensorState()
     limit = hello.get("pet_limit", 0.8)
@@ -66,17 +62,17 @@ def explain(
         if hello.get("replayed"):
             at = recorded_clock(hello.get("started_utc") or "")(record["t_s"])
         stages += _confirmed(hits, _Panel(record, policy, alarms, state, config, at))
-    by = next((s for s in reversed(stages) if s.outcome == "decided"), stages[-1])
+    by = next((s for s in reversed(stages) if s["outcome"] == "decided"), stages[-1])
     return {
         "seq": record["seq"],
         "t_s": record["t_s"],
         "headline": _headline(record, by),
-        "decided_by": by.name,
-        "stages": [asdict(stage) for stage in stages],
+        "decided_by": by["name"],
+        "stages": stages,
     }
 
 
-def _frames(record: Record, events: Sequence[Record]) -> DecisionStage:
+def _frames(record: Record, events: Sequence[Record]) -> Stage:
     n, lost = record["frames"], record["dropped"]
     if record["gate"] != "invalid":
         missing = f"{lost} missing, few enough" if lost else "none missing"
@@ -94,7 +90,7 @@ def _frames(record: Record, events: Sequence[Record]) -> DecisionStage:
     return _decided("frames", f"The window is invalid: {reason}.", f"No: {reason}.")
 
 
-def _gate(record: Record, *, was_pending: bool) -> DecisionStage:
+def _gate(record: Record, *, was_pending: bool) -> Stage:
     power, threshold = record["power_db"], record["threshold_db"]
     apart = f"{abs(power - threshold):.1f} dB"
     if record["gate"] == "closed" and record["alarm"]:
@@ -124,7 +120,7 @@ def _gate(record: Record, *, was_pending: bool) -> DecisionStage:
     return _passed("gate", text + where, plain)
 
 
-def _classified(record: Record, limit: float) -> list[DecisionStage]:
+def _classified(record: Record, limit: float) -> list[Stage]:
     if record["p_human"] is None:
         text = "No model is loaded: the gate works alone, and there is no verdict."
         plain = "Nobody can say: no network is loaded, only movement is noticed."
@@ -149,7 +145,7 @@ def _plain(shares: Mapping[str, float]) -> str:
     return text[:1].upper() + text[1:]
 
 
-def _rule(record: Record, harmless: float, limit: float) -> DecisionStage:
+def _rule(record: Record, harmless: float, limit: float) -> Stage:
     name = "p(pet) + p(other)" if record["fused_p_other"] else "p(pet)"
     share = f"{100 * harmless:.0f} %"
     if record["label"] == "pending":
@@ -183,7 +179,7 @@ class _Panel:
     at: datetime | None  # the clock on the wall, of the stream
 
 
-def _confirmed(hits: Sequence[bool], panel: _Panel) -> list[DecisionStage]:
+def _confirmed(hits: Sequence[bool], panel: _Panel) -> list[Stage]:
     if not hits[-1]:
         where = "It does not count towards an alarm: it is outside of the zones, or"
         text = f"{where} p(human) is under {panel.policy.p_on:.2f}."
@@ -192,7 +188,7 @@ def _confirmed(hits: Sequence[bool], panel: _Panel) -> list[DecisionStage]:
     return [_passed("zones", "It is where it counts.", "Yes."), _panel_stage(sum(hits), panel)]
 
 
-def _panel_stage(n_hits: int, panel: _Panel) -> DecisionStage:
+def _panel_stage(n_hits: int, panel: _Panel) -> Stage:
     policy, t_s = panel.policy, panel.record["t_s"]
     says, need = ("says" if n_hits == 1 else "say"), ("is" if policy.k == 1 else "are")
     counted = f"{n_hits} of the last {policy.n} windows {says} human; {policy.k} {need} needed"
@@ -259,7 +255,7 @@ def _covers(event: Record, t_s: float) -> bool:
     return bool(event["start_t_s"] <= t_s and (end_s is None or t_s <= end_s))
 
 
-def _headline(record: Record, by: DecisionStage) -> str:
+def _headline(record: Record, by: Stage) -> str:
     if record["gate"] == "invalid":
         return "This window could not be judged"
     if record["gate"] == "closed" and not record["alarm"]:
@@ -271,7 +267,7 @@ def _headline(record: Record, by: DecisionStage) -> str:
     if not record["alarm"]:
         return "A pet" if record["label"] == "pet" else "Something harmless"
     who = "A person" if (record["fused_p_human"] or 0) >= MIN_P else "Undecided"
-    is_new = by.name == "confirmation" and by.text.startswith("Confirmed")
+    is_new = by["name"] == "confirmation" and by["text"].startswith("Confirmed")
     return f"{who}: alarm" if is_new else who
 
 

@@ -24,7 +24,6 @@ ARM_MODES: dict[str, ArmMode] = {"arm": "away", "arm-home": "home"}  # commands 
 _UNSEEN_S = 3.0
 # Stream times are quotients: what is due at this decision must not wait for the next.
 _SLACK_S = 1e-6
-StepKind = Literal["new", "update", "end"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,7 +53,7 @@ class Sight:
 class PanelChange:
     """What becomes of the alarm: it begins, changes or ends, and why."""
 
-    kind: StepKind
+    kind: Literal["new", "update", "end"]
     reason: str
 
 

@@ -14,16 +14,8 @@ from radard.judge.card import Card, Passing
 # Order: k of n, then p_on and p_off of `AlarmPolicy`.
 Numbers = tuple[int, int, float, float]
 SENSITIVITIES: dict[str, dict[str, Numbers]] = {
-    "window": {
-        "low": (3, 5, 0.5, 0.2),
-        "normal": (2, 3, 0.0, 0.1),
-        "high": (1, 1, 0.0, 0.05),
-    },
-    "fused": {
-        "low": (2, 3, 0.5, 0.2),
-        "normal": (1, 1, 0.0, 0.1),
-        "high": (1, 1, 0.0, 0.05),
-    },
+    "window": {"low": (3, 5, 0.5, 0.2), "normal": (2, 3, 0.0, 0.1), "high": (1, 1, 0.0, 0.05)},
+    "fused": {"low": (2, 3, 0.5, 0.2), "normal": (1, 1, 0.0, 0.1), "high": (1, 1, 0.0, 0.05)},
 }
 """By decision policy and name: K of N, least p(human) of a hit, and of still being there."""
 _TIMES = ("exit_delay_s", "entry_delay_s", "latch_s", "refractory_s")

@@ -3,6 +3,8 @@
 import hashlib
 import logging
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from weakref import WeakSet
@@ -25,14 +27,16 @@ from radard.config.sections import AUTO_MODEL
 from radard.detect.calibration import Calibration, load_calibration
 from radard.detect.room_reference import RoomStore
 from radard.detect.tamper import TamperWatch
-from radard.errors import ConfigError
+from radard.errors import ConfigError, UsageError
 from radard.judge.bundle import load_bundle
 from radard.judge.classifier import Classifier
 from radard.judge.decision import pet_limit_of
 from radard.judge.model_choice import hop_warning, model_for
 from radard.log import EventLog
+from radard.outputs.records import Record, hello_record
 from radard.pipeline import Pipeline
-from radard.stream.ring import DwellShape
+from radard.stream.ring import Dwell, DwellShape, Notice
+from radard.stream.source import FrameSource, open_source
 from x2radar import wall_clock
 from x2radar.command import installed_version
 from x2radar.frame import StreamInfo
@@ -187,7 +191,7 @@ def without_restart(config: Config, was: Config) -> Config:
     return config.model_copy(update={name: getattr(was, name) for name in RESTART_SECTIONS})
 
 
-def remake_parts(config: Config, old: Parts, *, now: Now, is_live: bool) -> Parts:
+def remake_parts(config: Config, old: Parts, *, is_live: bool) -> Parts:
     """Make the parts of a configuration that was read again, for the stream that goes on."""
     was, pipeline = old.config, old.pipeline
     config = without_restart(config, was)
@@ -200,7 +204,7 @@ def remake_parts(config: Config, old: Parts, *, now: Now, is_live: bool) -> Part
             is_hop = config.decision.hop_s != was.decision.hop_s
             what = "decision.hop_s" if is_hop else f"model.name: '{config.model.name}'"
             raise ConfigError(f"{what} takes other dwells; that takes a restart")
-    return make_parts(config, pipeline, now=now, is_live=is_live, old=old)
+    return make_parts(config, pipeline, now=old.quiet.now, is_live=is_live, old=old)
 
 
 def _cut_of(pipeline: Pipeline) -> tuple[DwellShape, int]:
@@ -217,16 +221,17 @@ def make_store(config: Config, events: EventLog, *, is_live: bool) -> StateStore
     return StateStore(events, path.stem if path else None, keeps_alarms=is_named)
 
 
-def taken_of(
-    config: Config, pipeline: Pipeline, *, is_live: bool, has_state: bool
-) -> tuple[str, ...]:
-    """Return what a run takes from files that nobody named, for people."""
-    files = [_kept_file(config, "room.npz", is_live=is_live)]
+def hello_of(parts: Parts, source: FrameSource, *, is_armed: bool, has_state: bool) -> Record:
+    """Return the first line of a run; `has_state`: how it is armed was kept."""
+    config, pipeline = parts.config, parts.pipeline
+    files = [_kept_file(config, "room.npz", is_live=source.is_live)]
     if has_state:
         files.append(log_path(config))
     if config.gate.calibration == "auto" and pipeline.calibration is not None:
         files.append(calibration_file(config))
-    return (*config.taken, *(str(path) for path in files if path is not None and path.is_file()))
+    found = [str(path) for path in files if path is not None and path.is_file()]
+    hello = hello_record(pipeline, config, is_armed=is_armed, taken=(*config.taken, *found))
+    return hello | {name: getattr(source, name, None) for name in ("module", "started_utc")}
 
 
 def _kept_file(config: Config, ending: str, *, is_live: bool) -> Path | None:
@@ -271,3 +276,41 @@ def room_of(config: Config, pipeline: Pipeline) -> str:
             f"calibrated {made_utc or ('then' if pipeline.calibration else 'never')}",
         )
     )
+
+
+@dataclass(frozen=True, slots=True)
+class Listening:
+    """An open port, and the pipeline for its stream with the configured model."""
+
+    source: FrameSource
+    pipeline: Pipeline
+
+    def dwells(self, duration_s: float, *, skip_s: float = 0.0) -> Iterator[Dwell | Notice]:
+        """Yield dwells and notices of `duration_s`, behind `skip_s`, in this thread."""
+        ring = self.pipeline.make_ring()
+        rate_hz = self.pipeline.stream.frame_rate_hz
+        first: int | None = None
+        for frame in self.source.frames():
+            first = frame.index if first is None else first
+            at_s = (frame.index - first) / rate_hz
+            if at_s >= skip_s + duration_s:
+                return
+            if at_s < skip_s:
+                continue
+            yield from ring.items(frame)
+
+
+@contextmanager
+def listen(config: Config) -> Iterator[Listening]:
+    """Open the port of a configuration and make its pipeline; close it in the end."""
+    sensor = config.sensor
+    if sensor.port is None:
+        raise UsageError("no port: give --port /dev/ttyACM0, sim:SCENE or replay:FILE")
+    classifier = make_classifier(config)
+    # A device that is lost ends the work: half of it is worth nothing.
+    source = open_source(sensor.port, speed=sensor.speed, wait=sensor.wait, quit_on_loss=True)
+    try:
+        fitting = classifier_for(source.stream, config, classifier)
+        yield Listening(source, Pipeline(source.stream, config, fitting))
+    finally:
+        source.close()

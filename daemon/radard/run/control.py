@@ -14,7 +14,7 @@ import socket
 import stat
 import struct
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -53,8 +53,8 @@ def control_path(folder: Path, sensor: str) -> Path:
 class ControlServer:
     """Serve the sockets of all radars of a process, in a thread."""
 
-    def __init__(self, radars: "Sequence[Sensor]", folder: Path) -> None:
-        self._radars = radars
+    def __init__(self, folder: Path) -> None:
+        self._radars: list[Sensor] = []
         self._folder = folder
         self._selector = selectors.DefaultSelector()
         self._halt = threading.Event()
@@ -69,12 +69,14 @@ class ControlServer:
         self._thread.start()
 
     def add(self, radar: "Sensor") -> None:
-        """Serve another radar from now on, if any are served."""
+        """Serve another radar, from the start on."""
+        self._radars.append(radar)
         if self._thread.ident is not None:
             self._serve_radar(radar)
 
     def remove(self, name: str) -> None:
         """Serve a radar no more."""
+        self._radars = [each for each in self._radars if each.sensor != name]
         for key in self._open():
             if key.data[0].sensor == name:
                 self._selector.unregister(key.fileobj)
@@ -254,10 +256,10 @@ def range_time(ring: FrameRing) -> dict[str, Any]:
     stride = max(1, round(_COLUMN_S * ring.frame_rate_hz))
     first = -(-begin // stride)
     n = max(0, recent.end_frame // stride - first)
-    told = {"first": first, "column_s": stride / ring.frame_rate_hz, "columns": []}
-    told["range_m"] = [float(range_m[0]), float(range_m[-1])]
+    span_m, column_s = [float(range_m[0]), float(range_m[-1])], stride / ring.frame_rate_hz
+    told: dict[str, Any] = {"first": first, "column_s": column_s, "range_m": span_m}
     if not n:
-        return told
+        return {**told, "columns": []}
     moving = recent.frames - recent.frames.mean(axis=0)
     at = first * stride - begin
     power = (np.abs(moving[at : at + n * stride]) ** 2).reshape(n, stride, -1).mean(axis=1)

@@ -16,8 +16,7 @@ from functools import partial
 from radard.config.config import Config
 from radard.config.directories import own_folder, runtime_dir, state_lock
 from radard.errors import OutputError, RadardError, UsageError
-from radard.health.heartbeat import Heartbeat, Notifier, Watched
-from radard.health.status_file import status_path
+from radard.health.heartbeat import Heartbeat, Notifier, Watched, status_path
 from radard.outputs.fanout import Outputs
 from radard.outputs.records import ended_record
 from radard.outputs.registry import SinkWatch
@@ -170,17 +169,15 @@ class Process:
         self._pool = WorkerPool()
         self._outputs = Outputs(stdout_is_terminal=options.stdout_is_terminal)
         self._opening = threading.Lock()
-        self._keepers = [self._make_keeper(each) for each in config.each()]
+        self._keepers: list[Keeper] = []
         self._left: list[Keeper] = []
         self._notifier = Notifier()
         self._folder = runtime_dir(config)
-        self._heart = Heartbeat([self._watched(sensor) for sensor in self.sensors], self._notifier)
-        self._control = ControlServer(self.sensors, self._folder)
+        self._heart = Heartbeat(self._notifier)
+        self._control = ControlServer(self._folder)
         self._watch = SinkWatch()
         self._troubled: dict[str, set[str]] = {}
-        for sensor in self.sensors:
-            self._outputs.add(sensor)
-        self._pool.fit(len(self._keepers))
+        self._add([self._make_keeper(each) for each in config.each()])
 
     @property
     def sensors(self) -> list[Sensor]:
@@ -237,10 +234,6 @@ class Process:
                 self._heart.start()
                 if not can_wait:
                     self._control.start()
-
-    def _watched(self, sensor: Sensor) -> Watched:
-        path = status_path(self._folder, sensor.sensor)
-        return Watched(sensor.sensor, sensor.health, path, lambda: _told(sensor))
 
     def _supervise(self) -> bool:
         """Heed signals while radars are kept; return whether one asked for the end."""
@@ -362,10 +355,12 @@ class Process:
         """Let new radars be seen and heard; they begin once they have their outputs."""
         self._keepers += new
         self._pool.fit(len(self._keepers))
-        for keeper in new:
-            self._heart.add(self._watched(keeper.sensor))
-            self._control.add(keeper.sensor)
-            self._outputs.add(keeper.sensor)
+        for sensor in (keeper.sensor for keeper in new):
+            name = sensor.sensor
+            path, panel = status_path(self._folder, name), partial(_told, sensor)
+            self._heart.add(Watched(name, sensor.health, path, panel))
+            self._control.add(sensor)
+            self._outputs.add(sensor)
 
 
 def _told(sensor: Sensor) -> dict[str, object]:

@@ -69,7 +69,11 @@ _Job = tuple[Config, Path, Path, int]
 
 def _in_turn(todo: Sequence[_Job], tell: Tell) -> Iterator[Judged]:
     for number, job in enumerate(todo):
-        yield _judge(job, lambda share, n=number: tell((n + share) / len(todo), n))
+
+        def note(share: float, number: int = number) -> None:
+            tell((number + share) / len(todo), number)
+
+        yield _judge(job, note)
 
 
 def _at_once(todo: Sequence[_Job], jobs: int, tell: Tell) -> Iterator[Judged]:
@@ -143,13 +147,12 @@ def replay(
     try:
         outputs.open(config, can_wait=True)
         prepare(opened.pipeline)
-        ring = opened.pipeline.make_ring()
-        worker = sensor.make_worker(opened, ring)
+        worker = sensor.make_worker(opened)
         worker.begin()
         first, rate_hz = None, opened.source.stream.frame_rate_hz
         for frame in opened.source.frames():
             first = frame.index if first is None else first
-            for item in ring.items(frame):
+            for item in worker.ring.items(frame):
                 worker.handle(item)
             yield (frame.index - first) / rate_hz
     finally:

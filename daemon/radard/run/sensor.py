@@ -28,7 +28,6 @@ from radard.outputs.records import (
     Record,
     ended_record,
     event_record,
-    hello_record,
     marked,
     status_record,
 )
@@ -37,12 +36,12 @@ from radard.pipeline import Pipeline
 from radard.run.components import (
     Parts,
     classifier_for,
+    hello_of,
     logger_of,
     make_classifier,
     make_parts,
     make_store,
     remake_parts,
-    taken_of,
     without_restart,
 )
 from radard.run.pool import WorkerPool
@@ -52,7 +51,7 @@ from radard.run.worker import Worker
 from radard.stream.frame_timing import RateWatch
 from radard.stream.playback import Playback
 from radard.stream.ring import FrameRing, Notice
-from radard.stream.source import Notify, open_source, speed_factor
+from radard.stream.source import FrameSource, Notify, open_source, speed_factor
 from x2radar.ports import parse_port
 
 _RECENT = 20  # records: a screen of decisions, and what happened among them
@@ -242,22 +241,21 @@ class Sensor:
         except BaseException:
             source.close()
             raise
-        started_utc = getattr(source, "started_utc", "")
-        now = wall_clock if source.is_live else recorded_clock(started_utc)
-        return OpenedSensor(source, pipeline, tap, now)
+        return OpenedSensor(source, pipeline, tap)
 
-    def make_worker(self, opened: OpenedSensor, ring: FrameRing) -> Worker:
+    def make_worker(self, opened: OpenedSensor) -> Worker:
         """Return who works on an opened stream, beginning with `hello`; ConfigError if unfit."""
-        source, config = opened.source, self._config
-        parts = make_parts(config, opened.pipeline, now=opened.now, is_live=source.is_live)
+        source = opened.source
+        now = wall_clock if source.is_live else recorded_clock(getattr(source, "started_utc", ""))
+        parts = make_parts(self._config, opened.pipeline, now=now, is_live=source.is_live)
         # What comes faster or slower on purpose says nothing about the module.
         is_real_time = source.is_live and self._factor == 1.0
         rate = RateWatch(source.stream.frame_rate_hz) if is_real_time else None
-        worker = Worker(parts, ring, self.put, self.health, self._kept_state(), rate=rate)
+        worker = Worker(parts, self.put, self.health, self._kept_state(), rate=rate)
         worker.n_decided = self._n_decided
         if warning := getattr(source, "warning", None):
             self.log.warning("%s", warning)
-        hello = _hello(worker, parts, opened, self.mark())
+        hello = self._hello(worker, parts, source)
         if hello["taken"]:
             self.log.warning("taken from files that nobody named: %s", "; ".join(hello["taken"]))
         self.put(hello)
@@ -271,13 +269,11 @@ class Sensor:
 
     def start(self, opened: OpenedSensor, on_over: Callable[[], object]) -> RunningSensor:
         """Begin to work on an opened stream; raises as `make_worker` does."""
-        ring = opened.pipeline.make_ring()
         duration_s, rate_hz = self._options.duration_s, opened.source.stream.frame_rate_hz
         with self._commanding:
             self._run = run = RunningSensor(
                 opened,
-                self.make_worker(opened, ring),
-                ring,
+                self.make_worker(opened),
                 self._pool,
                 max_frames=None if duration_s is None else max(1, round(duration_s * rate_hz)),
                 warm_up=not self.can_wait,
@@ -322,11 +318,11 @@ class Sensor:
             known = self._classifier if config.model == was.model else make_classifier(config)
             return partial(self._hold, config, known)
         opened, worker = run.opened, run.worker
-        parts = remake_parts(config, worker.parts, now=opened.now, is_live=opened.source.is_live)
+        parts = remake_parts(config, worker.parts, is_live=opened.source.is_live)
 
         def exchange() -> Record:
             worker.exchange(parts)
-            return _hello(worker, parts, opened, self.mark())
+            return self._hello(worker, parts, opened.source)
 
         return exchange
 
@@ -374,12 +370,7 @@ class Sensor:
             for event in trial_alarm(0.0):
                 self.put(event_record(event), waits=False)
 
-
-def _hello(worker: Worker, parts: Parts, opened: OpenedSensor, mark: str) -> Record:
-    is_armed = worker.tracker.panel.is_armed
-    taken = taken_of(
-        parts.config, parts.pipeline, is_live=opened.source.is_live, has_state=worker.has_kept
-    )
-    hello = hello_record(parts.pipeline, parts.config, is_armed=is_armed, taken=taken)
-    about = {name: getattr(opened.source, name, None) for name in ("module", "started_utc")}
-    return marked({**hello, **about}, mark)
+    def _hello(self, worker: Worker, parts: Parts, source: FrameSource) -> Record:
+        is_armed, has_state = worker.tracker.panel.is_armed, self._kept_state().has_kept
+        hello = hello_of(parts, source, is_armed=is_armed, has_state=has_state)
+        return marked(hello, self.mark())

@@ -20,7 +20,6 @@ from x2radar.wall_clock import utc_text
 
 log = logging.getLogger("radard")
 _MAX_WAITING_S = 10.0  # of frames: longer than a disk pauses to tidy itself up
-Complain = Callable[[str], object]
 
 
 class Tap:
@@ -32,7 +31,7 @@ class Tap:
         stream: StreamInfo,
         *,
         free_bytes: float = 0.0,
-        complain: Complain = lambda _reason: None,
+        complain: Callable[[str], object] = lambda _reason: None,
         waits: bool = False,
     ) -> None:
         self._complain = complain

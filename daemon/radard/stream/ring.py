@@ -6,6 +6,7 @@ Every row is written twice, a capacity apart, so that any dwell is one contiguou
 writer waits before it would overwrite a row that a waiting dwell still needs.
 """
 
+import math
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
@@ -15,7 +16,6 @@ from itertools import groupby
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.stream.frame_timing import FrameTiming
 from x2radar.frame import FastTimeAxis, Frame
 
 Convert = Callable[[NDArray[np.float32] | NDArray[np.complex64], NDArray[np.complex64]], object]
@@ -124,11 +124,17 @@ class FrameRing:
         self._base = self._origin = self._due = self._hops = 0
         self.on_item: Callable[[], object] = lambda: None
         """Called when there is something to take, also the end; from any thread."""
-        self._timing = FrameTiming(shape.frame_rate_hz)
+        # Arrival of frame 0 by the least delayed one, of this hop and of the one before.
+        self._lead_s = self._before_s = math.inf
 
     def due_s(self) -> float:
-        """Return when the next dwell's last frame should arrive, by `FrameTiming`."""
-        return self._timing.arrival_s(self._due)
+        """Return when the next dwell's last frame should arrive; infinite while that is not known.
+
+        Frames come late or in time, never early: they wait in buffers for their reader. So the
+        least delayed frame of the last two hops says where in time the stream stands; two hops,
+        because the module's clock and the host's do not run alike.
+        """
+        return min(self._lead_s, self._before_s) + self._due / self.frame_rate_hz
 
     @property
     def n_left(self) -> int:
@@ -173,7 +179,7 @@ class FrameRing:
             self._convert_waiting()
             # Rows that waiting dwells still need stay where they are: the schedule starts again.
             self._base = self._origin = self._taken
-            self._timing.reset()
+            self._lead_s = self._before_s = math.inf
             self._hops = 0
             self._due = self._origin + self._shape.n_slow
         else:
@@ -181,7 +187,9 @@ class FrameRing:
                 self._index += 1
                 yield self._add(None, 0.0)
         self._index = frame.index
-        self._timing.note(self._taken + 1, frame.t_mono_s)
+        if frame.t_mono_s:
+            begun_s = frame.t_mono_s - (self._taken + 1) / self.frame_rate_hz
+            self._lead_s = min(self._lead_s, begun_s)
         yield self._add(frame.samples, frame.t_mono_s)
 
     def post(
@@ -314,6 +322,6 @@ class FrameRing:
             t_mono_s,
             self._taken,
         )
-        self._timing.next_hop()
+        self._before_s, self._lead_s = self._lead_s, math.inf
         self._schedule_next(dwell)
         self._put((first, dwell))

@@ -29,7 +29,7 @@ Notify = Callable[[str, str], None]
 _SCHEME = re.compile(r"([a-z][a-z0-9+._-]+):(?!//)")
 PAUSE_S = 0.04  # at 614 kB/s (X2 RF, 200 Hz) 25 kB collect; a kernel's buffer holds 64
 _FLOWS_BYTES = 512  # in a read: more than any reply to a command
-_EARLY_S = 0.006  # more than a due frame was ever early: `FrameTiming` errs by less
+_EARLY_S = 0.006  # more than a due frame was ever early: `FrameRing.due_s` errs by less
 _LATE_S = 0.1  # a frame that late is lost
 # A Linux terminal gives at most 4095 bytes to a read, whatever waits behind them: a read of
 # about that many is followed by another one at once.
@@ -119,18 +119,17 @@ class LiveSource:
     def __init__(self, device: ReconnectingRadar, radar: X2Radar, on_notice: Notify) -> None:
         self._device = device
         self._on_notice = on_notice
-        self._frames = self._read()
-        first = next(self._frames, None)
-        if first is None:
+        frames = self._read()
+        if (first := next(frames, None)) is None:
             raise TransportClosed("closed before the first frame")
-        self._first = first
+        self._frames = chain([first], frames)
         assert device.stream is not None  # noqa: S101 - known with the first frame
         self.stream: StreamInfo = device.stream
         self.module = module_of(radar.settings).name  # what sends the frames, by its maker
 
     def frames(self) -> Iterator[Frame]:
         """Yield frames, the first after a loss marked; raises if it is not waited for."""
-        return chain([self._first], self._frames)
+        return self._frames
 
     @property
     def stats(self) -> RadarStats:
@@ -168,7 +167,6 @@ class ReplaySource:
 
         self._reader = open_recording(port.target, kind=port.options.get("from"))
         self.stream = replace(self._reader.stream, run_id=self._reader.run_id)
-        self._closed = False
         self._on_notice = on_notice
         self.warning = self._reader.warning
         self.started_utc = self._reader.started_utc
@@ -196,7 +194,7 @@ class ReplaySource:
             for n, frame in enumerate(self._reader.frames(start_s)):
                 while wait_s := playback.wait_s(frame.index / rate_hz):
                     yield wait_s
-                if self._closed:
+                if playback.is_closed:
                     return
                 if (seek_s := playback.take_seek()) is not None:
                     break
@@ -227,7 +225,6 @@ class ReplaySource:
 
     def close(self) -> None:
         """End the replay; `frames` then ends."""
-        self._closed = True
         self.playback.close()
 
 
