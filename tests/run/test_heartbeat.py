@@ -70,7 +70,9 @@ def test_without_a_watchdog_nothing_is_fed(environ):
 
 def make_heart(health, tmp_path):
     watched = Watched("radar", health, status_path(tmp_path, "radar"), lambda: {"seq": 7})
-    return Heartbeat([watched], Notifier({"WATCHDOG_USEC": "2000000"}))
+    heartbeat = Heartbeat(Notifier({"WATCHDOG_USEC": "2000000"}))
+    heartbeat.add(watched)
+    return heartbeat
 
 
 def test_the_status_file_of_another_process_is_left_alone(health, tmp_path, caplog):

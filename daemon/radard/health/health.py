@@ -90,18 +90,16 @@ class Health:
             self._decided_s = decision.t_mono_s or self._clock()
             self._due_s = self._decided_s + self._stale_s
             self._may_wait = True
-            is_valid = decision.gate != "invalid"
-            return self._say(
-                Status("online", "") if is_valid else Status("degraded", decision.fault)
-            )
+            if decision.gate == "invalid":
+                return self._say(Status("degraded", decision.fault))
+            return self._say(Status("online", ""))
 
     def on_notice(self, notice: Notice) -> Status | None:
         """Note what happened to the stream."""
         with self._lock:
             if notice.kind == "lost":
-                return self._say(
-                    Status("offline", f"device absent: {notice.reason}"), is_away=True
-                )
+                away = Status("offline", f"device absent: {notice.reason}")
+                return self._say(away, is_away=True)
             if notice.kind == "found" and self._is_away:
                 self._wait(self._stale_s)
             elif notice.kind == "paused":

@@ -150,7 +150,7 @@ class ControlServer:
         radar.command(name)
 
         def is_kept() -> bool:
-            """Return whether it holds after a kill, too, or no disk takes it."""
+            # It holds after a kill, too, or no disk takes it.
             return _is_so(radar.panel(), name) and radar.why_lost is not None
 
         wait_until(is_kept, _TAKEN_UP_S, self._halt)

@@ -20,6 +20,7 @@ from radard.health.heartbeat import Heartbeat, Notifier, Watched, status_path
 from radard.outputs.fanout import Outputs
 from radard.outputs.records import ended_record
 from radard.outputs.registry import SinkWatch
+from radard.run.components import RESTART_SECTIONS
 from radard.run.control import ControlServer
 from radard.run.os_signals import Signals, force_after, stacks
 from radard.run.pool import WorkerPool
@@ -270,9 +271,7 @@ class Process:
             self._troubled[sensor.sensor] = set(own)
 
     def _states(self) -> dict[str, object]:
-        states = {
-            each.sensor: {**asdict(each.health.status), **_told(each)} for each in self.sensors
-        }
+        states = {s.sensor: {**asdict(s.health.status), **_told(s)} for s in self.sensors}
         return dict(states if self._config.is_one_of_several else states[self.sensors[0].sensor])
 
     def _stop(self, keepers: list[Keeper]) -> None:
@@ -305,7 +304,7 @@ class Process:
             log.warning("reload: %s", why)
         else:
             hellos = [hello for hold in remade if (hello := hold()) is not None]
-            kept = {"sensor": self._config.sensor, "service": self._config.service}
+            kept = {name: getattr(self._config, name) for name in RESTART_SECTIONS}
             self._config = config.model_copy(update=kept)
             self._take_away(gone, again={keeper.sensor.sensor for keeper in new})
             self._add(new)

@@ -48,7 +48,6 @@ class RunningSensor:
         *,
         max_frames: int | None,
         warm_up: bool,
-        thread_name: str,
         on_over: Callable[[], object],
     ) -> None:
         self.opened, self.worker, self.ring = opened, worker, worker.ring
@@ -60,7 +59,9 @@ class RunningSensor:
         self._on_over = on_over
         self._pool = pool
         self._ask = partial(pool.ask, self._step)
-        self._reader = threading.Thread(target=self._read, name=thread_name, daemon=True)
+        config = worker.parts.config
+        name = f"{config.sensor.name} reader" if config.is_one_of_several else "reader"
+        self._reader = threading.Thread(target=self._read, name=name, daemon=True)
         self._first: int | None = None
         self._items: Iterator[Frame | float] | None = None
 

@@ -10,7 +10,6 @@ import threading
 import uuid
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from pathlib import Path
 
 from radard.alarm.events import EventTracker, trial_alarm
@@ -20,7 +19,6 @@ from radard.config.config import Config
 from radard.config.quiet_hours import recorded_clock, wall_clock
 from radard.errors import UsageError
 from radard.health.health import STALE_S, Health, Status
-from radard.judge.classifier import Classifier
 from radard.log_file import MARKS
 from radard.outputs.base import COMMANDS, Sink
 from radard.outputs.fanout import Outputs
@@ -277,7 +275,6 @@ class Sensor:
                 self._pool,
                 max_frames=None if duration_s is None else max(1, round(duration_s * rate_hz)),
                 warm_up=not self.can_wait,
-                thread_name=f"{self.sensor} reader" if self._is_one_of_several else "reader",
                 on_over=on_over,
             )
         run.start()
@@ -316,7 +313,14 @@ class Sensor:
         if (run := self._run) is None:
             was, config = self._config, without_restart(config, self._config)
             known = self._classifier if config.model == was.model else make_classifier(config)
-            return partial(self._hold, config, known)
+
+            def hold() -> None:
+                self._config, self._classifier = config, known
+                if self._run is not None:
+                    # A stream has come since.
+                    self.reload()
+
+            return hold
         opened, worker = run.opened, run.worker
         parts = remake_parts(config, worker.parts, is_live=opened.source.is_live)
 
@@ -325,12 +329,6 @@ class Sensor:
             return self._hello(worker, parts, opened.source)
 
         return exchange
-
-    def _hold(self, config: Config, classifier: Classifier | None) -> None:
-        self._config, self._classifier = config, classifier
-        if self._run is not None:
-            # A stream has come since.
-            self.reload()
 
     def _worker(self) -> Worker | None:
         """Return who works on the stream; None when nobody does."""
@@ -361,14 +359,18 @@ class Sensor:
         store.save(tracker.kept(0.0))
 
     def _try_alarm(self) -> None:
-        state = self.panel()
-        if state is not None and state.alarm_id:
+        if (state := self.panel()) is not None and state.alarm_id:
             raise ValueError("an alarm is on: acknowledge it first")
         if (worker := self._worker()) is not None:
-            worker.try_alarm()
+            # Between two decisions, so that no output takes its end for that of a real alarm.
+            worker.ring.post("test", call=self._send_trial)
         else:
-            for event in trial_alarm(0.0):
-                self.put(event_record(event), waits=False)
+            self._send_trial(0.0)
+
+    def _send_trial(self, t_s: float) -> None:
+        if (state := self.panel()) is None or not state.alarm_id:
+            for event in trial_alarm(t_s):
+                self.put(event_record(event), waits=state is not None)
 
     def _hello(self, worker: Worker, parts: Parts, source: FrameSource) -> Record:
         is_armed, has_state = worker.tracker.panel.is_armed, self._kept_state().has_kept

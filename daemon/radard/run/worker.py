@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
-from radard.alarm.events import Event, EventTracker, trial_alarm
+from radard.alarm.events import Event, EventTracker
 from radard.alarm.panel import ARM_MODES, AlarmPanel
 from radard.alarm.sensor_state import SensorState, StateStore
 from radard.detect.calibration import Calibration
@@ -90,10 +90,6 @@ class Worker:
         """Queue a command, see `Host.command`; for any thread."""
         self.ring.post("command", call=partial(self._take_command, name))
 
-    def try_alarm(self) -> None:
-        """Send a test alarm through the outputs; for any thread."""
-        self.ring.post("test", call=self._send_trial)
-
     def exchange(self, parts: Parts) -> None:
         """Work with other parts from the next item on; for any thread."""
         self.ring.post("reload", call=lambda _t_s: self._take_parts(parts))
@@ -134,12 +130,6 @@ class Worker:
             item.call(item.t_s)
         else:
             self._take_notice(item)
-
-    def _send_trial(self, t_s: float) -> None:
-        # Between two decisions, so that no output takes its end for that of a real alarm.
-        if "alarm" not in self.tracker.open_events:
-            for event in trial_alarm(t_s):
-                self._put(event_record(event))
 
     def _take_dwell(self, dwell: Dwell) -> None:
         parts = self.parts

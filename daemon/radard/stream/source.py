@@ -202,9 +202,8 @@ class ReplaySource:
                 # Where one round ends and the next begins, time does not go on smoothly.
                 is_jump = n == 0 and not is_first_round
                 if is_jump:
-                    self._on_notice(
-                        "moved", f"the replay goes on at {frame.index / rate_hz:.1f} s"
-                    )
+                    at_s = frame.index / rate_hz
+                    self._on_notice("moved", f"the replay goes on at {at_s:.1f} s")
                 # By itself: `replace` takes longer than the ring does.
                 yield Frame(
                     frame.samples,
