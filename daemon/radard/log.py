@@ -69,7 +69,6 @@ class EventLog:
         self._kept: dict[str, str] = {}
         self._held: dict[str, str] = {}
         self._on: dict[str, Record] = {}  # the last phase of events that have not ended
-        self._moved: set[str] = set()
         self._is_loaded = path is None
         self._db: sqlite3.Connection | None = None
         self._files: tuple[object, ...] = ()
@@ -115,7 +114,7 @@ class EventLog:
         """Return an output's cursor over what it `wants`, from where it was, or behind `after`."""
         with self._changed:
             before = self._cursors.get(name)
-            cursor = self._cursors[name] = Cursor(name, wants, self._changed, self._has_moved)
+            cursor = self._cursors[name] = Cursor(name, wants, self._changed, self._ask)
             if before is not None:
                 cursor.take_over(before)
             else:
@@ -124,7 +123,7 @@ class EventLog:
                     begin = self.told if after is None else after
                     place = Place(begin, begin)
                 cursor.resume(place, [each for each in self._entries if each.n <= self.told])
-            self._has_moved(name)
+            self._ask()
             return cursor
 
     def forget(self, name: str) -> None:
@@ -132,7 +131,7 @@ class EventLog:
         with self._changed:
             self._cursors.pop(name, None)
             self._places.pop(name, None)
-            self._has_moved(name)
+            self._ask()
 
     def events(self) -> list[StoredEvent]:
         """Return the events that the log holds, the oldest first."""
@@ -180,12 +179,8 @@ class EventLog:
             if record["phase"] != "end":
                 self._on[record["id"]] = record
 
-    def _has_moved(self, name: str) -> None:
-        """Let the place of a cursor be written soon; under the lock."""
-        self._moved.add(name)
-        self._ask()
-
     def _ask(self) -> int:
+        """Let what there is be written soon; under the lock."""
         self._n_asked += 1
         self._changed.notify_all()
         return self._n_asked
@@ -257,7 +252,6 @@ class EventLog:
             self._written = 0
             self._held = {}
             self._files = ()
-            self._moved |= set(self._cursors) | set(self._places)
 
     def _shut(self) -> None:
         db, self._db = self._db, None
@@ -341,7 +335,6 @@ class EventLog:
             self._places = places
             self._held = dict(kept)
             self._kept = {**kept, **self._kept}
-            self._moved |= set(self._cursors)
             self._bound()
 
     def _write(self) -> None:
@@ -356,30 +349,21 @@ class EventLog:
             held, last = dict(self._kept), self._last
             entries = [e for e in self._entries if e.n > self._written]
             first = self._entries[0].n if self._entries else last + 1
-            moved, self._moved = self._moved, set()
-            # What is appended is seen by every cursor that there is.
-            seeing = self._cursors if entries else moved.intersection(self._cursors)
-            places = {name: self._places.get(name) for name in moved}
-            places |= {name: self._cursors[name].place(self.told, last) for name in seeing}
-        try:
-            db.execute("BEGIN IMMEDIATE")
-            if self._keeps_events:
-                db.executemany(
-                    "INSERT OR REPLACE INTO log VALUES (?, ?, ?, ?)",
-                    [(e.n, e.key, e.put_s + self._offset_s, e.text) for e in entries],
-                )
-                db.execute("DELETE FROM log WHERE n < ?", (first,))
-                gone = [(name,) for name, place in places.items() if place is None]
-                db.executemany("DELETE FROM cursors WHERE name = ?", gone)
-                at = [(k, p.done, p.seen, json.dumps(p.deferred)) for k, p in places.items() if p]
-                db.executemany("INSERT OR REPLACE INTO cursors VALUES (?, ?, ?, ?)", at)
-            db.executemany("INSERT OR REPLACE INTO kept VALUES (?, ?)", held.items())
-            stand = (now_s + self._offset_s, last)
-            db.execute("INSERT OR REPLACE INTO stand VALUES (0, ?, ?)", stand)
-            db.execute("COMMIT")
-        except BaseException:
-            with self._changed:
-                self._moved |= moved
-            raise
+            now = {name: each.place(self.told, last) for name, each in self._cursors.items()}
+            places = self._places | now
+        db.execute("BEGIN IMMEDIATE")
+        if self._keeps_events:
+            db.executemany(
+                "INSERT OR REPLACE INTO log VALUES (?, ?, ?, ?)",
+                [(e.n, e.key, e.put_s + self._offset_s, e.text) for e in entries],
+            )
+            db.execute("DELETE FROM log WHERE n < ?", (first,))
+            db.execute("DELETE FROM cursors")
+            rows = [(k, p.done, p.seen, json.dumps(p.deferred)) for k, p in places.items()]
+            db.executemany("INSERT INTO cursors VALUES (?, ?, ?, ?)", rows)
+        db.executemany("INSERT OR REPLACE INTO kept VALUES (?, ?)", held.items())
+        stand = (now_s + self._offset_s, last)
+        db.execute("INSERT OR REPLACE INTO stand VALUES (0, ?, ?)", stand)
+        db.execute("COMMIT")
         with self._changed:
             self._written, self._held = last, held

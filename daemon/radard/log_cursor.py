@@ -50,7 +50,7 @@ class Cursor:
     """What one output has still to be told, in order, under the log's `lock`; for any thread."""
 
     def __init__(
-        self, name: str, wants: Wants, lock: threading.Condition, on_move: Callable[[str], None]
+        self, name: str, wants: Wants, lock: threading.Condition, on_move: Callable[[], object]
     ) -> None:
         self.name = name
         self._wants = wants
@@ -85,14 +85,14 @@ class Cursor:
         """Note that an entry was delivered, or given up."""
         with self._lock:
             self._drop(entry)
-            self._on_move(self.name)
+            self._on_move()
 
     def defer(self, entry: Entry) -> None:
         """Put an entry behind all others."""
         with self._lock:
             if self._drop(entry):
                 self._deferred.append(entry)
-                self._on_move(self.name)
+                self._on_move()
 
     def offer(self, entries: Sequence[Entry]) -> bool:
         """Take those that are wanted; return whether there are any; under the log's lock."""

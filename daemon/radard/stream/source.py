@@ -182,7 +182,7 @@ class ReplaySource:
             if isinstance(item, Frame):
                 yield item
             else:
-                self.playback.wait(item)
+                time.sleep(item)
 
     def items(self) -> Iterator[Frame | float]:
         """Yield frames that are due; and while none is, in how many seconds one may be."""
