@@ -197,8 +197,8 @@ class EventTracker:
 
     def _go_on(self, kind: EventKind, reason: str, t_s: float, phase: Phase) -> Event:
         end_t_s = t_s if phase == "end" else None
-        now = {"phase": phase, "t_s": t_s, "end_t_s": end_t_s, "reason": reason}
-        event = self._open[kind] = replace(self._open[kind], **now)
+        event = replace(self._open[kind], phase=phase, t_s=t_s, end_t_s=end_t_s, reason=reason)
+        self._open[kind] = event
         if phase == "end":
             del self._open[kind]
         return event

@@ -71,7 +71,8 @@ class _Kept(Outputs):
         super().__init__(stdout_is_terminal=False)
         self._at_s = at_s
         self.records: list[Record] = []
-        self.nearest: Record = {"t_s": math.inf}
+        self.nearest: Record = {}
+        self.off_s = math.inf  # how far that is from the time
         self.classifier: _Watched | None = None
         self.seen: Seen | None = None
 
@@ -87,13 +88,10 @@ class _Kept(Outputs):
             seen = None
             if self.classifier is not None:
                 seen, self.classifier.seen = self.classifier.seen, None
-            if self.off_s(record) < self.off_s(self.nearest):
-                self.nearest, self.seen = record, seen
+            off_s = abs(float(record["t_s"]) - self._at_s)
+            if off_s < self.off_s:
+                self.off_s, self.nearest, self.seen = off_s, record, seen
         return super().put(record, sensor, waits=waits)
-
-    def off_s(self, record: Record) -> float:
-        """Return how far a decision is from the time that is asked for."""
-        return abs(float(record["t_s"]) - self._at_s)
 
 
 def moment_of(path: Path, at_s: float, config: Config) -> Moment:
@@ -105,7 +103,7 @@ def moment_of(path: Path, at_s: float, config: Config) -> Moment:
     decisions = [r for r in kept.records if r["type"] == "decision"]
     if not decisions:
         raise UsageError(f"--at {at_s:g}: {path} has no decision before {at_s + past_s:g} s")
-    if kept.off_s(kept.nearest) > 2 * past_s:
+    if kept.off_s > 2 * past_s:
         first, last = decisions[0]["t_s"], decisions[-1]["t_s"]
         raise UsageError(f"--at {at_s:g}: {path} has decisions from {first:g} to {last:g} s")
     before = [r for r in decisions if r["seq"] <= kept.nearest["seq"]]
