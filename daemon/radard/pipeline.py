@@ -77,18 +77,16 @@ class Pipeline:
     ) -> None:
         self.stream, self.classifier = stream, classifier
         self._config, self._judges_tracks = config, judges_tracks
-        if classifier is not None:
-            classifier.bundle.check_stream(stream.axis, stream.frame_rate_hz)
-            settings = classifier.bundle.features
-        else:
-            # The gate alone: bins as coarse as may be.
-            settings = FeatureSettings(n_cpi=0, range_decimation=stream.axis.n_range)
-        self._features = settings.at(stream.frame_rate_hz)
+        bundle = classifier.bundle if classifier else None
+        if bundle is not None:
+            bundle.check_stream(stream.axis, stream.frame_rate_hz)
+        # The gate alone has bins as coarse as may be.
+        alone = FeatureSettings(n_cpi=0, range_decimation=stream.axis.n_range)
+        self._features = (bundle.features if bundle else alone).at(stream.frame_rate_hz)
         # Made with it, so that frames that cannot be processed are refused at once.
         self._converter = DownConverter(stream.axis, self._features.range_step(stream.axis))
         self._feature_names = classifier.feature_names if classifier else ()
         self._stream = FeatureStream(self._features, self._feature_names)
-        bundle = classifier.bundle if classifier else None
         self.policy = policy_of(config, bundle)
         evidence = EvidenceSettings.from_mapping(bundle.evidence if bundle else {})
         # No more often than frames come.

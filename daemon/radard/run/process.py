@@ -65,7 +65,7 @@ class Keeper:
         self.failure: BaseException | None = None  # what ended its work, but for the stream
         self.stuck: list[str] = []
         self._process = process
-        self._has_turn = False
+        self._turn = contextlib.ExitStack()  # of being brought up; closed, it is another's
         self._begin_again = sensor.config().is_one_of_several
         self._halt = threading.Event()
         self._over = threading.Event()
@@ -117,10 +117,12 @@ class Keeper:
         self.failure = None
         try:
             end_s = time.monotonic() + _MAX_WAIT_S
-            while not (self._has_turn or self._halt.is_set() or time.monotonic() > end_s):
-                self._has_turn = self._process.turns.acquire(timeout=_LOOK_S)
+            while not self._halt.is_set() and time.monotonic() <= end_s:
+                if self._process.turns.acquire(timeout=_LOOK_S):
+                    self._turn.callback(self._process.turns.release)
+                    break
             opened = sensor.open(self._on_notice, is_wanted=lambda: not self._halt.is_set())
-            self._leave_turn()
+            self._turn.close()
             self._process.open_outputs()
             run = sensor.start(opened, self._over.set)
             has_worked = True
@@ -139,19 +141,14 @@ class Keeper:
                 sensor.log.exception("the run of %s broke off", sensor.sensor)
             self.failure = err
         finally:
-            self._leave_turn()
+            self._turn.close()
             if opened is not None and not opened.close():
                 self.stuck.append("recording")
         return has_worked
 
-    def _leave_turn(self) -> None:
-        if self._has_turn:
-            self._has_turn = False
-            self._process.turns.release()
-
     def _on_notice(self, _kind: str, _reason: str) -> None:
         # It may take for ever until an absent one comes.
-        self._leave_turn()
+        self._turn.close()
         self._process.open_outputs()
         self.sensor.tell(self.sensor.health.status)
 

@@ -94,7 +94,6 @@ class Sensor:
         self.health = Health(stale_s=STALE_S * max(1.0, 1.0 / (self._factor or 1.0)))
         self._end_wait: Callable[[], None] = lambda: None
         self._run: RunningSensor | None = None
-        self._opened_with = config
         self._store: StateStore | None = None  # from the first stream or command on
         self._commanding = threading.Lock()
         self._has_said_hello = False
