@@ -7,7 +7,6 @@ does not yet say it has. Nothing goes by the clock on the wall.
 """
 
 import contextlib
-import itertools
 import json
 import logging
 import sqlite3
@@ -101,8 +100,7 @@ class EventLog:
             self._note(record)
             if self._keeps_events:
                 self._wait(self._ask(), _WAIT_S)
-            newest = itertools.takewhile(lambda e: e.n > self.told, reversed(self._entries))
-            fresh = [each for each in newest if each.n <= entry.n][::-1]
+            fresh = [each for each in self._entries if self.told < each.n <= entry.n]
             self.told = max(self.told, entry.n)
             wanting = [cursor for cursor in self._cursors.values() if cursor.offer(fresh)]
             self._bound()

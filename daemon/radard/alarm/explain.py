@@ -93,19 +93,14 @@ def _frames(record: Record, events: Sequence[Record]) -> Stage:
 def _gate(record: Record, *, was_pending: bool) -> Stage:
     power, threshold = record["power_db"], record["threshold_db"]
     apart = f"{abs(power - threshold):.1f} dB"
+    closed = f"The gate has closed ({_db(power)}, {apart} under the threshold)"
     if record["gate"] == "closed" and record["alarm"]:
-        text = (
-            f"The gate has closed ({_db(power)}, {apart} under the threshold), and what was there "
-            "left undecided: that counts as human."
-        )
+        text = f"{closed}, and what was there left undecided: that counts as human."
         return _passed("gate", text, "Yes: it left undecided, and that counts as a person.")
     if record["gate"] == "closed" and was_pending:
-        text = (
-            f"The gate has closed ({_db(power)}, {apart} under the threshold). What was there "
-            "showed but briefly, and was less likely a person than not: it is passed over."
-        )
-        plain = "No: it showed but briefly, and was less likely a person than not."
-        return _decided("gate", text, plain)
+        brief = "showed but briefly, and was less likely a person than not"
+        text = f"{closed}. What was there {brief}: it is passed over."
+        return _decided("gate", text, f"No: it {brief}.")
     if record["gate"] == "closed":
         text = (
             f"The gate is closed: what moves has {_db(power)}, {apart} under the threshold of "
