@@ -79,8 +79,7 @@ class Health:
     @property
     def age_s(self) -> float:
         """Seconds since the newest frame that went into a decision, or since the start."""
-        with self._lock:
-            return max(0.0, self._clock() - self._decided_s)
+        return max(0.0, self._clock() - self._decided_s)
 
     def on_decision(self, decision: Decision) -> Status | None:
         """Note a decision; what counts is when its last frame arrived."""

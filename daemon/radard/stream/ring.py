@@ -111,7 +111,7 @@ class FrameRing:
         self._rows = np.zeros((2 * self._capacity, axis.n_range), np.complex64)
         self._valid = np.zeros(2 * self._capacity, np.bool_)
         self._changed = threading.Condition()
-        self._queue: deque[tuple[int, Dwell] | Notice] = deque()
+        self._queue: deque[Dwell | Notice] = deque()
         self._held_from: int | None = None
         self._ended = self._stopped = False
         self._samples: NDArray[np.float32] | NDArray[np.complex64] = np.zeros((0, 0), np.float32)
@@ -206,7 +206,7 @@ class FrameRing:
             self._changed.notify_all()
         self.on_item()
 
-    def _put(self, item: tuple[int, Dwell] | Notice) -> None:
+    def _put(self, item: Dwell | Notice) -> None:
         with self._changed:
             self._queue.append(item)
             self._changed.notify_all()
@@ -232,21 +232,9 @@ class FrameRing:
             if not self._queue:
                 return None
             item = self._queue.popleft()
-            if isinstance(item, Notice):
-                return item
-            self._held_from, dwell = item
-            return dwell
-
-    def _schedule_next(self, dwell: Dwell) -> None:
-        """Let the next dwell be due a hop later, or with the first whole one behind a gap."""
-        self._hops += 1
-        first = self._taken - self._shape.n_slow
-        if not dwell.is_whole:
-            behind = first + int(np.flatnonzero(~dwell.valid)[-1]) + 1
-            if behind - first < round(self._shape.hop_s * self.frame_rate_hz):
-                self._origin, self._hops = behind, 0
-        ahead = round(self._hops * self._shape.hop_s * self.frame_rate_hz)
-        self._due = self._origin + self._shape.n_slow + ahead
+            if isinstance(item, Dwell):
+                self._held_from = item.end_frame - self._shape.n_slow
+            return item
 
     def _add(
         self, samples: NDArray[np.float32] | NDArray[np.complex64] | None, t_mono_s: float
@@ -286,8 +274,7 @@ class FrameRing:
         rows, good = self._rows[at : at + n], self._is_here[:n].copy()
         if good.any():
             samples = self._samples[:n]
-            finite = np.isfinite(samples).all(axis=1)
-            good &= finite
+            good &= np.isfinite(samples).all(axis=1)
             if not good.all():
                 samples[~good] = 0
             self._convert(samples, rows)
@@ -302,7 +289,8 @@ class FrameRing:
     def _may_write(self) -> bool:
         needed = self._held_from
         if needed is None:
-            needed = next((q[0] for q in self._queue if isinstance(q, tuple)), None)
+            ends = (item.end_frame for item in self._queue if isinstance(item, Dwell))
+            needed = next((end - self._shape.n_slow for end in ends), None)
         return self._stopped or needed is None or self._taken <= needed + self._capacity
 
     def _emit(self, t_mono_s: float) -> None:
@@ -323,5 +311,12 @@ class FrameRing:
             self._taken,
         )
         self._before_s, self._lead_s = self._lead_s, math.inf
-        self._schedule_next(dwell)
-        self._put((first, dwell))
+        # The next dwell is due a hop later, or is the first whole one behind a gap.
+        self._hops += 1
+        if not dwell.is_whole:
+            behind = first + int(np.flatnonzero(~valid)[-1]) + 1
+            if behind - first < round(self._shape.hop_s * self.frame_rate_hz):
+                self._origin, self._hops = behind, 0
+        ahead = round(self._hops * self._shape.hop_s * self.frame_rate_hz)
+        self._due = self._origin + self._shape.n_slow + ahead
+        self._put(dwell)
