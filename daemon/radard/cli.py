@@ -112,15 +112,8 @@ def whole_parser() -> Parser:
     for name, text in _COMMANDS.items():
         module, names = _place(name)
         sub: Parser = module.make_parser(*names)
-        commands.add_parser(
-            name,
-            prog=sub.prog,
-            help=text,
-            description=sub.description,
-            epilog=sub.epilog,
-            parents=[sub],
-            add_help=False,
-        )
+        about = {key: getattr(sub, key) for key in ("prog", "description", "epilog")}
+        commands.add_parser(name, help=text, parents=[sub], add_help=False, **about)
     return parser
 
 

@@ -152,9 +152,8 @@ class Worker:
         if self._rate is not None:
             fault = fault or self._rate.note(dwell.t_s, dwell.t_mono_s)
         fault = fault or parts.zone_fault
-        events = self.tracker.on_decision(
-            decision, dwell, is_quiet=parts.quiet.holds(decision.t_s), fault=fault
-        )
+        is_quiet = parts.quiet.holds(decision.t_s)
+        events = self.tracker.on_decision(decision, dwell, is_quiet=is_quiet, fault=fault)
         told = self._emit(events)
         if self.tracker.panel.state != was:
             self._keep(decision.t_s)
