@@ -244,12 +244,9 @@ def newest_events(
 
     No kinds are all of them; of the rest the newest `limit`, the oldest first.
     """
-    chosen = [
-        each
-        for each in events
-        if (since_s is None or _seconds(each.start_time) >= since_s)
-        and (not kinds or each.kind in kinds)
-    ]
+    if since_s is not None:
+        events = [each for each in events if _seconds(each.start_time) >= since_s]
+    chosen = [each for each in events if not kinds or each.kind in kinds]
     return chosen[-limit:] if limit else chosen
 
 

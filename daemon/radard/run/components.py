@@ -175,10 +175,8 @@ def _take_calibration(path: Path, pipeline: Pipeline) -> Calibration:
     pipeline.use(calibration)
     made_utc = calibration.provenance.made_utc
     log.info("calibration: %s, %s", path, f"made {made_utc}" if made_utc else "date unknown")
-    reasons = calibration.stale(
-        device=pipeline.stream.device, software=installed_version(), now=wall_clock.now()
-    )
-    for reason in reasons:
+    software, now = installed_version(), wall_clock.now()
+    for reason in calibration.stale(device=pipeline.stream.device, software=software, now=now):
         log.warning("%s is stale: %s; make a new one with radard calibrate", path, reason)
     return calibration
 
