@@ -27,7 +27,7 @@ from typing import Any
 
 from campaigns.fault_run import Run
 from campaigns.fault_world import Module
-from radard.stream.coalesced_reads import CoalescedReads
+from radard.stream.source import CoalescedReads
 from x2radar.device.transport import PtyTransport, SerialTransport
 from x2radar.sim.module.host import serve
 

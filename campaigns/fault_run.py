@@ -246,16 +246,10 @@ class Run:
         config = load_config(environ={}, options=options)
         pipeline = Pipeline(stream, config, classifier)
         self.watcher = Watcher(pipeline.shape.n_slow, rate_hz, clock)
-        self._ring = pipeline.make_ring()
         parts = make_parts(config, pipeline, now=wall_clock, is_live=False)
-        self._worker = Worker(
-            parts,
-            self._ring,
-            self._hear,
-            self._health,
-            StateStore(EventLog(None), None),
-            rate=RateWatch(rate_hz),
-        )
+        store, rate = StateStore(EventLog(None), None), RateWatch(rate_hz)
+        self._worker = Worker(parts, self._hear, self._health, store, rate=rate)
+        self._ring = self._worker.ring
 
     def go(self) -> None:
         """Run; the end is an error from the clock, or that of the radar when it is closed."""

@@ -16,7 +16,7 @@ from unittest.mock import patch
 import numpy as np
 
 from campaigns.fault_run import StampingFirmware
-from radard.stream.coalesced_reads import CoalescedReads
+from radard.stream.source import CoalescedReads
 from x2radar import device
 from x2radar.device.transport import Transport
 from x2radar.errors import PortNotFound, TransportClosed

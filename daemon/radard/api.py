@@ -7,7 +7,7 @@ alarm would have seen. Frames come from `x2radar.simulate`, `x2radar.read_frames
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,38 +37,19 @@ _SETTINGS = FeatureSettings(n_cpi=0, range_decimation=8)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FeatureWindow:
-    """The features of one window.
+    """The features of one window."""
 
-    Attributes
-    ----------
-    t_s : float
-        When the window ends, in seconds since the first frame.
-    inputs : mapping of str to ndarray, float32
-        The features that were asked for, by name.
-    """
-
-    t_s: float
-    inputs: Mapping[str, NDArray[np.float32]]
+    t_s: float  # when it ends, in seconds since the first frame
+    inputs: Mapping[str, NDArray[np.float32]]  # those that were asked for, by name
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spectrogram:
-    """The thesis' micro-Doppler spectrogram.
+    """The thesis' micro-Doppler spectrogram."""
 
-    Attributes
-    ----------
-    power : ndarray, shape (n_doppler, n_columns), float32
-        mu, linear, in sample units squared; summed over range.
-    velocity_mps : ndarray, shape (n_doppler,), float64
-        Radial velocity of the rows, approaching is positive. Faster bodies appear at their
-        alias, c fp / (2 f) away.
-    t_s : ndarray, shape (n_columns,), float64
-        Middles of the columns' CPIs, in seconds since the first frame.
-    """
-
-    power: NDArray[np.float32]
-    velocity_mps: NDArray[np.float64]
-    t_s: NDArray[np.float64]
+    power: NDArray[np.float32]  # mu, (n_doppler, n_columns), linear, in sample units squared
+    velocity_mps: NDArray[np.float64]  # of rows; approaching is positive, aliases are c fp/2f away
+    t_s: NDArray[np.float64]  # middles of the columns' CPIs, since the first frame
 
 
 def classify(
@@ -230,9 +211,7 @@ def _checked(frames: Any, axis: FastTimeAxis, frame_rate_hz: float) -> Frames:
     if not 0 < frame_rate_hz < np.inf:
         raise UsageError(f"frame_rate_hz {frame_rate_hz}: must be above 0")
     dtype = np.complex64 if axis.kind == "baseband" else np.float32
-    fitting: Any = np.ascontiguousarray(rows, dtype)
-    made: Frames = fitting
-    return made
+    return cast("Frames", np.ascontiguousarray(rows, dtype))
 
 
 def _numbered(frames: Frames, axis: FastTimeAxis) -> Iterator[Frame]:

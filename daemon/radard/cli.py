@@ -31,23 +31,13 @@ usage: radard --port PORT [options]    watch a radar; alarm for people, not pets
   --record FILE --state DIR --wait --on-device-loss wait|quit --log-format json
   --help-all: all  --version  --debug  --print-man  --print-completion zsh -v -q
 
+"""
+_EPILOG = """\
 {commands}examples:
   radard --port sim:demo --speed max --duration 30 -o json
   radard --config house.yaml                        several radars, its sensors:
 configuration, later wins: built-in, /etc/radard/config.yaml, ./config.yaml,
 --config, RADARD_SECTION__KEY, options. TERM, INT end; HUP reloads; USR1 dumps.
-"""
-_EXAMPLES = """\
-{commands}
-examples:
-  radard --port /dev/ttyACM0                  watch a real module
-  radard --port sim:demo --speed max --duration 30 -o json
-  radard --port replay:night.h5 --model none  gate only
-
-configuration, later ones win: built-in, /etc/radard/config.yaml, ./config.yaml,
---config FILE, RADARD_SECTION__KEY, command line.
-signals: TERM and INT end it (a second one at once), HUP reads the configuration
-again, USR1 logs all of the state.
 """
 _COMMANDS = {
     "calibrate": "learn a room",
@@ -122,15 +112,8 @@ def whole_parser() -> Parser:
     for name, text in _COMMANDS.items():
         module, names = _place(name)
         sub: Parser = module.make_parser(*names)
-        commands.add_parser(
-            name,
-            prog=sub.prog,
-            help=text,
-            description=sub.description,
-            epilog=sub.epilog,
-            parents=[sub],
-            add_help=False,
-        )
+        about = {key: getattr(sub, key) for key in ("prog", "description", "epilog")}
+        commands.add_parser(name, help=text, parents=[sub], add_help=False, **about)
     return parser
 
 
@@ -171,7 +154,7 @@ class _ShortHelp(argparse.Action):
 
     def __call__(self, parser: argparse.ArgumentParser, *_: Any, **__: Any) -> None:
         outputs = textwrap.indent(textwrap.fill(f"-o {FORMS}; repeatable", 75), "     ")[3:]
-        print(_SHORT.format(outputs=outputs, commands=_command_list()), end="")
+        print(_SHORT.format(outputs=outputs), parser.epilog, sep="", end="")
         parser.exit()
 
 
@@ -186,7 +169,7 @@ def _parser() -> Parser:
     parser = Parser(
         prog="radard",
         description="Watch a radar and raise the alarm for people, not pets.",
-        epilog=_EXAMPLES.format(commands=_command_list()),
+        epilog=_EPILOG.format(commands=_command_list()),
         formatter_class=argparse.RawDescriptionHelpFormatter,
         add_help=False,
     )

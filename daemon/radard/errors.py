@@ -1,16 +1,4 @@
-"""Every error the daemon raises on purpose, beside those of the driver.
-
-The tree::
-
-    RadardError              base; carries the exit code of the commands
-     +-- UsageError          (also ValueError) an option or value that makes no sense
-     +-- ConfigError         a configuration file or variable is wrong
-     +-- BundleError         a model bundle is missing or unreadable
-     +-- ModelMismatch       a bundle whose hash, shapes or stream ranges do not fit
-     +-- OutputError         a sink cannot keep what it is given
-     +-- NotAllowed          what only root may do, or the daemon's user
-     +-- FeatureError        (also ValueError) an array that a DSP routine cannot take
-"""
+"""Every error the daemon raises on purpose, beside those of the driver."""
 
 from x2radar.errors import BriefError
 

@@ -7,7 +7,6 @@ does not yet say it has. Nothing goes by the clock on the wall.
 """
 
 import contextlib
-import itertools
 import json
 import logging
 import sqlite3
@@ -15,7 +14,7 @@ import threading
 import time
 import uuid
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 from radard.log_cursor import Cursor, Entry, Place, Record, Wants
@@ -33,6 +32,7 @@ from radard.log_file import (
 )
 
 log = logging.getLogger("radard")
+_Rows = list[tuple[int, str, float, bytes]]  # of the table `log`
 _WAIT_S = 0.5  # a person does not notice it; disks take a tenth of it
 _OPEN_S = 5.0  # a disk that spins up takes as long; beyond it the run begins without its past
 _CLOSE_S = 1.0  # of the 6 s that systemd gives, the rest is for outputs
@@ -68,7 +68,6 @@ class EventLog:
         self._kept: dict[str, str] = {}
         self._held: dict[str, str] = {}
         self._on: dict[str, Record] = {}  # the last phase of events that have not ended
-        self._moved: set[str] = set()
         self._is_loaded = path is None
         self._db: sqlite3.Connection | None = None
         self._files: tuple[object, ...] = ()
@@ -99,11 +98,9 @@ class EventLog:
             entry = Entry(self._last, key, time.monotonic(), json.dumps(dict(record)))
             self._entries.append(entry)
             self._note(record)
-            n = self._ask() if self._keeps_events else 0
-        self._wait(n, _WAIT_S)
-        with self._changed:
-            newest = itertools.takewhile(lambda e: e.n > self.told, reversed(self._entries))
-            fresh = [each for each in newest if each.n <= entry.n][::-1]
+            if self._keeps_events:
+                self._wait(self._ask(), _WAIT_S)
+            fresh = [each for each in self._entries if self.told < each.n <= entry.n]
             self.told = max(self.told, entry.n)
             wanting = [cursor for cursor in self._cursors.values() if cursor.offer(fresh)]
             self._bound()
@@ -115,7 +112,7 @@ class EventLog:
         """Return an output's cursor over what it `wants`, from where it was, or behind `after`."""
         with self._changed:
             before = self._cursors.get(name)
-            cursor = self._cursors[name] = Cursor(name, wants, self._changed, self._has_moved)
+            cursor = self._cursors[name] = Cursor(name, wants, self._changed, self._ask)
             if before is not None:
                 cursor.take_over(before)
             else:
@@ -124,7 +121,7 @@ class EventLog:
                     begin = self.told if after is None else after
                     place = Place(begin, begin)
                 cursor.resume(place, [each for each in self._entries if each.n <= self.told])
-            self._has_moved(name)
+            self._ask()
             return cursor
 
     def forget(self, name: str) -> None:
@@ -132,7 +129,7 @@ class EventLog:
         with self._changed:
             self._cursors.pop(name, None)
             self._places.pop(name, None)
-            self._has_moved(name)
+            self._ask()
 
     def events(self) -> list[StoredEvent]:
         """Return the events that the log holds, the oldest first."""
@@ -151,8 +148,7 @@ class EventLog:
             if self._kept.get(name) == text:
                 return
             self._kept[name] = text
-            n = self._ask()
-        self._wait(n, _WAIT_S)
+            self._wait(self._ask(), _WAIT_S)
 
     def kept(self, name: str) -> str | None:
         """Return what is kept under a name."""
@@ -181,12 +177,8 @@ class EventLog:
             if record["phase"] != "end":
                 self._on[record["id"]] = record
 
-    def _has_moved(self, name: str) -> None:
-        """Let the place of a cursor be written soon; under the lock."""
-        self._moved.add(name)
-        self._ask()
-
     def _ask(self) -> int:
+        """Let what there is be written soon; under the lock."""
         self._n_asked += 1
         self._changed.notify_all()
         return self._n_asked
@@ -217,7 +209,9 @@ class EventLog:
                     lambda: self._n_asked > self._n_done or self._is_ended, _TEND_S
                 )
                 n, is_over = self._n_asked, self._is_ended
-            if n > self._n_done or is_over or self._is_due():
+                is_late = time.monotonic() - self._checked_s >= _CHECK_S
+                is_due = is_late or self._trouble or any(map(len, self._cursors.values()))
+            if n > self._n_done or is_over or is_due:
                 # A damaged file is put aside, and what memory holds is at once in a new one.
                 for _ in range(_ATTEMPTS):
                     try:
@@ -232,12 +226,6 @@ class EventLog:
                 self._n_done = n
                 self._changed.notify_all()
         self._shut()
-
-    def _is_due(self) -> bool:
-        with self._changed:
-            is_waiting = any(map(len, self._cursors.values()))
-        is_late = time.monotonic() - self._checked_s >= _CHECK_S
-        return bool(self._trouble) or is_waiting or is_late
 
     def _begins_anew(self, err: Exception) -> bool:
         """Open the file again at the next attempt; return whether that is a new one."""
@@ -262,7 +250,6 @@ class EventLog:
             self._written = 0
             self._held = {}
             self._files = ()
-            self._moved |= set(self._cursors) | set(self._places)
 
     def _shut(self) -> None:
         db, self._db = self._db, None
@@ -289,7 +276,7 @@ class EventLog:
 
     def _load(self, db: sqlite3.Connection, path: Path) -> None:
         """Take what the file holds, of a damaged one what can be read; newer is put behind it."""
-        rows: list[tuple[int, str, float, bytes]] = []
+        rows: _Rows = []
         places: dict[str, Place] = {}
         kept: dict[str, str] = {}
         last, run_s, damage = 0, 0.0, None
@@ -301,13 +288,13 @@ class EventLog:
             if self._keeps_events:
                 query = "SELECT n, key, run_s, CAST(record AS BLOB) FROM log ORDER BY n"
                 for row in db.execute(query):
-                    rows.append(row)  # noqa: PERF402 - all before a damaged one
+                    rows.append(row)  # all before a damaged one
             check_pages(path)
         except (sqlite3.Error, ValueError, TypeError) as err:
             if isinstance(err, sqlite3.Error) and not is_damage(err):
                 raise
             damage = err
-        self._join(rows, places, kept, last=last, run_s=run_s)
+        self._join(rows, places, kept, last, run_s)
         self._is_loaded = True
         if damage is not None:
             lost = sqlite3.DatabaseError(str(damage))
@@ -315,13 +302,7 @@ class EventLog:
             raise lost
 
     def _join(
-        self,
-        rows: Sequence[tuple[int, str, float, bytes]],
-        places: dict[str, Place],
-        kept: dict[str, str],
-        *,
-        last: int,
-        run_s: float,
+        self, rows: _Rows, places: dict[str, Place], kept: dict[str, str], last: int, run_s: float
     ) -> None:
         now_s = time.monotonic()
         entries, known = [], {entry.key for entry in self._entries}
@@ -352,7 +333,6 @@ class EventLog:
             self._places = places
             self._held = dict(kept)
             self._kept = {**kept, **self._kept}
-            self._moved |= set(self._cursors)
             self._bound()
 
     def _write(self) -> None:
@@ -367,39 +347,21 @@ class EventLog:
             held, last = dict(self._kept), self._last
             entries = [e for e in self._entries if e.n > self._written]
             first = self._entries[0].n if self._entries else last + 1
-            moved, self._moved = self._moved, set()
-            # What is appended is seen by every cursor that there is.
-            places = {
-                name: self._cursors[name].place(self.told, last)
-                if name in self._cursors
-                else self._places.get(name)
-                for name in moved.union(self._cursors if entries else ())
-            }
-        try:
-            db.execute("BEGIN IMMEDIATE")
-            if self._keeps_events:
-                db.executemany(
-                    "INSERT OR REPLACE INTO log VALUES (?, ?, ?, ?)",
-                    [(e.n, e.key, e.put_s + self._offset_s, e.text) for e in entries],
-                )
-                db.execute("DELETE FROM log WHERE n < ?", (first,))
-                for name, place in places.items():
-                    _put_place(db, name, place)
-            db.executemany("INSERT OR REPLACE INTO kept VALUES (?, ?)", held.items())
-            stand = (now_s + self._offset_s, last)
-            db.execute("INSERT OR REPLACE INTO stand VALUES (0, ?, ?)", stand)
-            db.execute("COMMIT")
-        except BaseException:
-            with self._changed:
-                self._moved |= moved
-            raise
+            now = {name: each.place(self.told, last) for name, each in self._cursors.items()}
+            places = self._places | now
+        db.execute("BEGIN IMMEDIATE")
+        if self._keeps_events:
+            db.executemany(
+                "INSERT OR REPLACE INTO log VALUES (?, ?, ?, ?)",
+                [(e.n, e.key, e.put_s + self._offset_s, e.text) for e in entries],
+            )
+            db.execute("DELETE FROM log WHERE n < ?", (first,))
+            db.execute("DELETE FROM cursors")
+            rows = [(k, p.done, p.seen, json.dumps(p.deferred)) for k, p in places.items()]
+            db.executemany("INSERT INTO cursors VALUES (?, ?, ?, ?)", rows)
+        db.executemany("INSERT OR REPLACE INTO kept VALUES (?, ?)", held.items())
+        stand = (now_s + self._offset_s, last)
+        db.execute("INSERT OR REPLACE INTO stand VALUES (0, ?, ?)", stand)
+        db.execute("COMMIT")
         with self._changed:
             self._written, self._held = last, held
-
-
-def _put_place(db: sqlite3.Connection, name: str, place: Place | None) -> None:
-    if place is None:
-        db.execute("DELETE FROM cursors WHERE name = ?", (name,))
-        return
-    row = (name, place.done, place.seen, json.dumps(place.deferred))
-    db.execute("INSERT OR REPLACE INTO cursors VALUES (?, ?, ?, ?)", row)

@@ -29,8 +29,7 @@ class Entry:
     @property
     def record(self) -> Record:
         """The record; a new mapping each time."""
-        record: Record = json.loads(self.text)
-        return record
+        return dict(json.loads(self.text))
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +50,7 @@ class Cursor:
     """What one output has still to be told, in order, under the log's `lock`; for any thread."""
 
     def __init__(
-        self, name: str, wants: Wants, lock: threading.Condition, on_move: Callable[[str], None]
+        self, name: str, wants: Wants, lock: threading.Condition, on_move: Callable[[], object]
     ) -> None:
         self.name = name
         self._wants = wants
@@ -74,26 +73,26 @@ class Cursor:
 
     def waiting(self, record: Record | None = None) -> list[Entry]:
         """Return what is to be delivered, up to a record: nothing once that is delivered."""
-        text = None if record is None else json.dumps(dict(record))
         with self._lock:
-            found = [*self._waiting, *self._deferred] if record is None else list(self._waiting)
-        if text is None:
-            return found
-        ends = [i for i, entry in enumerate(found) if entry.text == text]
-        return found[: ends[0] + 1] if ends else []
+            waiting, deferred = list(self._waiting), list(self._deferred)
+        if record is None:
+            return waiting + deferred
+        texts = [entry.text for entry in waiting]
+        text = json.dumps(dict(record))
+        return waiting[: texts.index(text) + 1] if text in texts else []
 
     def done(self, entry: Entry) -> None:
         """Note that an entry was delivered, or given up."""
         with self._lock:
             self._drop(entry)
-            self._on_move(self.name)
+            self._on_move()
 
     def defer(self, entry: Entry) -> None:
         """Put an entry behind all others."""
         with self._lock:
             if self._drop(entry):
                 self._deferred.append(entry)
-                self._on_move(self.name)
+                self._on_move()
 
     def offer(self, entries: Sequence[Entry]) -> bool:
         """Take those that are wanted; return whether there are any; under the log's lock."""

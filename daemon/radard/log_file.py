@@ -244,12 +244,9 @@ def newest_events(
 
     No kinds are all of them; of the rest the newest `limit`, the oldest first.
     """
-    chosen = [
-        each
-        for each in events
-        if (since_s is None or _seconds(each.start_time) >= since_s)
-        and (not kinds or each.kind in kinds)
-    ]
+    if since_s is not None:
+        events = [each for each in events if _seconds(each.start_time) >= since_s]
+    chosen = [each for each in events if not kinds or each.kind in kinds]
     return chosen[-limit:] if limit else chosen
 
 
@@ -270,8 +267,7 @@ def read_events(path: Path) -> list[StoredEvent]:
     if not os.access(path, os.R_OK):
         raise StoreError(f"{path}: only its owner may read it; try sudo -u {path.owner()}")
     try:
-        with closing(_open_to_read(path)) as db:
-            rows = db.execute("SELECT CAST(record AS BLOB) FROM log ORDER BY n").fetchall()
+        rows = _read_rows(path)
     except (sqlite3.Error, ForeignDatabase) as err:
         raise StoreError(f"{path}: cannot be read as a store: {err}") from err
     return fold_events(filter(None, (parse_record(text) for (text,) in rows)))
@@ -299,20 +295,17 @@ def parse_since(text: str, now_s: float) -> float:
         raise UsageError(msg) from err
 
 
-def _open_to_read(path: Path) -> sqlite3.Connection:
-    where = path.resolve().as_uri()
+def _read_rows(path: Path) -> list[tuple[bytes]]:
+    # Where nothing can be written beside it, SQLite reads only what it may take for immutable.
+    fault = sqlite3.OperationalError()
     for mode in ("mode=ro", "mode=ro&immutable=1"):
-        db = sqlite3.connect(f"{where}?{mode}", uri=True)
-        try:
-            _check_owner(db)
-        except sqlite3.OperationalError:
-            db.close()
-        except BaseException:
-            db.close()
-            raise
-        else:
-            return db
-    raise sqlite3.DatabaseError("it cannot be opened")
+        with closing(sqlite3.connect(f"{path.resolve().as_uri()}?{mode}", uri=True)) as db:
+            try:
+                _check_owner(db)
+                return db.execute("SELECT CAST(record AS BLOB) FROM log ORDER BY n").fetchall()
+            except sqlite3.OperationalError as err:
+                fault = err
+    raise fault
 
 
 def _inode_of(path: Path) -> tuple[int, int] | None:

@@ -77,26 +77,24 @@ class Pipeline:
     ) -> None:
         self.stream, self.classifier = stream, classifier
         self._config, self._judges_tracks = config, judges_tracks
-        if classifier is not None:
-            classifier.bundle.check_stream(stream.axis, stream.frame_rate_hz)
-            settings = classifier.bundle.features
-        else:
-            # The gate alone: bins as coarse as may be.
-            settings = FeatureSettings(n_cpi=0, range_decimation=stream.axis.n_range)
-        self._features = settings.at(stream.frame_rate_hz)
-        names = classifier.feature_names if classifier else ()
-        self._stream = FeatureStream(self._features, names)
-        self._feature_names = names
         bundle = classifier.bundle if classifier else None
+        if bundle is not None:
+            bundle.check_stream(stream.axis, stream.frame_rate_hz)
+        # The gate alone has bins as coarse as may be.
+        alone = FeatureSettings(n_cpi=0, range_decimation=stream.axis.n_range)
+        self._features = (bundle.features if bundle else alone).at(stream.frame_rate_hz)
+        # Made with it, so that frames that cannot be processed are refused at once.
+        self._converter = DownConverter(stream.axis, self._features.range_step(stream.axis))
+        self._feature_names = classifier.feature_names if classifier else ()
+        self._stream = FeatureStream(self._features, self._feature_names)
         self.policy = policy_of(config, bundle)
         evidence = EvidenceSettings.from_mapping(bundle.evidence if bundle else {})
         # No more often than frames come.
         hop_s = max(config.decision.hop_s, 1 / stream.frame_rate_hz)
         self._evidence = Evidence(evidence, hop_s)
-        waits = evidence, config.decision.decide_within_s
-        is_fused = self.policy == "fused"
+        waits = (evidence, config.decision.decide_within_s) if self.policy == "fused" else ()
         # Another `pet_limit` of it holds from the next dwell on.
-        self.verdict = Verdict(pet_limit_of(config, bundle), *(waits if is_fused else ()))
+        self.verdict = Verdict(pet_limit_of(config, bundle), *waits)
         self.shape = DwellShape.of(
             dwell_s=self._features.dwell_s,
             hop_s=hop_s,
@@ -111,12 +109,7 @@ class Pipeline:
 
     def make_ring(self) -> FrameRing:
         """Return the ring that takes this stream's frames and gives this pipeline's dwells."""
-        converter = self._converter()
-        return FrameRing(converter.axis, converter.convert, self.shape)
-
-    def _converter(self) -> DownConverter:
-        axis = self.stream.axis
-        return DownConverter(axis, self._features.range_step(axis))
+        return FrameRing(self._converter.axis, self._converter.convert, self.shape)
 
     def warm_up(self) -> None:
         """Judge a made-up dwell and forget it, so that the first real one takes no longer."""
@@ -125,21 +118,12 @@ class Pipeline:
         if alike in _warm:
             return
         _warm.add(alike)
-        converter, shape = self._converter(), self.shape
-        axis = converter.axis
-        rng = np.random.default_rng(0)
-        parts = rng.standard_normal((shape.n_slow, axis.n_range, 2), np.float32)
-        t_s = np.arange(shape.n_slow) / shape.frame_rate_hz
-        body = np.zeros(axis.n_range)
-        body[axis.n_range // 2 :][:3] = 100.0
-        frames = parts.view(np.complex64)[..., 0] + np.exp(1j * t_s * 20)[:, None] * body
-        dwell = Dwell(
-            frames.astype(np.complex64),
-            np.ones(shape.n_slow, np.bool_),
-            axis,
-            shape.frame_rate_hz,
-            float(t_s[-1]),
-        )
+        axis, n_slow, rate_hz = self._converter.axis, self.shape.n_slow, self.shape.frame_rate_hz
+        parts = np.random.default_rng(0).standard_normal((n_slow, axis.n_range, 2), np.float32)
+        frames = parts.view(np.complex64)[..., 0]
+        t_s = np.arange(n_slow) / rate_hz
+        frames[:, axis.n_range // 2 :][:, :3] += 100 * np.exp(1j * t_s * 20)[:, None]
+        dwell = Dwell(frames, np.ones(n_slow, np.bool_), axis, rate_hz, float(t_s[-1]))
         other = Pipeline(self.stream, self._config, self.classifier)
         for _ in range(2):
             other.decide(dwell)
@@ -147,7 +131,7 @@ class Pipeline:
     def use(self, calibration: Calibration | None) -> None:
         """Give the gate its room's calibration, or none; ConfigError if it does not fit."""
         if calibration is not None:
-            calibration.check(self._converter().axis, self.stream.frame_rate_hz)
+            calibration.check(self._converter.axis, self.stream.frame_rate_hz)
         self.calibration = calibration
         self.gate = Gate(self._config.gate, self.shape.hop_s, calibration)
 

@@ -200,17 +200,18 @@ def test_an_entry_delay_is_kept_and_its_alarm_begins_at_once():
     assert tracker.kept(1.0) == KeptState(is_armed=False)
 
 
-def test_an_exit_delay_goes_on_after_a_restart_by_the_clock_on_the_wall(tmp_path):
+def test_an_exit_delay_goes_on_after_a_restart_by_the_clock_on_the_wall(monkeypatch):
     policy, now = AlarmPolicy(exit_delay_s=60), [1000.0]
     log = EventLog(None)
-    store = StateStore(log, "radar", now_s=lambda: now[0])
+    monkeypatch.setattr("x2radar.wall_clock.now_s", lambda: now[0])
+    store = StateStore(log, "radar")
     tracker = EventTracker(AlarmPanel(policy, is_armed=False))
     tracker.on_command("arm-home", 5.0)
     store.save(tracker.kept(15.0))
     for clock_s, left_s in ((1020.0, 30.0), (1049.0, 1.0), (1051.0, 0.0), (900.0, 50.0)):
         now[0] = clock_s
         # In this process, and after a restart.
-        again = StateStore(log, "radar", now_s=lambda: now[0])
+        again = StateStore(log, "radar")
         kept = again.load(is_armed=False)
         assert store.load(is_armed=False) == kept
         assert (kept.is_armed, kept.mode, kept.exit_left_s) == (True, "home", left_s)

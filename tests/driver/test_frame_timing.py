@@ -6,11 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from radard.stream.coalesced_reads import PAUSE_S, CoalescedReads
-from radard.stream.frame_timing import ClockDrift, FrameTiming, RateWatch
+from radard.stream.frame_timing import RateWatch
+from radard.stream.source import PAUSE_S, CoalescedReads
 from tests.device_helpers import Clock, plugged
-from tests.radar_helpers import run_radard
+from tests.radar_helpers import BASEBAND, copy_ring, noise, run_radard
 from x2radar.errors import TransportClosed
+from x2radar.frame import Frame
 
 
 def reader(*reads, due_s=lambda: math.inf):
@@ -78,26 +79,23 @@ def test_the_frame_that_completes_a_dwell_never_waits():
 @pytest.mark.parametrize("rate_hz", [20.0, 60.0, 200.0])
 def test_arrival_is_forecast_from_frames_that_waited(drift, rate_hz):
     rng = np.random.default_rng(1)
-    frame_timing = FrameTiming(rate_hz)
-    assert frame_timing.arrival_s(1) == math.inf
-    hop = round(rate_hz)
+    hop, samples = round(rate_hz), noise(1)[0]
+    ring = copy_ring(hop, rate_hz)
+    assert ring.due_s() == math.inf
     errors, next_s, read_s = [], 0.0, 0.0
     for n in range(1, 12 * hop):
         sent_s = 50 + n * (1 + drift) / rate_hz + rng.uniform(0, 2e-4)
         if n % hop == 0:
-            errors.append(frame_timing.arrival_s(n) - sent_s)
+            errors.append(ring.due_s() - sent_s)
         if sent_s > read_s:
             # Not there at the last read: the next one finds it, and waits for it if need be.
             read_s = max(sent_s, next_s)
             next_s = read_s + PAUSE_S
-        frame_timing.note(n, read_s)
-        if n % hop == 0:
-            frame_timing.next_hop()
+        list(ring.items(Frame(samples, n, n, 0, n == 1, BASEBAND, read_s)))
     assert max(errors) < 6e-3
     assert min(errors) > -0.01
-    frame_timing.reset()
-    frame_timing.note(3, 0.0)
-    assert frame_timing.arrival_s(5) == math.inf
+    list(ring.items(Frame(samples, 3, 3, 0, True, BASEBAND, 0.0)))
+    assert ring.due_s() == math.inf
 
 
 def rates_said(pace, n=30, late=lambda _k: 0.0):
@@ -144,11 +142,11 @@ def test_a_module_at_thrice_its_rate_is_degraded_and_a_fault():
 def followed(drift, seconds, *, seed=0, stalls=0.01):
     """The estimate after so long; delays of 5 ms on average, and now and then a second."""
     rng = np.random.default_rng(seed)
-    clock = ClockDrift()
+    clock = RateWatch(60.0)
     for t_s in range(1, seconds):
         late_s = rng.exponential(0.005) + (1.0 if rng.random() < stalls else 0.0)
         clock.note(float(t_s), 1e6 + t_s / (1 + drift) + late_s)
-    return clock.estimate
+    return clock.drift
 
 
 @pytest.mark.parametrize("drift", [-200e-6, -3e-6, 0.0, 25e-6, 200e-6])
@@ -161,26 +159,26 @@ def test_a_known_drift_is_found_within_the_interval(drift, seconds, within):
 
 
 def test_without_scatter_the_interval_is_not_nothing_and_without_arrivals_there_is_none():
-    clock = ClockDrift()
+    clock = RateWatch(60.0)
     for t_s in range(1, 400):
         clock.note(float(t_s), 50.0 + t_s)
-    assert clock.estimate.ratio == pytest.approx(0.0, abs=1e-12)
-    assert clock.estimate.uncertainty > 1e-6
-    clock = ClockDrift()
+    assert clock.drift.ratio == pytest.approx(0.0, abs=1e-12)
+    assert clock.drift.uncertainty > 1e-6
+    clock = RateWatch(60.0)
     for t_s in range(1000):
         clock.note(float(t_s), 0.0)
-    assert clock.estimate is None
+    assert clock.drift is None
 
 
 def test_nothing_is_told_too_soon_or_over_an_interruption():
     assert followed(1e-4, 100) is None
     watch = RateWatch(60.0)
-    assert watch.clock.estimate is None
+    assert watch.drift is None
     for t_s in range(1, 300):
         watch.note(float(t_s), 100.0 + t_s)
-    assert watch.clock.estimate is not None
+    assert watch.drift is not None
     watch.reset()
-    assert watch.clock.estimate is None
+    assert watch.drift is None
     for t_s in range(300, 390):
         watch.note(float(t_s), 500.0 + t_s)
-    assert watch.clock.estimate is None
+    assert watch.drift is None

@@ -122,11 +122,6 @@ class LogMachine(RuleBasedStateMachine):
             self.settled[name].add(n)
 
     @rule(name=NAMES)
-    def time_out(self, name):
-        entry, _ = self.next_of(name)
-        assert self.cursors[name].first() is entry
-
-    @rule(name=NAMES)
     def refuse(self, name):
         entry, n = self.next_of(name)
         if entry is not None:

@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from radard.health.status_file import read_status, status_path
+from radard.health.heartbeat import read_status, status_path
 from radard.outputs import exec as program
 from radard.outputs import webhook
 from radard.outputs.jsonl import JsonLinesSink

@@ -56,16 +56,17 @@ def test_the_rate_of_k_of_n_is_that_of_the_panel(k, n, p):
 
 def test_every_choice_of_sensitivity_says_what_it_costs():
     choices = sensitivity_choices(section(confirm_k=3), "fused", read_card("accurate"))
-    assert [c.name for c in choices] == ["low", "normal", "high"]
-    assert [c.is_chosen for c in choices] == [False, True, False]
-    assert [(c.policy.k, c.policy.n) for c in choices] == [(2, 3), (1, 1), (1, 1)]
-    missed = [c.made.missed[0] for c in choices]
+    chosen = [(c["name"], c["is_chosen"]) for c in choices]
+    assert chosen == [("low", False), ("normal", True), ("high", False)]
+    assert [(c["policy"]["k"], c["policy"]["n"]) for c in choices] == [(2, 3), (1, 1), (1, 1)]
+    missed = [c["made"]["missed"][0] for c in choices]
     assert missed == sorted(missed, reverse=True)
     for choice in choices:
-        assert f"Misses {100 * choice.made.missed[0]:.2g} % of people" in choice.costs
-        assert f"{100 * choice.made.visits_with_alarm[0]:.2g} % of pets' visits" in choice.costs
+        made, costs = choice["made"], choice["costs"]
+        assert f"Misses {100 * made['missed'][0]:.2g} % of people" in costs
+        assert f"{100 * made['visits_with_alarm'][0]:.2g} % of pets' visits" in costs
     for other in sensitivity_choices(section(), "window", read_card("accurate")):
-        assert (other.made, "not known" in other.costs) == (None, True)
+        assert (other["made"], "not known" in other["costs"]) == (None, True)
 
 
 NIGHT = "22:00-06:30"

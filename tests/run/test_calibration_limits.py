@@ -89,18 +89,6 @@ def hear(calibration, n, first=1):
         calibration.take(replace(DWELL, t_s=float(k)))
 
 
-@pytest.mark.parametrize("n", [27, 28, 29, 30, 31])
-def test_however_many_dwells_wait_at_the_end_it_ends(room, n):
-    calibration = room(n)
-    hear(calibration, n)
-    room.survey.may.set()
-    wait_for(lambda: calibration.progress.is_over)
-    wait_for(lambda: not threads())
-    # With one more, whether it is too slow depends on which of its threads is first.
-    assert calibration.progress.phase == "made" or n == 31
-    assert [made.provenance.n_dwells for made in room.made] in ([n], [] if n == 31 else [n])
-
-
 def test_it_listens_to_whole_dwells_from_when_the_room_is_left_and_counts_down(room):
     """The room is left for three seconds, and every dwell is a second long."""
     calibration = room(25, after_s=3)
@@ -131,17 +119,6 @@ def test_half_a_minute_may_wait_and_no_more(room):
     assert room.made == []
 
 
-def test_five_that_are_cancelled_leave_no_thread(room):
-    room.survey.may.set()
-    for _ in range(5):
-        calibration = room(1000)
-        hear(calibration, 3)
-        calibration.stop("another one was asked for")
-        calibration.stop("again")
-        assert calibration.progress.text == "another one was asked for"
-    wait_for(lambda: not threads())
-
-
 @pytest.mark.parametrize("fault", [RadardError("it is not empty"), ZeroDivisionError("at 0")])
 def test_a_survey_that_fails_has_the_last_word(room, monkeypatch, fault):
     monkeypatch.setattr(RoomSurvey, "fails_at", 2)
@@ -154,14 +131,6 @@ def test_a_survey_that_fails_has_the_last_word(room, monkeypatch, fault):
     calibration.stop("too late")
     text = str(fault) if isinstance(fault, RadardError) else repr(fault)
     assert (calibration.progress.phase, calibration.progress.text) == ("failed", text)
-
-
-def test_before_anybody_listens_nothing_is_left(room):
-    calibration = room(30)
-    calibration.stop("the stream broke off")
-    hear(calibration, 3)
-    assert calibration.progress.phase == "failed"
-    assert threads() == []
 
 
 class CalibrationMachine(RuleBasedStateMachine):

@@ -15,7 +15,7 @@ import pytest
 
 from radard.alarm.sensor_state import KeptState, SensorState, StateStore
 from radard.cli import main
-from radard.health.status_file import status_path
+from radard.health.heartbeat import status_path
 from radard.log import EventLog
 from radard.run import control
 from radard.run.control import ask, control_path, range_time
@@ -100,7 +100,8 @@ def test_a_folder_of_any_length_has_a_socket(tmp_path):
     radar = FakeHost()
     radar.why_lost, radar.state = "", SensorState(armed=False)
     folder = tmp_path / ("state" * 20) / ("radar" * 20)
-    server = control.ControlServer([radar], folder)
+    server = control.ControlServer(folder)
+    server.add(radar)
     server.start()
     try:
         answer = ask(control_path(folder, "radar"), "disarm")

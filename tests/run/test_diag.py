@@ -9,7 +9,7 @@ import pytest
 from radard.cli import main
 from radard.commands.diag import gather, scrub
 from radard.health.health import Status
-from radard.health.status_file import status_path, write_status
+from radard.health.heartbeat import status_path, write_status
 from x2radar.device.discovery import PortRow
 
 SECRETS = ("hunter2hunter2", "t0psecret-token", "0urbroker-pw", "pathofthehook")

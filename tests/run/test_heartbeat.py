@@ -11,8 +11,14 @@ from radard.cli import main
 from radard.config.config import load_config
 from radard.config.directories import clip_dir, runtime_dir, state_dir, status_dirs
 from radard.health.health import Health, Status
-from radard.health.heartbeat import Heartbeat, Notifier, Watched
-from radard.health.status_file import read_status, status_path, write_status
+from radard.health.heartbeat import (
+    Heartbeat,
+    Notifier,
+    Watched,
+    read_status,
+    status_path,
+    write_status,
+)
 from tests.alarm_helpers import NotifySocket
 
 
@@ -40,7 +46,7 @@ def test_messages_reach_the_service_manager(name, tmp_path):
     assert abs(int(message["MONOTONIC_USEC"]) / 1e6 - time.monotonic()) < 60
     notifier.feed("online", 12.6)
     assert far.next()["WATCHDOG"] == "1"
-    notifier.stopping("stopped")
+    notifier.send("STOPPING=1", "STATUS=stopped")
     assert far.next() == {"STOPPING": "1", "STATUS": "stopped"}
     far.close()
     notifier.ready("nobody listens")
@@ -64,7 +70,9 @@ def test_without_a_watchdog_nothing_is_fed(environ):
 
 def make_heart(health, tmp_path):
     watched = Watched("radar", health, status_path(tmp_path, "radar"), lambda: {"seq": 7})
-    return Heartbeat([watched], Notifier({"WATCHDOG_USEC": "2000000"}))
+    heartbeat = Heartbeat(Notifier({"WATCHDOG_USEC": "2000000"}))
+    heartbeat.add(watched)
+    return heartbeat
 
 
 def test_the_status_file_of_another_process_is_left_alone(health, tmp_path, caplog):

@@ -15,11 +15,11 @@ class Radar:
     def __init__(self, pool):
         self.waiting, self.done = deque(), []
         self.alone = threading.Lock()
-        self.turns = pool.turns(self.step)
+        self.pool = pool
 
     def give(self, item):
         self.waiting.append(item)
-        self.turns.ask()
+        self.pool.ask(self.step)
 
     def step(self):
         # Never two at the same time.
@@ -57,8 +57,7 @@ def test_items_of_many_radars_come_in_order_and_all_of_them():
 def test_one_that_stands_still_stops_no_other_and_is_made_good():
     pool, gate = WorkerPool(), threading.Event()
     pool.fit(1)
-    stuck = pool.turns(lambda: gate.wait(60) and False)
-    stuck.ask()
+    pool.ask(lambda: gate.wait(60) and False)
     other = Radar(pool)
     other.give(1)
     pool.grow()
@@ -76,9 +75,8 @@ def test_nobody_has_two_turns_before_another_has_one():
         left[name] -= 1
         return left[name] > 0
 
-    turns = [pool.turns(lambda name=name: step(name)) for name in left]
-    for each in turns:
-        each.ask()
+    for name in left:
+        pool.ask(lambda name=name: step(name))
     pool.fit(1)
     wait_for(lambda: not any(left.values()))
     assert order == ["a", "b"] * 3
@@ -92,16 +90,15 @@ def test_turns_come_when_they_were_asked_for_one_for_each_time():
         came.append(time.monotonic())
         if len(came) < 4:
             # The earlier one counts.
-            turns.ask_in(60.0)
-            turns.ask_in(0.05)
+            pool.ask_in(step, 60.0)
+            pool.ask_in(step, 0.05)
         return False
 
-    turns = pool.turns(step)
     pool.fit(2)
-    turns.ask()
+    pool.ask(step)
     wait_for(lambda: len(came) == 4)
     assert min(b - a for a, b in pairwise(came)) >= 0.05
-    turns.ask()
+    pool.ask(step)
     wait_for(lambda: len(came) == 5)
     pool.close()
 
@@ -111,17 +108,14 @@ def test_times_are_heeded_while_one_thread_hangs_and_another_radar_never_rests()
 
     def tick():
         came.append(1)
-        late.ask_in(0.01)
+        pool.ask_in(tick, 0.01)
         return False
 
-    late = pool.turns(tick)
-    busy = pool.turns(lambda: not gate.is_set())
-    stuck = pool.turns(lambda: gate.wait(60) and False)
     pool.fit(2)
-    late.ask()
+    pool.ask(tick)
     wait_for(lambda: len(came) > 2)
-    stuck.ask()
-    busy.ask()
+    pool.ask(lambda: gate.wait(60) and False)
+    pool.ask(lambda: not gate.is_set())
     n = len(came)
     wait_for(lambda: len(came) > n + 5)
     gate.set()

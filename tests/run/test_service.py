@@ -207,15 +207,11 @@ def test_a_device_that_goes_ends_the_run_when_asked():
     source.close()
 
 
-def said(capsys, *argv):
-    with pytest.raises(SystemExit) as ended:
-        cli.main(list(argv))
-    assert ended.value.code == 0
-    return capsys.readouterr().out
-
-
 def test_first_help_fits_a_screen(capsys):
-    lines = said(capsys, "-h").splitlines()
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["-h"])
+    assert ended.value.code == 0
+    lines = capsys.readouterr().out.splitlines()
     assert len(lines) <= 24
     assert max(map(len, lines)) <= 80
 

@@ -5,12 +5,12 @@ import json
 import signal
 import sys
 import termios
+from functools import partial
 from pathlib import Path
 
 import pytest
 
-from radard.health.heartbeat import Heartbeat
-from radard.health.status_file import read_status, status_path
+from radard.health.heartbeat import Heartbeat, read_status, status_path
 from radard.pipeline import Pipeline
 from radard.run.os_signals import Signals
 from radard.run.worker import Worker
@@ -136,16 +136,13 @@ def test_absent_at_boot_then_plugged_in(tmp_path, far):
         assert last == {"type": "status", "state": "offline", "reason": "stopped"}
 
 
-def n_unread(pipe):
-    return int.from_bytes(fcntl.ioctl(pipe, termios.FIONREAD, bytes(4)), sys.byteorder)
-
-
 def test_a_second_signal_forces_the_end():
     process = start("--port", "sim:empty", "--speed", "max", "-o", "json", "--model", "none")
     fcntl.fcntl(process.stdout, fcntl.F_SETPIPE_SZ, 4096)
     process.stdout.read(1)
     # Nobody reads on: the pipe fills up, and the worker stands in a write.
-    wait_for(lambda: n_unread(process.stdout) > 2000)
+    n_unread = partial(fcntl.ioctl, process.stdout, termios.FIONREAD, bytes(4))
+    wait_for(lambda: int.from_bytes(n_unread(), sys.byteorder) > 2000)
     process.send_signal(signal.SIGTERM)
     wait_for(lambda: process.poll() is not None or process.send_signal(signal.SIGTERM))
     assert process.returncode == -signal.SIGTERM

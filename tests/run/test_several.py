@@ -8,7 +8,7 @@ import yaml
 
 from radard.config.config import load_config, load_with_origins
 from radard.errors import UsageError
-from radard.health.status_file import read_status, status_path
+from radard.health.heartbeat import read_status, status_path
 from radard.log import EventLog
 from radard.run.sensor import Sensor
 from radard.stream.source import LiveSource
@@ -101,7 +101,7 @@ def test_when_none_can_work_the_process_ends_with_the_first_fault(tmp_path, laun
 
 
 def test_work_that_breaks_off_is_begun_anew(tmp_path, launch, monkeypatch):
-    monkeypatch.setattr("radard.run.keeper._FIRST_PAUSE_S", 0.3)
+    monkeypatch.setattr("radard.run.process._FIRST_PAUSE_S", 0.3)
     plain, broken = LiveSource.frames, []
 
     def frames(self):

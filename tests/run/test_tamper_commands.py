@@ -32,8 +32,8 @@ class Room:
         self.config, self.pipeline = config, Pipeline(STREAM, config)
         parts = make_parts(config, self.pipeline, now=lambda _t_s: None, is_live=False)
         self.records = []
-        self.ring, store = self.pipeline.make_ring(), StateStore(EventLog(None), None)
-        self.worker = Worker(parts, self.ring, self._put, Health(), store)
+        store = StateStore(EventLog(None), None)
+        self.worker = Worker(parts, self._put, Health(), store)
         rng = np.random.default_rng(2)
         self.echoes = (30 * rng.standard_normal((2, 64))).T @ [1, 1j]
         self.t_s = 0.0
@@ -56,7 +56,7 @@ class Room:
         self.work()
 
     def work(self):
-        self.worker.handle(replace(self.ring.next_item(0), t_s=self.t_s))
+        self.worker.handle(replace(self.worker.ring.next_item(0), t_s=self.t_s))
 
     def reload(self, section, **changes):
         """Take up a section of the configuration, changed, as a reload does."""
@@ -158,7 +158,7 @@ def test_a_calibration_that_fails_ends_no_tamper_and_one_that_is_made_does(tmp_p
     room.command("calibrate")
     room.listen(34, gain=0.1)
     assert "tamper" in room.worker.tracker.open_events
-    notice = room.worker._ring.next_item(60)
+    notice = room.worker.ring.next_item(60)
     assert notice.kind == "calibrated"
     room.worker.handle(notice)
     room.listen(1, gain=0.1)

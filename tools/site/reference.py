@@ -48,7 +48,7 @@ _PYTHON = {
         radard.judge.classifier.Probabilities
     """,
     "Contracts of plug-ins": """
-        radard.stream.source.FrameSource radard.stream.source.SourceOpener
+        radard.stream.source.FrameSource
         radard.outputs.base.Sink radard.outputs.base.SinkContext radard.outputs.registry.Opener
         radard.judge.features.FeatureMaker radard.judge.features.FeatureSettings
         radard.stream.ring.Dwell x2radar.sim.scene.cast.BodyKind x2radar.sim.points.Points

@@ -7,7 +7,6 @@ recorded, gives the same ids, and two runs never do.
 
 import hashlib
 import uuid
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from radard.alarm.panel import ARM_MODES, AlarmPanel, PanelChange
@@ -19,6 +18,7 @@ from radard.judge.decision import Decision
 from radard.stream.ring import Dwell, Notice
 
 _CROCKFORD = "0123456789ABCDEFGHJKMNPQRSTVWXYZ"
+_KEPT = " (on since before a restart)"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,9 +74,8 @@ class EventTracker:
         """Return what must outlive the daemon, at a stream time."""
         panel, alarm = self.panel, self._open.get("alarm")
         if alarm is not None:
-            about = {
-                f"alarm_{key}": getattr(alarm, key) for key in ("id", "reason", "peak", "clip")
-            }
+            keys = ("id", "reason", "peak", "clip")
+            about = {f"alarm_{key}": getattr(alarm, key) for key in keys}
             return KeptState(is_armed=True, mode=panel.mode, **about)
         return KeptState(
             is_armed=panel.is_armed,
@@ -93,24 +92,17 @@ class EventTracker:
         self.panel.mode = kept.mode
         if kept.exit_left_s:
             self.panel.resume_exit(kept.exit_left_s)
-        if kept.alarm_id is None:
-            if kept.entry_reason is None:
-                return []
+        if kept.alarm_id is not None:
+            reason = f"{kept.alarm_reason.removesuffix(_KEPT)}{_KEPT}"
+        elif kept.entry_reason is not None:
             reason = f"{kept.entry_reason}; radard was restarted during the entry delay"
-            self.panel.resume(reason)
-            return [self._begin("alarm", reason, 0.0, kept.alarm_peak, None)]
-        reason = f"{kept.alarm_reason.removesuffix(_KEPT)}{_KEPT}"
+        else:
+            return []
         self.panel.resume(reason)
-        event = Event(
-            id=kept.alarm_id,
-            phase="update",
-            t_s=0.0,
-            start_t_s=0.0,
-            peak=kept.alarm_peak,
-            reason=reason,
-            clip=kept.alarm_clip,
-        )
-        self._open["alarm"] = event
+        event = self._begin("alarm", reason, 0.0, kept.alarm_peak, None)
+        if kept.alarm_id is not None:
+            event = replace(event, id=kept.alarm_id, phase="update", clip=kept.alarm_clip)
+            self._open["alarm"] = event
         return [event]
 
     def on_decision(
@@ -150,9 +142,8 @@ class EventTracker:
         """Take 'arm', 'arm-home', 'disarm' or 'ack'."""
         if name in ARM_MODES:
             return self._step(self.panel.arm(t_s, ARM_MODES[name]), t_s)
-        if name == "disarm":
-            return self._step(self.panel.disarm(), t_s)
-        return self._step(self.panel.acknowledge(t_s), t_s)
+        is_end = name == "disarm"
+        return self._step(self.panel.disarm() if is_end else self.panel.acknowledge(t_s), t_s)
 
     def remark(self, kind: EventKind, text: str, t_s: float) -> list[Event]:
         """Update an event that is on with a remark; the next decision tells its reason again."""
@@ -165,17 +156,12 @@ class EventTracker:
         return [self._go_on(kind, reason, t_s, "end") for kind in self.open_events]
 
     def has_clip(self, event_id: str, clip: str | None) -> None:
-        """Note which clip is made of an event that is on; its further phases name it."""
-        for kind, event in self._open.items():
-            if event.id == event_id:
-                self._open[kind] = replace(event, clip=clip)
+        """Note which clip is made of an alarm that is on; its further phases name it."""
+        if (alarm := self._open.get("alarm")) is not None and alarm.id == event_id:
+            self._open["alarm"] = replace(alarm, clip=clip)
 
     def _step(
-        self,
-        steps: Sequence[PanelChange],
-        t_s: float,
-        peak: float = 0.0,
-        dwell: Dwell | None = None,
+        self, steps: list[PanelChange], t_s: float, peak: float = 0.0, dwell: Dwell | None = None
     ) -> list[Event]:
         return [
             self._begin("alarm", step.reason, t_s, peak, dwell)
@@ -199,7 +185,7 @@ class EventTracker:
     def _begin(
         self, kind: EventKind, reason: str, t_s: float, peak: float, dwell: Dwell | None
     ) -> Event:
-        event = Event(
+        event = self._open[kind] = Event(
             id=_ulid(f"{kind} {t_s:.6f}{self._run}", t_s, dwell),
             kind=kind,
             t_s=t_s,
@@ -207,20 +193,15 @@ class EventTracker:
             peak=peak,
             reason=reason,
         )
-        self._open[kind] = event
         return event
 
     def _go_on(self, kind: EventKind, reason: str, t_s: float, phase: Phase) -> Event:
         end_t_s = t_s if phase == "end" else None
         event = replace(self._open[kind], phase=phase, t_s=t_s, end_t_s=end_t_s, reason=reason)
+        self._open[kind] = event
         if phase == "end":
             del self._open[kind]
-        else:
-            self._open[kind] = event
         return event
-
-
-_KEPT = " (on since before a restart)"
 
 
 def _ulid(what: str, t_s: float, dwell: Dwell | None) -> str:

@@ -4,11 +4,12 @@ All stages that may stop an alarm stand here in their order. The words are made 
 record and those before it, by the functions of the alarm itself, so that they agree with it.
 """
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from datetime import datetime, timedelta
 from functools import partial
-from typing import Any, Literal
+from typing import Any
 
 from radard.alarm.panel import AlarmPolicy
 from radard.alarm.sensitivity import alarm_policy
@@ -22,20 +23,16 @@ from radard.judge.classifier import Probabilities
 from radard.judge.decision import MIN_P, Decision, TrackVerdict
 from radard.log_cursor import Record
 
+Stage = dict[str, str]
 _WORDS = {"human": "person", "pet": "pet", "other": "something else"}
 
 
-@dataclass(frozen=True, slots=True)
-class DecisionStage:
-    """One stage of a decision."""
-
-    outcome: Literal["passed", "decided"]
-    name: str
-    text: str  # with the numbers that decided
-    plain: str  # the same for people
+def _stage(outcome: str, name: str, text: str, plain: str) -> Stage:
+    """Return one stage of a decision: `text` has the numbers, `plain` the same for people."""
+    return {"outcome": outcome, "name": name, "text": text, "plain": plain}
 
 
-_passed, _decided = partial(DecisionStage, "passed"), partial(DecisionStage, "decided")
+_passed, _decided = partial(_stage, "passed"), partial(_stage, "decided")
 
 
 def explain(
@@ -45,7 +42,7 @@ def explain(
     events: Sequence[Record] = (),
     state: SensorState | None = None,
 ) -> dict[str, Any]:
-    """Return seq, t_s, headline, decided_by and `DecisionStage`s of the last of `records`."""
+    """Return seq, t_s, headline, decided_by and stages of the last of `records`."""
     record = records[-1]
     state = state or SensorState()
     limit = hello.get("pet_limit", 0.8)
@@ -65,17 +62,17 @@ def explain(
         if hello.get("replayed"):
             at = recorded_clock(hello.get("started_utc") or "")(record["t_s"])
         stages += _confirmed(hits, _Panel(record, policy, alarms, state, config, at))
-    by = next((s for s in reversed(stages) if s.outcome == "decided"), stages[-1])
+    by = next((s for s in reversed(stages) if s["outcome"] == "decided"), stages[-1])
     return {
         "seq": record["seq"],
         "t_s": record["t_s"],
         "headline": _headline(record, by),
-        "decided_by": by.name,
-        "stages": [asdict(stage) for stage in stages],
+        "decided_by": by["name"],
+        "stages": stages,
     }
 
 
-def _frames(record: Record, events: Sequence[Record]) -> DecisionStage:
+def _frames(record: Record, events: Sequence[Record]) -> Stage:
     n, lost = record["frames"], record["dropped"]
     if record["gate"] != "invalid":
         missing = f"{lost} missing, few enough" if lost else "none missing"
@@ -93,22 +90,17 @@ def _frames(record: Record, events: Sequence[Record]) -> DecisionStage:
     return _decided("frames", f"The window is invalid: {reason}.", f"No: {reason}.")
 
 
-def _gate(record: Record, *, was_pending: bool) -> DecisionStage:
+def _gate(record: Record, *, was_pending: bool) -> Stage:
     power, threshold = record["power_db"], record["threshold_db"]
     apart = f"{abs(power - threshold):.1f} dB"
+    closed = f"The gate has closed ({_db(power)}, {apart} under the threshold)"
     if record["gate"] == "closed" and record["alarm"]:
-        text = (
-            f"The gate has closed ({_db(power)}, {apart} under the threshold), and what was there "
-            "left undecided: that counts as human."
-        )
+        text = f"{closed}, and what was there left undecided: that counts as human."
         return _passed("gate", text, "Yes: it left undecided, and that counts as a person.")
     if record["gate"] == "closed" and was_pending:
-        text = (
-            f"The gate has closed ({_db(power)}, {apart} under the threshold). What was there "
-            "showed but briefly, and was less likely a person than not: it is passed over."
-        )
-        plain = "No: it showed but briefly, and was less likely a person than not."
-        return _decided("gate", text, plain)
+        brief = "showed but briefly, and was less likely a person than not"
+        text = f"{closed}. What was there {brief}: it is passed over."
+        return _decided("gate", text, f"No: it {brief}.")
     if record["gate"] == "closed":
         text = (
             f"The gate is closed: what moves has {_db(power)}, {apart} under the threshold of "
@@ -123,7 +115,7 @@ def _gate(record: Record, *, was_pending: bool) -> DecisionStage:
     return _passed("gate", text + where, plain)
 
 
-def _classified(record: Record, limit: float) -> list[DecisionStage]:
+def _classified(record: Record, limit: float) -> list[Stage]:
     if record["p_human"] is None:
         text = "No model is loaded: the gate works alone, and there is no verdict."
         plain = "Nobody can say: no network is loaded, only movement is noticed."
@@ -148,7 +140,7 @@ def _plain(shares: Mapping[str, float]) -> str:
     return text[:1].upper() + text[1:]
 
 
-def _rule(record: Record, harmless: float, limit: float) -> DecisionStage:
+def _rule(record: Record, harmless: float, limit: float) -> Stage:
     name = "p(pet) + p(other)" if record["fused_p_other"] else "p(pet)"
     share = f"{100 * harmless:.0f} %"
     if record["label"] == "pending":
@@ -182,20 +174,16 @@ class _Panel:
     at: datetime | None  # the clock on the wall, of the stream
 
 
-def _confirmed(hits: Sequence[bool], panel: _Panel) -> list[DecisionStage]:
+def _confirmed(hits: Sequence[bool], panel: _Panel) -> list[Stage]:
     if not hits[-1]:
         where = "It does not count towards an alarm: it is outside of the zones, or"
-        return [
-            _decided(
-                "zones",
-                f"{where} p(human) is under {panel.policy.p_on:.2f}.",
-                f"{where} less than {100 * panel.policy.p_on:.0f} % a person.",
-            )
-        ]
+        text = f"{where} p(human) is under {panel.policy.p_on:.2f}."
+        plain = f"{where} less than {100 * panel.policy.p_on:.0f} % a person."
+        return [_decided("zones", text, plain)]
     return [_passed("zones", "It is where it counts.", "Yes."), _panel_stage(sum(hits), panel)]
 
 
-def _panel_stage(n_hits: int, panel: _Panel) -> DecisionStage:
+def _panel_stage(n_hits: int, panel: _Panel) -> Stage:
     policy, t_s = panel.policy, panel.record["t_s"]
     says, need = ("says" if n_hits == 1 else "say"), ("is" if policy.k == 1 else "are")
     counted = f"{n_hits} of the last {policy.n} windows {says} human; {policy.k} {need} needed"
@@ -226,11 +214,9 @@ def _held_by(panel: _Panel) -> str:
         return f"the exit delay is running: {left} left, and nobody is told."
     if state.panel == "entry":
         return f"the entry delay is running: {left} left to disarm."
-    ends_s = [
-        e["end_t_s"] for e in panel.alarms if e["end_t_s"] is not None and e["end_t_s"] <= t_s
-    ]
-    pause_s = max(ends_s, default=-policy.refractory_s) + policy.refractory_s - t_s
-    if ends_s and pause_s > 0:
+    ends_s = (e["end_t_s"] for e in panel.alarms if e["end_t_s"] is not None)
+    last_s = max((end_s for end_s in ends_s if end_s <= t_s), default=-math.inf)
+    if (pause_s := last_s + policy.refractory_s - t_s) > 0:
         return f"it is the pause after the last alarm: {_seconds(pause_s)} left."
     if quiet := _quiet_left(panel):
         return f"it is a quiet period: {quiet} left."
@@ -264,7 +250,7 @@ def _covers(event: Record, t_s: float) -> bool:
     return bool(event["start_t_s"] <= t_s and (end_s is None or t_s <= end_s))
 
 
-def _headline(record: Record, by: DecisionStage) -> str:
+def _headline(record: Record, by: Stage) -> str:
     if record["gate"] == "invalid":
         return "This window could not be judged"
     if record["gate"] == "closed" and not record["alarm"]:
@@ -276,38 +262,26 @@ def _headline(record: Record, by: DecisionStage) -> str:
     if not record["alarm"]:
         return "A pet" if record["label"] == "pet" else "Something harmless"
     who = "A person" if (record["fused_p_human"] or 0) >= MIN_P else "Undecided"
-    is_new = by.name == "confirmation" and by.text.startswith("Confirmed")
+    is_new = by["name"] == "confirmation" and by["text"].startswith("Confirmed")
     return f"{who}: alarm" if is_new else who
 
 
 def _is_hit(record: Record, policy: AlarmPolicy, zones: ZonesSection, limit: float) -> bool:
+    """Return whether a record's decision counts, by what `sight_of` heeds of it."""
     if record["gate"] == "invalid":
         return False
-    return sight_of(_decision(record), policy, zones, limit).is_hit
-
-
-def _decision(record: Record) -> Decision:
-    reading = GateReading(
-        record["gate"] == "open",
-        record["power_db"],
-        record["noise_floor_db"],
-        record["threshold_db"],
-        record["range_m"] or 0.0,
-    )
+    about = ("id", "range_m", "radial_velocity_mps")
     tracks = tuple(
-        TrackVerdict(
-            **{name: t[name] for name in ("id", "range_m", "radial_velocity_mps")},
-            window=_probabilities(t, "p_"),
-        )
+        TrackVerdict(**{name: t[name] for name in about}, window=_probabilities(t, "p_"))
         for t in record["tracks"]
     )
-    return Decision(
+    decision = Decision(
         **{n: record[n] for n in ("seq", "t_s", "gate", "label", "alarm", "frames", "dropped")},
-        reading=reading,
-        window=_probabilities(record, "p_"),
+        reading=GateReading(True, 0.0, 0.0, 0.0, record["range_m"] or 0.0),
         fused=_probabilities(record, "fused_p_"),
         tracks=tracks,
     )
+    return sight_of(decision, policy, zones, limit).is_hit
 
 
 def _probabilities(record: Record, prefix: str) -> Probabilities | None:

@@ -24,7 +24,6 @@ ARM_MODES: dict[str, ArmMode] = {"arm": "away", "arm-home": "home"}  # commands 
 _UNSEEN_S = 3.0
 # Stream times are quotients: what is due at this decision must not wait for the next.
 _SLACK_S = 1e-6
-StepKind = Literal["new", "update", "end"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,7 +53,7 @@ class Sight:
 class PanelChange:
     """What becomes of the alarm: it begins, changes or ends, and why."""
 
-    kind: StepKind
+    kind: Literal["new", "update", "end"]
     reason: str
 
 
@@ -124,8 +123,7 @@ class AlarmPanel:
         if self.state == "armed" and is_confirmed and t_s >= self._ready_s - _SLACK_S:
             self.state, self._since_s = "entry", t_s
         if self.state == "entry" and t_s - self._since_s >= self.policy.entry_delay_s - _SLACK_S:
-            seen = sight is None or sight.is_seen
-            return self._begin(t_s, self._reason, is_seen=seen)
+            return self._begin(t_s, self._reason, is_seen=sight is None or sight.is_seen)
         return []
 
     def on_loss(self, t_s: float) -> list[PanelChange]:
@@ -173,11 +171,8 @@ class AlarmPanel:
             return self._end(t_s, f"nobody seen for {unseen_s:.0f} s")
         if sight.is_seen or unseen_s >= _UNSEEN_S:
             self._is_seen = sight.is_seen
-        if self._is_seen == was_seen:
-            return []
-        return [
-            PanelChange("update", f"{sight.reason}, again" if sight.is_seen else "nobody in sight")
-        ]
+        text = f"{sight.reason}, again" if sight.is_seen else "nobody in sight"
+        return [] if self._is_seen == was_seen else [PanelChange("update", text)]
 
     def _end(self, t_s: float, reason: str) -> list[PanelChange]:
         self.state = "armed"

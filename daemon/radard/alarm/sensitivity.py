@@ -4,7 +4,8 @@ What a name means depends on the decision's policy: fused verdicts have joined t
 of several windows already, verdicts of single windows need confirmation.
 """
 
-from dataclasses import dataclass
+from dataclasses import asdict
+from typing import Any
 
 from radard.alarm.panel import AlarmPolicy
 from radard.config.sections import AlarmSection
@@ -13,16 +14,8 @@ from radard.judge.card import Card, Passing
 # Order: k of n, then p_on and p_off of `AlarmPolicy`.
 Numbers = tuple[int, int, float, float]
 SENSITIVITIES: dict[str, dict[str, Numbers]] = {
-    "window": {
-        "low": (3, 5, 0.5, 0.2),
-        "normal": (2, 3, 0.0, 0.1),
-        "high": (1, 1, 0.0, 0.05),
-    },
-    "fused": {
-        "low": (2, 3, 0.5, 0.2),
-        "normal": (1, 1, 0.0, 0.1),
-        "high": (1, 1, 0.0, 0.05),
-    },
+    "window": {"low": (3, 5, 0.5, 0.2), "normal": (2, 3, 0.0, 0.1), "high": (1, 1, 0.0, 0.05)},
+    "fused": {"low": (2, 3, 0.5, 0.2), "normal": (1, 1, 0.0, 0.1), "high": (1, 1, 0.0, 0.05)},
 }
 """By decision policy and name: K of N, least p(human) of a hit, and of still being there."""
 _TIMES = ("exit_delay_s", "entry_delay_s", "latch_s", "refractory_s")
@@ -39,39 +32,25 @@ def alarm_policy(section: AlarmSection, decision_policy: str) -> AlarmPolicy:
     return AlarmPolicy(k=k, n=n, p_on=p_on, p_off=p_off, **times)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SensitivityChoice:
-    """One sensitivity to choose, and what it costs."""
-
-    name: str
-    is_chosen: bool
-    policy: AlarmPolicy  # the numbers of this name alone
-    made: Passing | None  # of simulated passages, by the model's card; None: not known
-    costs: str  # the same as a sentence for people
-
-
 def sensitivity_choices(
     section: AlarmSection, decision_policy: str, card: Card | None
-) -> tuple[SensitivityChoice, ...]:
-    """Return all sensitivities from low to high, as pages and brokers offer them."""
+) -> list[dict[str, Any]]:
+    """Return all sensitivities from low to high, as pages have them, and what each costs.
+
+    `policy` are the numbers of a name alone, `made` what they made of simulated passages, by the
+    model's card (None: not known), and `costs` says the same to people.
+    """
     own = dict.fromkeys(("confirm_k", "confirm_n", "p_on", "p_off"))
+    known = card.sensitivities if card is not None and card.policy == decision_policy else {}
     choices = []
     for name in SENSITIVITIES[decision_policy]:
-        policy = alarm_policy(
-            section.model_copy(update={**own, "sensitivity": name}), decision_policy
-        )
-        is_known = card is not None and card.policy == decision_policy
-        made = card.sensitivities.get(name) if card is not None and is_known else None
-        choices.append(
-            SensitivityChoice(
-                name=name,
-                is_chosen=name == section.sensitivity,
-                policy=policy,
-                made=made,
-                costs=_costs(made),
-            )
-        )
-    return tuple(choices)
+        alone = section.model_copy(update={**own, "sensitivity": name})
+        made = known.get(name)
+        choice = {"name": name, "is_chosen": name == section.sensitivity}
+        choice["policy"] = asdict(alarm_policy(alone, decision_policy))
+        choice["made"] = asdict(made) if made is not None else None
+        choices.append({**choice, "costs": _costs(made)})
+    return choices
 
 
 def _costs(made: Passing | None) -> str:

@@ -7,11 +7,11 @@ its configured state, which is armed unless somebody chose otherwise.
 
 import json
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict
 
 from radard.alarm.panel import ArmMode, PanelState
 from radard.judge.decision import GateState, Label
@@ -78,20 +78,12 @@ class KeptState(BaseModel):
 class StateStore:
     """Keep one `KeptState`, in a log under a name, without one for this process alone.
 
-    `now_s` is the wall clock, in seconds. Without `keeps_alarms` the log has the last word only.
+    Without `keeps_alarms` the log has the last word only.
     """
 
-    def __init__(
-        self,
-        events: EventLog,
-        name: str | None,
-        *,
-        keeps_alarms: bool = True,
-        now_s: Callable[[], float] = wall_clock.now_s,
-    ) -> None:
+    def __init__(self, events: EventLog, name: str | None, *, keeps_alarms: bool = True) -> None:
         self._log = events
         self._name = None if name is None else f"panel {name}"
-        self._now_s = now_s
         self._keeps_alarms = keeps_alarms
         self.has_kept = False  # whether `load` has found anything
         self._saved: KeptState | None = None
@@ -101,16 +93,24 @@ class StateStore:
         """Return what was kept; without anything, a state without an alarm that is so armed."""
         if self._saved is None:
             self._text = None if self._name is None else self._log.kept(self._name)
-            found = self._read(self._text)
+            found = None
+            try:
+                if self._text is not None:
+                    found = KeptState.model_validate(json.loads(self._text))
+            except (ValueError, RecursionError) as err:
+                why = " ".join(str(err).split())
+                log.warning("%s: the kept state is unreadable and not used (%s)", self._name, why)
             self.has_kept = found is not None
-            kept = found or KeptState(is_armed=is_armed)
-            self._saved = self._whole(kept)
-        return self._at_now(self._saved)
+            self._saved = self._whole(found or KeptState(is_armed=is_armed))
+        kept, left_s = self._saved, None
+        if kept.exit_left_s is not None and kept.exit_ends_unix_s is not None:
+            left_s = max(0.0, min(kept.exit_left_s, kept.exit_ends_unix_s - wall_clock.now_s()))
+        return kept.model_copy(update={"exit_left_s": left_s, "exit_ends_unix_s": None})
 
     def save(self, state: KeptState) -> None:
         """Keep a state; waits for no disk longer than `EventLog.keep`."""
         if state.exit_left_s is not None:
-            ends_s = round(self._now_s() + state.exit_left_s, 3)
+            ends_s = round(wall_clock.now_s() + state.exit_left_s, 3)
             state = state.model_copy(update={"exit_ends_unix_s": ends_s})
         if self._saved is None or self._whole(state) != self._whole(self._saved):
             self._text = json.dumps(self._whole(state).model_dump())
@@ -132,19 +132,3 @@ class StateStore:
         if self._keeps_alarms:
             return state
         return KeptState(is_armed=state.is_armed, mode=state.mode)
-
-    def _read(self, text: str | None) -> KeptState | None:
-        if text is None:
-            return None
-        try:
-            return KeptState.model_validate(json.loads(text))
-        except (ValidationError, ValueError, RecursionError) as err:
-            why = " ".join(str(err).split())
-            log.warning("%s: the kept state is unreadable and not used (%s)", self._name, why)
-            return None
-
-    def _at_now(self, kept: KeptState) -> KeptState:
-        left_s = None
-        if kept.exit_left_s is not None and kept.exit_ends_unix_s is not None:
-            left_s = max(0.0, min(kept.exit_left_s, kept.exit_ends_unix_s - self._now_s()))
-        return kept.model_copy(update={"exit_left_s": left_s, "exit_ends_unix_s": None})

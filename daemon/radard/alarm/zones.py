@@ -66,32 +66,22 @@ def sight_of(
     may_be = decision.alarm or decision.label == "pending" or p_human > policy.p_off
     is_seen = is_hit or (is_heeded and may_be)
     place = f" at {where:.1f} m" if where is not None and where >= 0 else ""
-    return Sight(is_hit, is_seen, f"{_who(decision)}{place}")
-
-
-def _who(decision: Decision) -> str:
-    waited_s = decision.undecided_s
-    if waited_s is None:
-        return str(decision.label)
-    return f"undecided for {waited_s:.0f} s" if waited_s >= 0.5 else "undecided"
+    who, waited_s = str(decision.label), decision.undecided_s
+    if waited_s is not None:
+        who = f"undecided for {waited_s:.0f} s" if waited_s >= 0.5 else "undecided"
+    return Sight(is_hit, is_seen, f"{who}{place}")
 
 
 def _nearest_heeded(decision: Decision, zones: ZonesSection, pet_limit: float) -> float | None:
-    """Return the range of the nearest suspect that counts, -1 when it has none, else None."""
-    ranges = list(_suspect_ranges(decision, pet_limit))
-    if not ranges:
-        return -1.0
-    return min((r for r in ranges if heeds(zones, r)), default=None)
+    """Return the range of the nearest suspect that counts, -1 when it has none, else None.
 
-
-def _suspect_ranges(decision: Decision, pet_limit: float) -> Iterator[float]:
-    """Yield where those are who may be people: tracks not taken for pets, else the one range."""
-    suspects = [
+    Suspects are tracks that are not taken for pets, else what is at the one range.
+    """
+    ranges = [
         track.range_m
         for track in decision.tracks
         if track.window is None or judge(track.window, pet_limit)[1]
     ]
-    if suspects:
-        yield from suspects
-    elif decision.reading is not None:
-        yield decision.reading.range_m
+    if not ranges and decision.reading is not None:
+        ranges = [decision.reading.range_m]
+    return min((r for r in ranges if heeds(zones, r)), default=None) if ranges else -1.0

@@ -15,7 +15,7 @@ from radard.detect.calibration import Calibration, load_calibration
 from radard.detect.gate import DAY_S
 from radard.detect.survey import RoomSurvey
 from radard.errors import RadardError, UsageError
-from radard.run.listening import Listening, listen
+from radard.run.components import Listening, listen
 from radard.run.room_calibration import origin_of
 from radard.stream.ring import Notice
 from x2radar.command import Parser, StatusLine, bar, new_parser

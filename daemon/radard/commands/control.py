@@ -12,7 +12,7 @@ from radard.config.directories import status_dirs
 from radard.config.options import add_options
 from radard.config.sections import SensorEntry
 from radard.errors import NotAllowed, RadardError, UsageError
-from radard.health.status_file import read_status, status_path
+from radard.health.heartbeat import read_status, status_path
 from radard.run.control import ask, control_path
 from x2radar.command import Parser, new_parser
 from x2radar.errors import BriefError

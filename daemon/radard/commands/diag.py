@@ -29,7 +29,7 @@ from radard.config.directories import calibration_file, state_dir, status_dirs
 from radard.config.sources import ENV_PREFIX
 from radard.detect.calibration import load_calibration
 from radard.errors import RadardError
-from radard.health.status_file import read_status, status_path
+from radard.health.heartbeat import read_status, status_path
 from radard.judge.bundle import bundle_names, load_bundle
 from radard.judge.model_choice import model_for
 from x2radar import wall_clock

@@ -21,8 +21,7 @@ from radard.config.options import (
 from radard.config.saved import change
 from radard.errors import RadardError, UsageError
 from radard.judge.installation import echo_at_1m_db
-from radard.run.components import use_calibration
-from radard.run.listening import Listening, listen
+from radard.run.components import Listening, listen, use_calibration
 from radard.stream.ring import Notice
 from x2radar.command import Parser, StatusLine, bar, new_parser
 

@@ -60,7 +60,8 @@ class Health:
         self._due_s = self._decided_s + max(START_S, stale_s)
         self._may_wait = True
         self._complaints: dict[str, str] = {}
-        self._is_away = self._is_over = False
+        self._is_away = False
+        self.is_over = False  # whether the run of this sensor has ended for good; for any thread
         self._told: State = "starting"
 
     @property
@@ -73,40 +74,31 @@ class Health:
     def may_feed(self) -> bool:
         """Whether the watchdog may be fed: decisions are fresh, or the device is declared away."""
         with self._lock:
-            return not self._is_over and (self._is_away or self._now().is_well)
-
-    @property
-    def is_over(self) -> bool:
-        """Whether the run of this sensor has ended for good."""
-        with self._lock:
-            return self._is_over
+            return not self.is_over and (self._is_away or self._now().is_well)
 
     @property
     def age_s(self) -> float:
         """Seconds since the newest frame that went into a decision, or since the start."""
-        with self._lock:
-            return max(0.0, self._clock() - self._decided_s)
+        return max(0.0, self._clock() - self._decided_s)
 
     def on_decision(self, decision: Decision) -> Status | None:
         """Note a decision; what counts is when its last frame arrived."""
         with self._lock:
-            if self._is_over:
+            if self.is_over:
                 return None
             self._decided_s = decision.t_mono_s or self._clock()
             self._due_s = self._decided_s + self._stale_s
             self._may_wait = True
-            is_valid = decision.gate != "invalid"
-            return self._say(
-                Status("online", "") if is_valid else Status("degraded", decision.fault)
-            )
+            if decision.gate == "invalid":
+                return self._say(Status("degraded", decision.fault))
+            return self._say(Status("online", ""))
 
     def on_notice(self, notice: Notice) -> Status | None:
         """Note what happened to the stream."""
         with self._lock:
             if notice.kind == "lost":
-                return self._say(
-                    Status("offline", f"device absent: {notice.reason}"), is_away=True
-                )
+                away = Status("offline", f"device absent: {notice.reason}")
+                return self._say(away, is_away=True)
             if notice.kind == "found" and self._is_away:
                 self._wait(self._stale_s)
             elif notice.kind == "paused":
@@ -131,8 +123,8 @@ class Health:
     def on_end(self, reason: str) -> Status | None:
         """Note that the run is over."""
         with self._lock:
-            if not self._is_over:
-                self._base, self._is_over = Status("offline", reason), True
+            if not self.is_over:
+                self._base, self.is_over = Status("offline", reason), True
             return self._changed()
 
     def complain(self, source: str, reason: str) -> Status | None:
@@ -154,13 +146,13 @@ class Health:
             self._due_s, self._may_wait = self._clock() + seconds, False
 
     def _say(self, base: Status, *, is_away: bool = False) -> Status | None:
-        if self._is_over:
+        if self.is_over:
             return None
         self._base, self._is_away = base, is_away
         return self._changed()
 
     def _now(self) -> Status:
-        if self._is_over or self._is_away:
+        if self.is_over or self._is_away:
             return self._base
         now_s = self._clock()
         if now_s > self._due_s:

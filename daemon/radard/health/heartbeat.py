@@ -2,9 +2,12 @@
 
 It writes a status file for every sensor and feeds systemd's watchdog, and it does the latter
 only while `Health` allows it and the main thread has been heard. It has no opinion of its own.
+A status file is how `radard health` knows, from outside and without HTTP: a JSON object in the
+runtime directory that counts only while it is fresh, by the clock of all processes of one boot.
 """
 
 import contextlib
+import json
 import logging
 import os
 import socket
@@ -16,10 +19,11 @@ from pathlib import Path
 from typing import Any
 
 from radard.health.health import Health, Status, may_feed_all, overall
-from radard.health.status_file import read_status, write_status
+from x2radar.atomic import write_atomically
 
 log = logging.getLogger("radard")
-_EVERY_S = 1.0  # `radard health` calls a file of 10 s stale
+_EVERY_S = 1.0
+STALE_S = 10.0  # ten beats
 _MAIN_LATE_S = 5.0  # the main thread comes by once a second
 
 
@@ -55,10 +59,6 @@ class Notifier:
         """Say that a reload begins; `ready` ends it."""
         self.send("RELOADING=1", f"MONOTONIC_USEC={time.monotonic_ns() // 1000}")
 
-    def stopping(self, status: str) -> None:
-        """Say that the end has begun."""
-        self.send("STOPPING=1", f"STATUS={status}")
-
     def feed(self, status: str, now_s: float) -> None:
         """Feed the watchdog, four times as often as it must be."""
         if self.every_s is not None and now_s - self._fed_s >= self.every_s / 2:
@@ -80,8 +80,8 @@ class Watched:
 class Heartbeat:
     """Beat until stopped, for all sensors of the process."""
 
-    def __init__(self, watched: Sequence[Watched], notifier: Notifier) -> None:
-        self._watched = watched
+    def __init__(self, notifier: Notifier) -> None:
+        self._watched: Sequence[Watched] = ()
         self._notifier = notifier
         self._written: set[Path] = set()
         self._main_s: float | None = None
@@ -90,16 +90,12 @@ class Heartbeat:
         self._thread = threading.Thread(target=self._run, name="heartbeat", daemon=True)
 
     def start(self) -> None:
-        """Begin, once; another radard that reports as the same sensor keeps its status file."""
-        if self._thread.ident is not None:
-            return
-        for each in self._watched:
-            _leave_to_other(each)
-        self._thread.start()
+        """Begin, once."""
+        if self._thread.ident is None:
+            self._thread.start()
 
     def add(self, watched: Watched) -> None:
-        """Show another sensor from now on."""
-        _leave_to_other(watched)
+        """Show another sensor; another radard that reports as the same keeps its status file."""
         self._watched = [*self._watched, watched]
 
     def remove(self, name: str) -> None:
@@ -121,7 +117,7 @@ class Heartbeat:
             return
         self._halt.set()
         self._thread.join(1.0)
-        self._notifier.stopping(self.status.reason)
+        self._notifier.send("STOPPING=1", f"STATUS={self.status.reason}")
         self._write()
 
     def _run(self) -> None:
@@ -135,8 +131,7 @@ class Heartbeat:
         is_late = self._main_s is not None and now_s - self._main_s > _MAIN_LATE_S
         if is_late or not may_feed_all(each.health for each in self._watched):
             return
-        status = self.status
-        text = str(status)
+        text = str(self.status)
         if not self._is_ready:
             # Ready means: the first decision is there, or there is nothing to decide on.
             self._is_ready = True
@@ -151,6 +146,8 @@ class Heartbeat:
                 path.unlink()
             self._written.discard(path)
         for each in watched:
+            if each.path not in self._written:
+                _leave_to_other(each)
             if each.path is None:
                 continue
             self._written.add(each.path)
@@ -170,18 +167,56 @@ def _leave_to_other(each: Watched) -> None:
         return
     report = read_status(each.path, stale_s=3.0)
     pid = report.content.get("pid")
-    if report.content.get("state") != "offline" and _is_other(pid) and report.is_healthy:
-        log.warning("%s belongs to process %s; none is written", each.path, pid)
-        each.path = None
+    if not report.is_healthy or not isinstance(pid, int) or pid == os.getpid():
+        return
+    # Another user's may not be told anything.
+    with contextlib.suppress(PermissionError):
+        try:
+            os.kill(pid, 0)
+        except ProcessLookupError:
+            return
+    log.warning("%s belongs to process %s; none is written", each.path, pid)
+    each.path = None
 
 
-def _is_other(pid: Any) -> bool:
-    if not isinstance(pid, int) or pid == os.getpid():
-        return False
+@dataclass(frozen=True, slots=True)
+class StatusReport:
+    """What a status file says: whether all is well, one line for people, all of it."""
+
+    is_healthy: bool
+    line: str
+    content: dict[str, Any]
+
+
+def status_path(folder: Path, sensor: str) -> Path:
+    """Return the status file of a sensor."""
+    return folder / f"{sensor}.status.json"
+
+
+def write_status(path: Path, status: Status, more: Mapping[str, Any]) -> None:
+    """Write the file, for everybody who can see the folder to read; raises OSError."""
+    content = {
+        "state": status.state,
+        "reason": status.reason,
+        "pid": os.getpid(),
+        "t_mono_s": round(time.monotonic(), 3),
+        **more,
+    }
+    write_atomically(path, json.dumps(content) + "\n", sync=False)
+
+
+def read_status(path: Path, *, stale_s: float = STALE_S) -> StatusReport:
+    """Read a status file; whatever is wrong with it is an unhealthy report, never an error."""
     try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:
-        pass  # another user's
-    return True
+        content = json.loads(path.read_text(encoding="utf-8"))
+        status = Status(content["state"], content["reason"])
+        age_s = time.monotonic() - float(content["t_mono_s"])
+    except FileNotFoundError:
+        return StatusReport(False, f"no radard runs here: no {path}", {})
+    except (OSError, ValueError, KeyError, TypeError) as err:
+        return StatusReport(False, f"{path}: cannot be read ({err})", {})
+    if not age_s >= -1:
+        return StatusReport(False, f"{path}: left over from before the last boot", content)
+    if age_s > stale_s and status.state != "offline":
+        return StatusReport(False, f"stuck or killed: silent for {age_s:.0f} s", content)
+    return StatusReport(status.is_well, str(status), content)

@@ -3,6 +3,8 @@
 import hashlib
 import logging
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from weakref import WeakSet
@@ -21,18 +23,20 @@ from radard.config.directories import (
     state_dir,
 )
 from radard.config.quiet_hours import Now, QuietHours, parse_quiet, time_zone
-from radard.config.sections import AUTO_MODEL, ZonesSection
+from radard.config.sections import AUTO_MODEL
 from radard.detect.calibration import Calibration, load_calibration
 from radard.detect.room_reference import RoomStore
 from radard.detect.tamper import TamperWatch
-from radard.errors import ConfigError
+from radard.errors import ConfigError, UsageError
 from radard.judge.bundle import load_bundle
 from radard.judge.classifier import Classifier
 from radard.judge.decision import pet_limit_of
 from radard.judge.model_choice import hop_warning, model_for
 from radard.log import EventLog
+from radard.outputs.records import Record, hello_record
 from radard.pipeline import Pipeline
-from radard.stream.ring import DwellShape
+from radard.stream.ring import Dwell, DwellShape, Notice
+from radard.stream.source import FrameSource, open_source
 from x2radar import wall_clock
 from x2radar.command import installed_version
 from x2radar.frame import StreamInfo
@@ -51,7 +55,6 @@ class Parts:
     config: Config  # what the rest was made of
     pipeline: Pipeline  # dwell to decision
     policy: AlarmPolicy  # decisions to alarm
-    zones: ZonesSection  # whose sight counts
     quiet: QuietHours  # when no alarm is wanted
     room: RoomStore  # where the room's reference is kept
     clips: ClipKeeper | None  # None when nothing is kept
@@ -92,18 +95,17 @@ def make_parts(
     config: Config, pipeline: Pipeline, *, now: Now, is_live: bool, old: Parts | None = None
 ) -> Parts:
     """Make what `config` asks for around a pipeline; keep of `old` what has not changed."""
-    zones, range_m = config.zones, pipeline.stream.axis.range_m
+    range_m = pipeline.stream.axis.range_m
     swath = float(range_m[0]), float(range_m[-1])
-    fault = zone_fault(zones, *swath)
+    fault = zone_fault(config.zones, *swath)
     if fault and old is None:
         raise ConfigError(fault)
-    warnings = [] if fault else list(zone_warnings(zones, *swath))
+    warnings = [] if fault else list(zone_warnings(config.zones, *swath))
     was = old.config if old else None
     bundle = pipeline.classifier.bundle if pipeline.classifier else None
     if bundle is not None and (was is None or was.model != config.model):
-        text = hop_warning(bundle, config.decision.hop_s, config.model.profile)
-        warnings += filter(None, [text])
-    for text in warnings:
+        warnings.append(hop_warning(bundle, config.decision.hop_s, config.model.profile))
+    for text in filter(None, warnings):
         logger_of(config).warning("%s", text)
     is_same = old is not None and old.config.gate.calibration == config.gate.calibration
     held = old.pipeline.calibration if old is not None and is_same else None
@@ -112,21 +114,26 @@ def make_parts(
         [parse_quiet(text) for text in config.alarm.quiet], time_zone(config.alarm.timezone), now
     )
     clips = old.clips if old else None
+    # What made the decisions of a clip, in its root.
+    about = {
+        "sensor": config.sensor.name,
+        "config_hash": config.digest(),
+        "model": bundle.name if bundle else "none",
+        "model_sha256": hashlib.sha256(bundle.onnx).hexdigest() if bundle else "",
+        "version": installed_version(),
+    }
     room = _watch_for_tamper(config, pipeline, is_live=is_live, old=old)
     if was is None or was.clips != config.clips:
-        folder = clip_dir(config) if is_live else None
-        shape, about = pipeline.shape, _about_clips(config, pipeline)
-        clips = None
-        if folder is not None:
-            clips = ClipKeeper(config.clips, folder, pipeline.stream, shape.n_slow, about)
+        clips, n_slow = None, pipeline.shape.n_slow
+        if is_live and (folder := clip_dir(config)) is not None:
+            clips = ClipKeeper(config.clips, folder, pipeline.stream, n_slow, about)
     elif clips is not None:
         # The frames that it holds, and a clip that is being made, stay.
-        clips.describe(_about_clips(config, pipeline))
+        clips.describe(about)
     return Parts(
         config=config,
         pipeline=pipeline,
         policy=alarm_policy(config.alarm, pipeline.policy),
-        zones=zones,
         quiet=quiet,
         room=room,
         clips=clips,
@@ -168,10 +175,8 @@ def _take_calibration(path: Path, pipeline: Pipeline) -> Calibration:
     pipeline.use(calibration)
     made_utc = calibration.provenance.made_utc
     log.info("calibration: %s, %s", path, f"made {made_utc}" if made_utc else "date unknown")
-    reasons = calibration.stale(
-        device=pipeline.stream.device, software=installed_version(), now=wall_clock.now()
-    )
-    for reason in reasons:
+    software, now = installed_version(), wall_clock.now()
+    for reason in calibration.stale(device=pipeline.stream.device, software=software, now=now):
         log.warning("%s is stale: %s; make a new one with radard calibrate", path, reason)
     return calibration
 
@@ -184,7 +189,7 @@ def without_restart(config: Config, was: Config) -> Config:
     return config.model_copy(update={name: getattr(was, name) for name in RESTART_SECTIONS})
 
 
-def remake_parts(config: Config, old: Parts, *, now: Now, is_live: bool) -> Parts:
+def remake_parts(config: Config, old: Parts, *, is_live: bool) -> Parts:
     """Make the parts of a configuration that was read again, for the stream that goes on."""
     was, pipeline = old.config, old.pipeline
     config = without_restart(config, was)
@@ -197,7 +202,7 @@ def remake_parts(config: Config, old: Parts, *, now: Now, is_live: bool) -> Part
             is_hop = config.decision.hop_s != was.decision.hop_s
             what = "decision.hop_s" if is_hop else f"model.name: '{config.model.name}'"
             raise ConfigError(f"{what} takes other dwells; that takes a restart")
-    return make_parts(config, pipeline, now=now, is_live=is_live, old=old)
+    return make_parts(config, pipeline, now=old.quiet.now, is_live=is_live, old=old)
 
 
 def _cut_of(pipeline: Pipeline) -> tuple[DwellShape, int]:
@@ -214,16 +219,17 @@ def make_store(config: Config, events: EventLog, *, is_live: bool) -> StateStore
     return StateStore(events, path.stem if path else None, keeps_alarms=is_named)
 
 
-def taken_of(
-    config: Config, pipeline: Pipeline, *, is_live: bool, has_state: bool
-) -> tuple[str, ...]:
-    """Return what a run takes from files that nobody named, for people."""
-    files = [_kept_file(config, "room.npz", is_live=is_live)]
+def hello_of(parts: Parts, source: FrameSource, *, is_armed: bool, has_state: bool) -> Record:
+    """Return the first line of a run; `has_state`: how it is armed was kept."""
+    config, pipeline = parts.config, parts.pipeline
+    files = [_kept_file(config, "room.npz", is_live=source.is_live)]
     if has_state:
         files.append(log_path(config))
     if config.gate.calibration == "auto" and pipeline.calibration is not None:
         files.append(calibration_file(config))
-    return (*config.taken, *(str(path) for path in files if path is not None and path.is_file()))
+    found = [str(path) for path in files if path is not None and path.is_file()]
+    hello = hello_record(pipeline, config, is_armed=is_armed, taken=(*config.taken, *found))
+    return hello | {name: getattr(source, name, None) for name in ("module", "started_utc")}
 
 
 def _kept_file(config: Config, ending: str, *, is_live: bool) -> Path | None:
@@ -238,18 +244,19 @@ def _watch_for_tamper(
 ) -> RoomStore:
     """Let a pipeline look for tamper, if that is wanted; return where the reference is kept."""
     stream = room_of(config, pipeline)
-    is_same = old is not None and old.room.stream == stream
-    if old is not None and is_same and old.config.tamper == config.tamper:
-        pipeline.tamper = old.pipeline.tamper
-        return old.room
+    same = old if old is not None and old.room.stream == stream else None
+    if same is not None and same.config.tamper == config.tamper:
+        pipeline.tamper = same.pipeline.tamper
+        return same.room
     store = RoomStore(_kept_file(config, "room.npz", is_live=is_live), stream)
     # Other settings are no reason to take what is there now for the room.
-    watch = old.pipeline.tamper if old is not None and is_same else None
+    watch = same.pipeline.tamper if same is not None else None
     known = watch.known if watch is not None else None
-    pipeline.tamper = None
     if config.tamper.enabled:
         hop_s = pipeline.shape.hop_s
         pipeline.tamper = TamperWatch(config.tamper, hop_s, known or store.load())
+    else:
+        pipeline.tamper = None
     return store
 
 
@@ -269,13 +276,39 @@ def room_of(config: Config, pipeline: Pipeline) -> str:
     )
 
 
-def _about_clips(config: Config, pipeline: Pipeline) -> dict[str, str]:
-    """Return the root attributes of clips: what made their decisions."""
-    bundle = pipeline.classifier.bundle if pipeline.classifier else None
-    return {
-        "sensor": config.sensor.name,
-        "config_hash": config.digest(),
-        "model": bundle.name if bundle else "none",
-        "model_sha256": hashlib.sha256(bundle.onnx).hexdigest() if bundle else "",
-        "version": installed_version(),
-    }
+@dataclass(frozen=True, slots=True)
+class Listening:
+    """An open port, and the pipeline for its stream with the configured model."""
+
+    source: FrameSource
+    pipeline: Pipeline
+
+    def dwells(self, duration_s: float, *, skip_s: float = 0.0) -> Iterator[Dwell | Notice]:
+        """Yield dwells and notices of `duration_s`, behind `skip_s`, in this thread."""
+        ring = self.pipeline.make_ring()
+        rate_hz = self.pipeline.stream.frame_rate_hz
+        first: int | None = None
+        for frame in self.source.frames():
+            first = frame.index if first is None else first
+            at_s = (frame.index - first) / rate_hz
+            if at_s >= skip_s + duration_s:
+                return
+            if at_s < skip_s:
+                continue
+            yield from ring.items(frame)
+
+
+@contextmanager
+def listen(config: Config) -> Iterator[Listening]:
+    """Open the port of a configuration and make its pipeline; close it in the end."""
+    sensor = config.sensor
+    if sensor.port is None:
+        raise UsageError("no port: give --port /dev/ttyACM0, sim:SCENE or replay:FILE")
+    classifier = make_classifier(config)
+    # A device that is lost ends the work: half of it is worth nothing.
+    source = open_source(sensor.port, speed=sensor.speed, wait=sensor.wait, quit_on_loss=True)
+    try:
+        fitting = classifier_for(source.stream, config, classifier)
+        yield Listening(source, Pipeline(source.stream, config, fitting))
+    finally:
+        source.close()

@@ -14,7 +14,7 @@ import socket
 import stat
 import struct
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -53,11 +53,10 @@ def control_path(folder: Path, sensor: str) -> Path:
 class ControlServer:
     """Serve the sockets of all radars of a process, in a thread."""
 
-    def __init__(self, radars: "Sequence[Sensor]", folder: Path) -> None:
-        self._radars = radars
+    def __init__(self, folder: Path) -> None:
+        self._radars: list[Sensor] = []
         self._folder = folder
         self._selector = selectors.DefaultSelector()
-        self._open: list[tuple[socket.socket, Path, int]] = []
         self._halt = threading.Event()
         self._thread = threading.Thread(target=self._run, name="control", daemon=True)
 
@@ -70,17 +69,18 @@ class ControlServer:
         self._thread.start()
 
     def add(self, radar: "Sensor") -> None:
-        """Serve another radar from now on, if any are served."""
+        """Serve another radar, from the start on."""
+        self._radars.append(radar)
         if self._thread.ident is not None:
             self._serve_radar(radar)
 
     def remove(self, name: str) -> None:
         """Serve a radar no more."""
-        path = control_path(self._folder, name)
-        for each in [each for each in self._open if each[1] == path]:
-            self._open.remove(each)
-            self._selector.unregister(each[0])
-            _take_away(*each)
+        self._radars = [each for each in self._radars if each.sensor != name]
+        for key in self._open():
+            if key.data[0].sensor == name:
+                self._selector.unregister(key.fileobj)
+                _take_away(key)
 
     def stop(self) -> None:
         """Take the sockets away; no-op if not started."""
@@ -88,8 +88,11 @@ class ControlServer:
             return
         self._halt.set()
         self._thread.join(1.0)
-        for each in self._open:
-            _take_away(*each)
+        for key in self._open():
+            _take_away(key)
+
+    def _open(self) -> list[selectors.SelectorKey]:
+        return list(self._selector.get_map().values())
 
     def _serve_radar(self, radar: "Sensor") -> None:
         path = control_path(self._folder, radar.sensor)
@@ -99,21 +102,18 @@ class ControlServer:
             log.warning("%s: no commands from there: %s", path, err.strerror or err)
             return
         if sock is not None:
-            self._open.append((sock, path, path.stat().st_ino))
-            self._selector.register(sock, selectors.EVENT_READ, radar)
+            about = radar, path, path.stat().st_ino
+            self._selector.register(sock, selectors.EVENT_READ, about)
 
     def _run(self) -> None:
         while not self._halt.is_set():
-            for key, _ in self._selector.select(_LOOK_S) if self._open else ():
+            for key, _ in self._selector.select(_LOOK_S):
                 try:
-                    self._serve(key.fileobj, key.data)  # type: ignore[arg-type]
+                    self._serve(key.fileobj, key.data[0])  # type: ignore[arg-type]
                 except OSError as err:
                     log.warning("a command was not answered: %s", err.strerror or err)
                     # One that cannot even be accepted is there again at once.
                     self._halt.wait(_LOOK_S)
-            if not self._open:
-                # A radar may be added later.
-                self._halt.wait(_REQUEST_S)
 
     def _serve(self, sock: socket.socket, radar: "Sensor") -> None:
         line, _ = sock.accept()
@@ -150,7 +150,7 @@ class ControlServer:
         radar.command(name)
 
         def is_kept() -> bool:
-            """Return whether it holds after a kill, too, or no disk takes it."""
+            # It holds after a kill, too, or no disk takes it.
             return _is_so(radar.panel(), name) and radar.why_lost is not None
 
         wait_until(is_kept, _TAKEN_UP_S, self._halt)
@@ -222,9 +222,10 @@ def _short(path: Path) -> Iterator[str]:
         os.close(folder)
 
 
-def _take_away(sock: socket.socket, path: Path, inode: int) -> None:
+def _take_away(key: selectors.SelectorKey) -> None:
     """Close a socket and remove its file, unless that is another daemon's by now."""
-    sock.close()
+    _, path, inode = key.data
+    key.fileobj.close()  # type: ignore[union-attr]
     with contextlib.suppress(OSError):
         if path.stat().st_ino == inode:
             path.unlink()
@@ -255,10 +256,10 @@ def range_time(ring: FrameRing) -> dict[str, Any]:
     stride = max(1, round(_COLUMN_S * ring.frame_rate_hz))
     first = -(-begin // stride)
     n = max(0, recent.end_frame // stride - first)
-    told = {"first": first, "column_s": stride / ring.frame_rate_hz, "columns": []}
-    told["range_m"] = [float(range_m[0]), float(range_m[-1])]
+    span_m, column_s = [float(range_m[0]), float(range_m[-1])], stride / ring.frame_rate_hz
+    told: dict[str, Any] = {"first": first, "column_s": column_s, "range_m": span_m}
     if not n:
-        return told
+        return {**told, "columns": []}
     moving = recent.frames - recent.frames.mean(axis=0)
     at = first * stride - begin
     power = (np.abs(moving[at : at + n * stride]) ** 2).reshape(n, stride, -1).mean(axis=1)

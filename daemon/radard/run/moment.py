@@ -31,13 +31,18 @@ class Moment:
     records: Sequence[Record]
     told: Mapping[str, Any]
     classifier: Classifier | None
-    settings: FeatureSettings
     seen: Seen | None
 
     @property
     def record(self) -> Record:
         """The decision nearest to the time that was asked for."""
         return self.records[-1]
+
+    @property
+    def settings(self) -> FeatureSettings:
+        """How the network's features were made."""
+        settings = self.classifier.bundle.features if self.classifier else FeatureSettings()
+        return settings.at(self.hello["frame_rate_hz"])
 
     @property
     def pet_limit(self) -> float:
@@ -66,32 +71,27 @@ class _Kept(Outputs):
         super().__init__(stdout_is_terminal=False)
         self._at_s = at_s
         self.records: list[Record] = []
-        self.nearest: Record = {"t_s": math.inf}
+        self.nearest: Record = {}
+        self.off_s = math.inf  # how far that is from the time
         self.classifier: _Watched | None = None
-        self.settings = FeatureSettings()
         self.seen: Seen | None = None
 
     def watch(self, pipeline: Pipeline) -> None:
         """Look on while a pipeline decides."""
         if pipeline.classifier is not None:
             self.classifier = pipeline.classifier = _Watched(pipeline.classifier.bundle)
-            self.settings = self.classifier.bundle.features
-        self.settings = self.settings.at(pipeline.stream.frame_rate_hz)
 
     def put(self, record: Record, sensor: str | None = None, *, waits: bool = False) -> bool:
         """Keep a record, and what the network saw if no decision was nearer."""
         self.records.append(record)
         if record["type"] == "decision":
-            seen = self.classifier.seen if self.classifier is not None else None
-            if self.off_s(record) < self.off_s(self.nearest):
-                self.nearest, self.seen = record, seen
+            seen = None
             if self.classifier is not None:
-                self.classifier.seen = None
+                seen, self.classifier.seen = self.classifier.seen, None
+            off_s = abs(float(record["t_s"]) - self._at_s)
+            if off_s < self.off_s:
+                self.off_s, self.nearest, self.seen = off_s, record, seen
         return super().put(record, sensor, waits=waits)
-
-    def off_s(self, record: Record) -> float:
-        """Return how far a decision is from the time that is asked for."""
-        return abs(float(record["t_s"]) - self._at_s)
 
 
 def moment_of(path: Path, at_s: float, config: Config) -> Moment:
@@ -103,7 +103,7 @@ def moment_of(path: Path, at_s: float, config: Config) -> Moment:
     decisions = [r for r in kept.records if r["type"] == "decision"]
     if not decisions:
         raise UsageError(f"--at {at_s:g}: {path} has no decision before {at_s + past_s:g} s")
-    if kept.off_s(kept.nearest) > 2 * past_s:
+    if kept.off_s > 2 * past_s:
         first, last = decisions[0]["t_s"], decisions[-1]["t_s"]
         raise UsageError(f"--at {at_s:g}: {path} has decisions from {first:g} to {last:g} s")
     before = [r for r in decisions if r["seq"] <= kept.nearest["seq"]]
@@ -111,4 +111,4 @@ def moment_of(path: Path, at_s: float, config: Config) -> Moment:
     # The events as they stood then, the last phase of each.
     then = (r for r in kept.records if r["type"] == "event" and r["t_s"] <= kept.nearest["t_s"])
     told = explain(before, hello, config, list({r["id"]: r for r in then}.values()))
-    return Moment(path, hello, before, told, kept.classifier, kept.settings, kept.seen)
+    return Moment(path, hello, before, told, kept.classifier, kept.seen)

@@ -32,9 +32,7 @@ class Signals:
     def __enter__(self) -> "Signals":
         """Install the handlers; outside of the main thread do nothing."""
         if threading.current_thread() is threading.main_thread():
-            self._before = {
-                number: signal.signal(number, self._handle) for number in (*_STOP, *_ASK)
-            }
+            self._before = {n: signal.signal(n, self._handle) for n in (*_STOP, *_ASK)}
             # Those that have come before.
             signal.pthread_sigmask(signal.SIG_UNBLOCK, _ASK)
         return self

@@ -4,72 +4,31 @@ More threads than cores only wait for each other. A radar's items are worked on 
 whichever thread is free, one item a turn: no radar keeps the others waiting for longer.
 """
 
-import heapq
-import math
 import os
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
 
+Step = Callable[[], bool]
 _MIN_THREADS = 2  # with one core, too: a radar whose work stands still must not stop the others
 _HELP_S = 0.05  # so late a second thread helps: two at once wait for the interpreter's lock
-
 _SPREAD = (5**0.5 - 1) / 2  # of a second, between streams' beginnings: no two in phase
 
 
-class Turns:
-    """The turns of one radar: `step` does a piece of its work and says whether there is more."""
-
-    def __init__(self, step: Callable[[], bool], pool: "WorkerPool") -> None:
-        self._step = step
-        self._pool = pool
-        self._lock = threading.Lock()
-        self._is_asked = self._is_queued = False
-        self._due_s = math.inf
-
-    def ask(self) -> None:
-        """Have `step` called soon, once more than before; for any thread."""
-        if self._note():
-            self._pool.queue(self)
-
-    def ask_in(self, seconds: float) -> None:
-        """Have `step` called in so many seconds, or before; for `step` itself."""
-        due_s = time.monotonic() + seconds
-        if due_s < self._due_s:
-            self._due_s = due_s
-            self._pool.queue_at(due_s, self)
-
-    def is_due(self, due_s: float) -> bool:
-        """Note that a time has come; return whether this turn is yet to be taken."""
-        if due_s == self._due_s:
-            self._due_s = math.inf
-        return self._note()
-
-    def take(self) -> bool:
-        """Do one piece of work; return whether another is to be queued; for the pool."""
-        with self._lock:
-            self._is_asked = False
-        has_more = self._step()
-        with self._lock:
-            self._is_queued = has_more or self._is_asked
-            return self._is_queued
-
-    def _note(self) -> bool:
-        with self._lock:
-            self._is_asked = True
-            was_queued, self._is_queued = self._is_queued, True
-            return not was_queued
-
-
 class WorkerPool:
-    """Threads that work until `close`."""
+    """Threads that work until `close`.
+
+    Of every radar they call one `step`, never two at once: it does a piece of its work and says
+    whether there is more.
+    """
 
     def __init__(self) -> None:
         self._changed = threading.Condition()
-        self._ready: deque[Turns] = deque()
-        self._later: list[tuple[float, int, Turns]] = []
-        self._n_later = 0
+        self._ready: deque[Step] = deque()
+        self._queued: set[Step] = set()  # ready, or at work
+        self._asked: set[Step] = set()  # since they were called last
+        self._later: dict[Step, float] = {}  # when each is to be queued, monotonic
         self._is_watched = self._is_closed = False
         self._n_threads = 0
         self._n_begun, self._first_s = 0, 0.0
@@ -86,32 +45,28 @@ class WorkerPool:
         name = f"worker {self._n_threads}"
         threading.Thread(target=self._work, name=name, daemon=True).start()
 
-    def turns(self, step: Callable[[], bool]) -> Turns:
-        """Return the turns of another radar."""
-        return Turns(step, self)
-
     def begin_s(self) -> float:
         """Return when another stream should begin, monotonic, so that dwells alternate."""
         now_s = time.monotonic()
         with self._changed:
             if not self._n_begun:
                 self._first_s = now_s
-            phase_s = self._n_begun * _SPREAD
+            begin_s = self._first_s + self._n_begun * _SPREAD
             self._n_begun += 1
-        return now_s + (self._first_s + phase_s - now_s) % 1.0
+        return now_s + (begin_s - now_s) % 1.0
 
-    def queue(self, turns: Turns) -> None:
-        """Let a turn be taken by the next thread that is free; for `Turns`."""
+    def ask(self, step: Step) -> None:
+        """Have a step called soon, once more than before; for any thread."""
         with self._changed:
-            self._ready.append(turns)
-            self._changed.notify()
+            if self._queue(step):
+                self._changed.notify()
 
-    def queue_at(self, due_s: float, turns: Turns) -> None:
-        """Let a turn be taken at a time of the host's monotonic clock; for `Turns`."""
+    def ask_in(self, step: Step, seconds: float) -> None:
+        """Have a step called in so many seconds, or before; for any thread."""
+        due_s = time.monotonic() + seconds
         with self._changed:
-            self._n_later += 1
-            heapq.heappush(self._later, (due_s, self._n_later, turns))
-            if self._later[0][2] is turns:
+            due_s = self._later[step] = min(due_s, self._later.get(step, due_s))
+            if due_s == min(self._later.values()):
                 self._changed.notify()
 
     def close(self) -> None:
@@ -122,27 +77,37 @@ class WorkerPool:
 
     def _work(self) -> None:
         with self._changed:
-            while (turns := self._next()) is not None:
+            while (step := self._next()) is not None:
+                self._asked.discard(step)
                 self._changed.release()
                 try:
-                    has_more = turns.take()
+                    has_more = step()
                 finally:
                     self._changed.acquire()
-                if has_more:
+                self._queued.discard(step)
+                if has_more or step in self._asked:
                     # Nobody is woken: this thread is free.
-                    self._ready.append(turns)
+                    self._queue(step)
 
-    def _next(self) -> Turns | None:
-        """Wait for the next turn to be taken; None at the end."""
+    def _queue(self, step: Step) -> bool:
+        """Note that a step was asked for; return whether it was neither ready nor at work."""
+        self._asked.add(step)
+        if step in self._queued:
+            return False
+        self._queued.add(step)
+        self._ready.append(step)
+        return True
+
+    def _next(self) -> Step | None:
+        """Wait for the next step to be called; None at the end."""
         while not self._is_closed:
             now_s = time.monotonic()
-            while self._later and self._later[0][0] <= now_s:
-                due_s, _, turns = heapq.heappop(self._later)
-                if turns.is_due(due_s):
-                    self._ready.append(turns)
+            for step in [each for each, due_s in self._later.items() if due_s <= now_s]:
+                del self._later[step]
+                self._queue(step)
             if self._ready:
                 return self._ready.popleft()
-            self._wait(self._later[0][0] - now_s if self._later else None)
+            self._wait(min(self._later.values()) - now_s if self._later else None)
         return None
 
     def _wait(self, seconds: float | None) -> None:

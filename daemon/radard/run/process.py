@@ -1,7 +1,7 @@
 """Process: a list of radars, and what they share; one radar is a list of one.
 
 The main thread supervises and never waits for a disk, a port or a reader of stdout while radars
-run, so signals are always heard.
+run, so signals are always heard. Each radar has a `Keeper`, a thread that none other stops.
 """
 
 import contextlib
@@ -11,17 +11,17 @@ import resource
 import threading
 import time
 from dataclasses import asdict
+from functools import partial
 
 from radard.config.config import Config
 from radard.config.directories import own_folder, runtime_dir, state_lock
-from radard.errors import RadardError, UsageError
-from radard.health.heartbeat import Heartbeat, Notifier, Watched
-from radard.health.status_file import status_path
+from radard.errors import OutputError, RadardError, UsageError
+from radard.health.heartbeat import Heartbeat, Notifier, Watched, status_path
 from radard.outputs.fanout import Outputs
 from radard.outputs.records import ended_record
 from radard.outputs.registry import SinkWatch
+from radard.run.components import RESTART_SECTIONS
 from radard.run.control import ControlServer
-from radard.run.keeper import MAX_AT_ONCE, Keeper
 from radard.run.os_signals import Signals, force_after, stacks
 from radard.run.pool import WorkerPool
 from radard.run.sensor import RunOptions, Sensor
@@ -33,22 +33,124 @@ _BEAT_S = 1.0  # so late outputs in trouble, and silence, are noticed
 _DEADLINE_S = 4.5  # from the first signal to a forced end: service managers allow no less than 5 s
 _MAX_FILES = 8192  # a hundred radars, their outputs and 256 pages need a tenth of it
 _JOIN_S = 4.0  # for all radars together: below the deadline
+# A passing fault is soon over, a lasting one must not fill the log.
+_FIRST_PAUSE_S = 5.0
+_MAX_PAUSE_S = 300.0
+MAX_AT_ONCE = 8  # brought up at once: more are answered so late that they are reset again
+_MAX_WAIT_S = 60.0  # nobody waits longer for ports that hang
+_LOOK_S = 0.2  # so late a radar that waits to be brought up heeds the end
 
 
 def run(config: Config, options: RunOptions) -> int:
     """Run the daemon; return the exit code, or raise RadardError, X2RadarError with it."""
-    _allow_many_files()
-    with state_lock(config):
-        return Process(config, options).go()
-
-
-def _allow_many_files() -> None:
-    """Let many radars, pages and outputs be open at once; the usual limit is 1024, or 256."""
+    # Many radars, pages and outputs are open at once; the usual limit is 1024, or 256.
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     most = _MAX_FILES if hard == resource.RLIM_INFINITY else min(hard, _MAX_FILES)
     if soft != resource.RLIM_INFINITY and soft < most:
         with contextlib.suppress(OSError, ValueError):
             resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
+    with state_lock(config):
+        return Process(config, options).go()
+
+
+class Keeper:
+    """Keep a sensor of a process at work, in a thread of its own.
+
+    The only radar ends with what ends its work. One of several is started again after a pause; one
+    that never came to work stays away until the process is started again.
+    """
+
+    def __init__(self, sensor: Sensor, process: "Process") -> None:
+        self.sensor = sensor
+        self.failure: BaseException | None = None  # what ended its work, but for the stream
+        self.stuck: list[str] = []
+        self._process = process
+        self._turn = contextlib.ExitStack()  # of being brought up; closed, it is another's
+        self._begin_again = sensor.config().is_one_of_several
+        self._halt = threading.Event()
+        self._over = threading.Event()
+        # Lives while the sensor is at work, or will be again.
+        self.thread = threading.Thread(target=self._run, name=f"{sensor.sensor} keeper")
+        self.thread.daemon = True
+
+    @property
+    def has_lost_output(self) -> bool:
+        """Whether its work ended because an output that the run was started for is gone."""
+        return isinstance(self.failure, BrokenPipeError | OutputError)
+
+    def stop(self) -> None:
+        """Ask for the end; returns at once."""
+        self._halt.set()
+        self.sensor.stop()
+        self._over.set()
+
+    def _run(self) -> None:
+        status = self.sensor.health.on_end(self._keep())
+        with contextlib.suppress(BrokenPipeError, OutputError):
+            if not isinstance(self.failure, BrokenPipeError):
+                self.sensor.tell(status or self.sensor.health.status)
+        self._process.signals.wake.set()
+
+    def _keep(self) -> str:
+        """Keep the sensor at work until the end; return why that came."""
+        sensor, pause_s = self.sensor, _FIRST_PAUSE_S
+        while True:
+            has_worked = self._work()
+            if self.failure is None or (self._halt.is_set() and not self.has_lost_output):
+                return "stopped" if self._halt.is_set() else "end of stream"
+            why = " ".join(str(self.failure).split()) or repr(self.failure)
+            if self.has_lost_output or not self._begin_again:
+                return why
+            sensor.log.error("%s", why)
+            if not has_worked:
+                return why
+            sensor.leave()
+            sensor.tell(sensor.health.on_failure(why))
+            if self._halt.wait(pause_s):
+                return "stopped"
+            pause_s = min(2 * pause_s, _MAX_PAUSE_S)
+            sensor.tell(sensor.health.on_start())
+
+    def _work(self) -> bool:
+        """Work until the stream ends, something fails or `stop`; return whether work began."""
+        sensor, has_worked, opened = self.sensor, False, None
+        self.failure = None
+        try:
+            end_s = time.monotonic() + _MAX_WAIT_S
+            while not self._halt.is_set() and time.monotonic() <= end_s:
+                if self._process.turns.acquire(timeout=_LOOK_S):
+                    self._turn.callback(self._process.turns.release)
+                    break
+            opened = sensor.open(self._on_notice, is_wanted=lambda: not self._halt.is_set())
+            self._turn.close()
+            self._process.open_outputs()
+            run = sensor.start(opened, self._over.set)
+            has_worked = True
+            # `stop` sets the one and then the other.
+            if not self._halt.is_set():
+                self._over.wait()
+            run.stop()
+            self.stuck = run.finish()
+            self.failure = run.failure
+            self._over.clear()
+        except (RadardError, X2RadarError, BrokenPipeError) as err:
+            self.failure = err
+        except Exception as err:
+            # Whatever it is, the other radars go on.
+            if self._begin_again:
+                sensor.log.exception("the run of %s broke off", sensor.sensor)
+            self.failure = err
+        finally:
+            self._turn.close()
+            if opened is not None and not opened.close():
+                self.stuck.append("recording")
+        return has_worked
+
+    def _on_notice(self, _kind: str, _reason: str) -> None:
+        # It may take for ever until an absent one comes.
+        self._turn.close()
+        self._process.open_outputs()
+        self.sensor.tell(self.sensor.health.status)
 
 
 class Process:
@@ -61,21 +163,19 @@ class Process:
         self._config = config
         self._options = options
         self._force: threading.Timer | None = None
-        self._turns = threading.Semaphore(MAX_AT_ONCE)
+        self.turns = threading.Semaphore(MAX_AT_ONCE)  # of radars to be brought up
         self._pool = WorkerPool()
         self._outputs = Outputs(stdout_is_terminal=options.stdout_is_terminal)
         self._opening = threading.Lock()
-        self._keepers = [self._make_keeper(each) for each in config.each()]
+        self._keepers: list[Keeper] = []
         self._left: list[Keeper] = []
         self._notifier = Notifier()
         self._folder = runtime_dir(config)
-        self._heart = Heartbeat([self._watched(sensor) for sensor in self.sensors], self._notifier)
-        self._control = ControlServer(self.sensors, self._folder)
+        self._heart = Heartbeat(self._notifier)
+        self._control = ControlServer(self._folder)
         self._watch = SinkWatch()
         self._troubled: dict[str, set[str]] = {}
-        for sensor in self.sensors:
-            self._outputs.add(sensor)
-        self._pool.fit(len(self._keepers))
+        self._add([self._make_keeper(each) for each in config.each()])
 
     @property
     def sensors(self) -> list[Sensor]:
@@ -88,15 +188,24 @@ class Process:
         with self.signals:
             try:
                 if self._config.is_one_of_several:
-                    self._open_outputs()
+                    self.open_outputs()
                 for keeper in self._keepers:
-                    keeper.start()
+                    keeper.thread.start()
                 is_stopped = self._supervise()
             finally:
                 self._stop(self._keepers)
-                is_stuck = any(k.is_alive for k in self._left)
+                is_stuck = any(k.thread.is_alive() for k in self._left)
                 is_stuck |= any(k.stuck for k in self._keepers)
-                self._shut(is_stuck=is_stuck)
+                self._control.stop()
+                self._heart.stop()
+                self._outputs.close()
+                self._pool.close()
+                if is_stuck:
+                    # The interpreter's own end would wait for ever for what a stuck thread holds:
+                    # stdout, or HDF5's lock.
+                    (self._force or force_after(_DEADLINE_S)).join()
+                elif self._force is not None:
+                    self._force.cancel()
         lost = [keeper.failure for keeper in self._keepers if keeper.has_lost_output]
         failures = lost or [keeper.failure for keeper in self._keepers]
         failure = next((each for each in failures if each is not None), None)
@@ -105,18 +214,10 @@ class Process:
         return 0
 
     def _make_keeper(self, config: Config) -> Keeper:
-        sensor = Sensor(
-            config, self._options, self._outputs, self._pool, lambda: self.signals.ask("reload")
-        )
-        return Keeper(
-            sensor,
-            self._turns,
-            begin_again=config.is_one_of_several,
-            open_outputs=self._open_outputs,
-            wake=self.signals.wake.set,
-        )
+        reload = partial(self.signals.ask, "reload")
+        return Keeper(Sensor(config, self._options, self._outputs, self._pool, reload), self)
 
-    def _open_outputs(self) -> None:
+    def open_outputs(self) -> None:
         """Open the outputs, once, an only radar's when its port is; now it is seen to live."""
         with self._opening:
             can_wait = all(sensor.can_wait for sensor in self.sensors)
@@ -132,13 +233,9 @@ class Process:
                 if not can_wait:
                     self._control.start()
 
-    def _watched(self, sensor: Sensor) -> Watched:
-        path = status_path(self._folder, sensor.sensor)
-        return Watched(sensor.sensor, sensor.health, path, lambda: _told(sensor))
-
     def _supervise(self) -> bool:
         """Heed signals while radars are kept; return whether one asked for the end."""
-        while any(k.is_alive for k in self._keepers):
+        while any(k.thread.is_alive() for k in self._keepers):
             if any(k.has_lost_output for k in self._keepers):
                 return False
             self._heart.main_is_alive()
@@ -171,31 +268,18 @@ class Process:
             self._troubled[sensor.sensor] = set(own)
 
     def _states(self) -> dict[str, object]:
-        states: dict[str, object] = {}
-        for sensor in self.sensors:
-            state = {**asdict(sensor.health.status), **_told(sensor)}
-            states |= {sensor.sensor: state} if self._config.is_one_of_several else state
-        return states
+        states = {s.sensor: {**asdict(s.health.status), **_told(s)} for s in self.sensors}
+        return dict(states if self._config.is_one_of_several else states[self.sensors[0].sensor])
 
     def _stop(self, keepers: list[Keeper]) -> None:
-        going = [keeper for keeper in keepers if keeper.is_alive]
+        going = [keeper for keeper in keepers if keeper.thread.is_alive()]
         for keeper in going:
             keeper.stop()
         end_s = time.monotonic() + _JOIN_S
         for keeper in going:
-            keeper.join(max(0.1, end_s - time.monotonic()))
-
-    def _shut(self, *, is_stuck: bool) -> None:
-        self._control.stop()
-        self._heart.stop()
-        self._outputs.close()
-        self._pool.close()
-        if is_stuck:
-            # The interpreter's own end would wait for ever for what a stuck thread holds: stdout,
-            # or HDF5's lock.
-            (self._force or force_after(_DEADLINE_S)).join()
-        elif self._force is not None:
-            self._force.cancel()
+            keeper.thread.join(max(0.1, end_s - time.monotonic()))
+            if keeper.thread.is_alive():
+                keeper.stuck.append(keeper.thread.name)
 
     def _reload(self) -> None:
         """Read the configuration again and hand it to the radars; their streams go on."""
@@ -217,7 +301,7 @@ class Process:
             log.warning("reload: %s", why)
         else:
             hellos = [hello for hold in remade if (hello := hold()) is not None]
-            kept = {"sensor": self._config.sensor, "service": self._config.service}
+            kept = {name: getattr(self._config, name) for name in RESTART_SECTIONS}
             self._config = config.model_copy(update=kept)
             self._take_away(gone, again={keeper.sensor.sensor for keeper in new})
             self._add(new)
@@ -225,7 +309,7 @@ class Process:
                 self._outputs.reload(self._config, hellos)
             for keeper in new:
                 log.warning("%s: added by a reload", keeper.sensor.sensor)
-                keeper.start()
+                keeper.thread.start()
             log.info("reload: done")
             why = ""
         for sensor in self.sensors:
@@ -239,7 +323,7 @@ class Process:
         """
         if not config.is_one_of_several:
             return [], []
-        at_work = [k.sensor for k in self._keepers if k.is_alive or k.failure is None]
+        at_work = [k.sensor for k in self._keepers if k.thread.is_alive() or k.failure is None]
         before = {each.sensor: _source_of(each.config()) for each in at_work}
         after = {each.sensor.name: each for each in config.each()}
         stay = {name for name, each in after.items() if before.get(name) == _source_of(each)}
@@ -261,16 +345,18 @@ class Process:
             self._control.remove(name)
             self._outputs.remove(name)
             self._troubled.pop(name, None)
-        self._left += [keeper for keeper in gone if keeper.is_alive]
+        self._left += [keeper for keeper in gone if keeper.thread.is_alive()]
 
     def _add(self, new: list[Keeper]) -> None:
         """Let new radars be seen and heard; they begin once they have their outputs."""
         self._keepers += new
         self._pool.fit(len(self._keepers))
-        for keeper in new:
-            self._heart.add(self._watched(keeper.sensor))
-            self._control.add(keeper.sensor)
-            self._outputs.add(keeper.sensor)
+        for sensor in (keeper.sensor for keeper in new):
+            name = sensor.sensor
+            path, panel = status_path(self._folder, name), partial(_told, sensor)
+            self._heart.add(Watched(name, sensor.health, path, panel))
+            self._control.add(sensor)
+            self._outputs.add(sensor)
 
 
 def _told(sensor: Sensor) -> dict[str, object]:

@@ -59,8 +59,7 @@ def judge_all(
             (config, path, Path(folder) / f"{number}.jsonl", number)
             for number, path in enumerate(paths)
         ]
-        judged = _in_turn(todo, tell) if jobs == 1 else _at_once(todo, jobs, tell)
-        for done in judged:
+        for done in _in_turn(todo, tell) if jobs == 1 else _at_once(todo, jobs, tell):
             yield done
             done.records.unlink(missing_ok=True)
 
@@ -116,26 +115,20 @@ def _judge_in_pool(job: _Job) -> Judged:
 
 def _judge(job: _Job, note: Callable[[float], None]) -> Judged:
     config, path, records, _ = job
+    outputs, noted_s = Outputs(stdout_is_terminal=False), 0.0
     try:
-        return Judged(path, records, replay_into(records, config, path, note))
+        with open_recording(path) as recording:
+            started_utc = recording.started_utc
+            length_s = recording.n_frames / recording.stream.frame_rate_hz
+        for t_s in replay(outputs, replaying(config, path, f"json:{records}")):
+            if t_s - noted_s >= _NOTE_S:
+                noted_s = t_s
+                note(min(1.0, t_s / length_s))
+        return Judged(path, records, started_utc)
     except (RadardError, X2RadarError) as err:
         return Judged(path, records, "", str(err), err.exit_code)
     finally:
         note(1.0)
-
-
-def replay_into(records: Path, config: Config, path: Path, note: Callable[[float], None]) -> str:
-    """Replay into a file of records, as `replay`; return its start, ISO 8601 or empty."""
-    with open_recording(path) as recording:
-        started_utc = recording.started_utc
-        length_s = recording.n_frames / recording.stream.frame_rate_hz
-    outputs = Outputs(stdout_is_terminal=False)
-    noted_s = 0.0
-    for t_s in replay(outputs, replaying(config, path, f"json:{records}")):
-        if t_s - noted_s >= _NOTE_S:
-            noted_s = t_s
-            note(min(1.0, t_s / length_s))
-    return started_utc
 
 
 def replay(
@@ -148,13 +141,12 @@ def replay(
     try:
         outputs.open(config, can_wait=True)
         prepare(opened.pipeline)
-        ring = opened.pipeline.make_ring()
-        worker = sensor.make_worker(opened, ring)
+        worker = sensor.make_worker(opened)
         worker.begin()
         first, rate_hz = None, opened.source.stream.frame_rate_hz
         for frame in opened.source.frames():
             first = frame.index if first is None else first
-            for item in ring.items(frame):
+            for item in worker.ring.items(frame):
                 worker.handle(item)
             yield (frame.index - first) / rate_hz
     finally:

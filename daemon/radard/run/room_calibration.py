@@ -63,8 +63,8 @@ class RoomCalibration:
         self._dwells: queue.SimpleQueue[Dwell | None] = queue.SimpleQueue()
         self._is_closed = False  # whether it takes no more dwells
         self._lock = threading.Lock()
+        # How far it is; any thread may read it.
         self.progress = CalibrationProgress("leave", round(config.gate.calibrate_after_s))
-        """How far it is; any thread may read it."""
         self._thread: threading.Thread | None = None
 
     def take(self, dwell: Dwell) -> None:

@@ -9,15 +9,13 @@ import math
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
-from radard.config.quiet_hours import Now
 from radard.errors import RadardError
 from radard.pipeline import Pipeline
-from radard.run.components import logger_of
 from radard.run.pool import WorkerPool
 from radard.run.tap import Tap
 from radard.run.worker import Worker
-from radard.stream.ring import FrameRing
 from radard.stream.source import FrameSource, ReplaySource
 from x2radar.frame import Frame
 
@@ -32,7 +30,6 @@ class OpenedSensor:
     source: FrameSource
     pipeline: Pipeline
     tap: Tap  # to be closed with the source
-    now: Now  # the clock on the wall, of the stream
 
     def close(self) -> bool:
         """Let go of port and recording; return whether the latter is whole."""
@@ -47,15 +44,13 @@ class RunningSensor:
         self,
         opened: OpenedSensor,
         worker: Worker,
-        ring: FrameRing,
         pool: WorkerPool,
         *,
         max_frames: int | None,
         warm_up: bool,
-        thread_name: str,
         on_over: Callable[[], object],
     ) -> None:
-        self.opened, self.worker, self.ring = opened, worker, ring
+        self.opened, self.worker, self.ring = opened, worker, worker.ring
         self.failure: BaseException | None = None  # what ended the work, but for the stream
         self.over = threading.Event()  # the work has ended
         self._max_frames = max_frames
@@ -63,26 +58,28 @@ class RunningSensor:
         self._has_begun = self._must_look = self._is_stopped = False
         self._on_over = on_over
         self._pool = pool
-        self._turns = pool.turns(self._step)
-        self._reader = threading.Thread(target=self._read, name=thread_name, daemon=True)
+        self._ask = partial(pool.ask, self._step)
+        config = worker.parts.config
+        name = f"{config.sensor.name} reader" if config.is_one_of_several else "reader"
+        self._reader = threading.Thread(target=self._read, name=name, daemon=True)
         self._first: int | None = None
         self._items: Iterator[Frame | float] | None = None
 
     def start(self) -> None:
         """Start the reader; from now on the pool works on what the ring has."""
-        self.ring.listen(self._turns.ask)
+        self.ring.on_item = self._ask
         if isinstance(source := self.opened.source, ReplaySource):
             self._items = source.items()
-            source.playback.listen(self._turns.ask)
-            source.playback.begin_at(self._pool.begin_s())
+            source.playback.on_change = self._ask
+            source.playback.begin_s = self._pool.begin_s()
         else:
             self._reader.start()
-        self._turns.ask()
+        self._ask()
 
     def look_up(self) -> None:
         """Have the worker look whether nothing comes; for any thread, returns at once."""
         self._must_look = True
-        self._turns.ask()
+        self._ask()
 
     def stop(self) -> None:
         """Ask for the end; for any thread."""
@@ -103,12 +100,7 @@ class RunningSensor:
                 stuck.append(self._reader.name)
         if stuck and self.failure is None:
             self.failure = RadardError(f"stuck and left behind: {', '.join(stuck)}")
-        self.worker.close()
-        clips = self.worker.parts.clips
-        if clips is not None and not clips.close(_JOIN_S):
-            logger_of(self.worker.parts.config).warning(
-                "the last clip may lack its end: the disk is too slow"
-            )
+        self.worker.close(_JOIN_S)
         return stuck
 
     def _read(self) -> None:
@@ -134,7 +126,12 @@ class RunningSensor:
         """Read what is due, and work on the first item of it; return whether there is more."""
         for found in items:
             if not isinstance(found, Frame):
-                self._turns.ask_in(found + self._rest_s())
+                # The next dwell is whole so much later than the next frame is due.
+                source = self.opened.source
+                speed = source.playback.speed if isinstance(source, ReplaySource) else None
+                rate_hz = source.stream.frame_rate_hz * (speed or math.inf)
+                rest_s = min((self.ring.n_left - 1) / rate_hz, _MAX_REST_S)
+                self._pool.ask_in(self._step, found + rest_s)
                 return False
             if not self._keep(found):
                 break
@@ -146,13 +143,6 @@ class RunningSensor:
                 return True
         self.ring.end()
         return True
-
-    def _rest_s(self) -> float:
-        """Return how much later the next dwell is whole than the next frame is due."""
-        source = self.opened.source
-        speed = source.playback.state.speed if isinstance(source, ReplaySource) else None
-        rest_s = (self.ring.n_left - 1) / source.stream.frame_rate_hz / (speed or math.inf)
-        return min(rest_s, _MAX_REST_S)
 
     def _step(self) -> bool:
         """Work on one item; return whether there may be another."""

@@ -10,7 +10,6 @@ import threading
 import uuid
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from pathlib import Path
 
 from radard.alarm.events import EventTracker, trial_alarm
@@ -20,7 +19,6 @@ from radard.config.config import Config
 from radard.config.quiet_hours import recorded_clock, wall_clock
 from radard.errors import UsageError
 from radard.health.health import STALE_S, Health, Status
-from radard.judge.classifier import Classifier
 from radard.log_file import MARKS
 from radard.outputs.base import COMMANDS, Sink
 from radard.outputs.fanout import Outputs
@@ -28,7 +26,6 @@ from radard.outputs.records import (
     Record,
     ended_record,
     event_record,
-    hello_record,
     marked,
     status_record,
 )
@@ -37,12 +34,12 @@ from radard.pipeline import Pipeline
 from radard.run.components import (
     Parts,
     classifier_for,
+    hello_of,
     logger_of,
     make_classifier,
     make_parts,
     make_store,
     remake_parts,
-    taken_of,
     without_restart,
 )
 from radard.run.pool import WorkerPool
@@ -52,7 +49,7 @@ from radard.run.worker import Worker
 from radard.stream.frame_timing import RateWatch
 from radard.stream.playback import Playback
 from radard.stream.ring import FrameRing, Notice
-from radard.stream.source import Notify, open_source, speed_factor
+from radard.stream.source import FrameSource, Notify, open_source, speed_factor
 from x2radar.ports import parse_port
 
 _RECENT = 20  # records: a screen of decisions, and what happened among them
@@ -89,13 +86,14 @@ class Sensor:
         self.reload = ask_reload
         self.log = logger_of(config)
         self.sensor = config.sensor.name
+        self._is_one_of_several = config.is_one_of_several
+        self._told_as = self.sensor if self._is_one_of_several else None  # in records
         self._classifier = make_classifier(config)
         self._is_live = config.sensor.kind != "replay"
         self._factor = speed_factor(config.sensor.speed, parse_port(self._port))
         self.health = Health(stale_s=STALE_S * max(1.0, 1.0 / (self._factor or 1.0)))
         self._end_wait: Callable[[], None] = lambda: None
         self._run: RunningSensor | None = None
-        self._opened_with = config
         self._store: StateStore | None = None  # from the first stream or command on
         self._commanding = threading.Lock()
         self._has_said_hello = False
@@ -171,22 +169,20 @@ class Sensor:
 
     def put(self, record: Record, *, waits: bool = True) -> bool:
         """Hand a record to the outputs, which learn whose it is; see `Outputs.put`."""
-        name = self.sensor if self._config.is_one_of_several else None
-        if name is not None:
-            record = {**record, "sensor": name}
+        if self._told_as is not None:
+            record = {**record, "sensor": self._told_as}
         if record["type"] in {"decision", "event"}:
             self.recent = (*self.recent[1 - _RECENT :], record)
-        return self._outputs.put(marked(record, self.mark()), name, waits=waits)
+        return self._outputs.put(marked(record, self.mark()), self._told_as, waits=waits)
 
     def owns(self, record: Mapping[str, object]) -> bool:
         """Return whether an event of this run or of an earlier one is of this radar."""
-        name = self.sensor if self._config.is_one_of_several else None
         mark = next((mark for mark in MARKS if record.get(mark)), "")
-        return record.get("sensor") == name and mark == self.mark()
+        return record.get("sensor") == self._told_as and mark == self.mark()
 
     def tell(self, status: Status | None) -> None:
         """Hand on a change of state, not before the `hello`, not waiting for the outputs."""
-        if status is not None and (self._has_said_hello or self._config.is_one_of_several):
+        if status is not None and (self._has_said_hello or self._is_one_of_several):
             self.put(status_record(status), waits=False)
 
     def complain(self, source: str, reason: str) -> None:
@@ -216,7 +212,7 @@ class Sensor:
             self._port,
             speed=sensor.speed,
             # One of several must not keep the others from their work.
-            wait=sensor.wait or self._config.is_one_of_several,
+            wait=sensor.wait or self._is_one_of_several,
             quit_on_loss=sensor.on_device_loss == "quit",
             on_notice=notice,
             on_wait=on_wait,
@@ -242,23 +238,21 @@ class Sensor:
         except BaseException:
             source.close()
             raise
-        started_utc = getattr(source, "started_utc", "")
-        now = wall_clock if source.is_live else recorded_clock(started_utc)
-        return OpenedSensor(source, pipeline, tap, now)
+        return OpenedSensor(source, pipeline, tap)
 
-    def make_worker(self, opened: OpenedSensor, ring: FrameRing) -> Worker:
+    def make_worker(self, opened: OpenedSensor) -> Worker:
         """Return who works on an opened stream, beginning with `hello`; ConfigError if unfit."""
-        source, config = opened.source, self._config
-        parts = make_parts(config, opened.pipeline, now=opened.now, is_live=source.is_live)
+        source = opened.source
+        now = wall_clock if source.is_live else recorded_clock(getattr(source, "started_utc", ""))
+        parts = make_parts(self._config, opened.pipeline, now=now, is_live=source.is_live)
         # What comes faster or slower on purpose says nothing about the module.
         is_real_time = source.is_live and self._factor == 1.0
         rate = RateWatch(source.stream.frame_rate_hz) if is_real_time else None
-        worker = Worker(parts, ring, self.put, self.health, self._kept_state(), rate=rate)
+        worker = Worker(parts, self.put, self.health, self._kept_state(), rate=rate)
         worker.n_decided = self._n_decided
-        warning = getattr(source, "warning", None)
-        if warning:
+        if warning := getattr(source, "warning", None):
             self.log.warning("%s", warning)
-        hello = _hello(worker, parts, opened, self.mark())
+        hello = self._hello(worker, parts, source)
         if hello["taken"]:
             self.log.warning("taken from files that nobody named: %s", "; ".join(hello["taken"]))
         self.put(hello)
@@ -272,19 +266,14 @@ class Sensor:
 
     def start(self, opened: OpenedSensor, on_over: Callable[[], object]) -> RunningSensor:
         """Begin to work on an opened stream; raises as `make_worker` does."""
-        ring = opened.pipeline.make_ring()
         duration_s, rate_hz = self._options.duration_s, opened.source.stream.frame_rate_hz
         with self._commanding:
             self._run = run = RunningSensor(
                 opened,
-                self.make_worker(opened, ring),
-                ring,
+                self.make_worker(opened),
                 self._pool,
                 max_frames=None if duration_s is None else max(1, round(duration_s * rate_hz)),
                 warm_up=not self.can_wait,
-                thread_name=f"{self.sensor} reader"
-                if self._config.is_one_of_several
-                else "reader",
                 on_over=on_over,
             )
         run.start()
@@ -323,22 +312,22 @@ class Sensor:
         if (run := self._run) is None:
             was, config = self._config, without_restart(config, self._config)
             known = self._classifier if config.model == was.model else make_classifier(config)
-            return partial(self._hold, config, known)
-        opened = run.opened
-        parts = remake_parts(
-            config, run.worker.parts, now=opened.now, is_live=opened.source.is_live
-        )
-        return partial(self._exchange, run, parts)
 
-    def _exchange(self, run: RunningSensor, parts: Parts) -> Record:
-        run.worker.exchange(parts)
-        return _hello(run.worker, parts, run.opened, self.mark())
+            def hold() -> None:
+                self._config, self._classifier = config, known
+                if self._run is not None:
+                    # A stream has come since.
+                    self.reload()
 
-    def _hold(self, config: Config, classifier: Classifier | None) -> None:
-        self._config, self._classifier = config, classifier
-        if self._run is not None:
-            # A stream has come since.
-            self.reload()
+            return hold
+        opened, worker = run.opened, run.worker
+        parts = remake_parts(config, worker.parts, is_live=opened.source.is_live)
+
+        def exchange() -> Record:
+            worker.exchange(parts)
+            return self._hello(worker, parts, opened.source)
+
+        return exchange
 
     def _worker(self) -> Worker | None:
         """Return who works on the stream; None when nobody does."""
@@ -369,21 +358,20 @@ class Sensor:
         store.save(tracker.kept(0.0))
 
     def _try_alarm(self) -> None:
-        state = self.panel()
-        if state is not None and state.alarm_id:
+        if (state := self.panel()) is not None and state.alarm_id:
             raise ValueError("an alarm is on: acknowledge it first")
         if (worker := self._worker()) is not None:
-            worker.try_alarm()
+            # Between two decisions, so that no output takes its end for that of a real alarm.
+            worker.ring.post("test", call=self._send_trial)
         else:
-            for event in trial_alarm(0.0):
-                self.put(event_record(event), waits=False)
+            self._send_trial(0.0)
 
+    def _send_trial(self, t_s: float) -> None:
+        if (state := self.panel()) is None or not state.alarm_id:
+            for event in trial_alarm(t_s):
+                self.put(event_record(event), waits=state is not None)
 
-def _hello(worker: Worker, parts: Parts, opened: OpenedSensor, mark: str) -> Record:
-    is_armed = worker.tracker.panel.is_armed
-    taken = taken_of(
-        parts.config, parts.pipeline, is_live=opened.source.is_live, has_state=worker.has_kept
-    )
-    hello = hello_record(parts.pipeline, parts.config, is_armed=is_armed, taken=taken)
-    about = {name: getattr(opened.source, name, None) for name in ("module", "started_utc")}
-    return marked({**hello, **about}, mark)
+    def _hello(self, worker: Worker, parts: Parts, source: FrameSource) -> Record:
+        is_armed, has_state = worker.tracker.panel.is_armed, self._kept_state().has_kept
+        hello = hello_of(parts, source, is_armed=is_armed, has_state=has_state)
+        return marked(hello, self.mark())

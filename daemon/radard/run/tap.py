@@ -4,6 +4,7 @@ It ends before the alarm does: a disk that is full, or too slow, ends the record
 says, and the frames go on to the ring. A thread of its own writes.
 """
 
+import contextlib
 import errno
 import logging
 import queue
@@ -19,7 +20,6 @@ from x2radar.wall_clock import utc_text
 
 log = logging.getLogger("radard")
 _MAX_WAITING_S = 10.0  # of frames: longer than a disk pauses to tidy itself up
-Complain = Callable[[str], object]
 
 
 class Tap:
@@ -31,7 +31,7 @@ class Tap:
         stream: StreamInfo,
         *,
         free_bytes: float = 0.0,
-        complain: Complain = lambda _reason: None,
+        complain: Callable[[str], object] = lambda _reason: None,
         waits: bool = False,
     ) -> None:
         self._complain = complain
@@ -83,23 +83,19 @@ class Tap:
         return not thread.is_alive()
 
     def _write_all(self) -> None:
-        is_well = True
-        n = 0
-        while (frame := self._frames.get()) is not None:
-            n += 1
-            try:
-                if is_well and n % self._n_check == 1:
-                    self._check_space()
-                if is_well:
-                    self._writer.write(frame)
-            except (RecordingError, OSError) as err:
-                is_well = False
-                self._give_up(str(err))
+        frames = iter(self._frames.get, None)
         try:
+            for n, frame in enumerate(frames):
+                if n % self._n_check == 0:
+                    self._check_space()
+                self._writer.write(frame)
             self._writer.close()
         except (RecordingError, OSError) as err:
-            if is_well:
-                self._give_up(str(err))
+            self._give_up(str(err))
+            for _ in frames:
+                pass  # a stream that waits for room goes on
+            with contextlib.suppress(RecordingError, OSError):
+                self._writer.close()
 
     def _check_space(self) -> None:
         try:

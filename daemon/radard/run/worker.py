@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
-from radard.alarm.events import Event, EventTracker, trial_alarm
+from radard.alarm.events import Event, EventTracker
 from radard.alarm.panel import ARM_MODES, AlarmPanel
 from radard.alarm.sensor_state import SensorState, StateStore
 from radard.detect.calibration import Calibration
@@ -20,10 +20,8 @@ from radard.outputs.records import Record, decision_record, event_record, status
 from radard.run.components import Parts, logger_of, room_of
 from radard.run.room_calibration import RoomCalibration, can_calibrate, origin_of
 from radard.stream.frame_timing import RateWatch
-from radard.stream.ring import Dwell, FrameRing, Notice
+from radard.stream.ring import Dwell, Notice
 from x2radar.frame import Frame
-
-Put = Callable[[Record], object]
 
 
 class Worker:
@@ -32,8 +30,7 @@ class Worker:
     def __init__(
         self,
         parts: Parts,
-        ring: FrameRing,
-        put: Put,
+        put: Callable[[Record], object],
         health: Health,
         store: StateStore,
         *,
@@ -41,24 +38,23 @@ class Worker:
     ) -> None:
         self.parts = parts
         self._rate = rate
-        self._ring = ring
+        self.ring = parts.pipeline.make_ring()  # of which it works on what comes
         self._put = put
         self._health = health
         self._store = store
         self.n_decided = 0  # number of the last decision; of a sensor that works again it goes on
         self._t_s = 0.0
         self._last: Decision | None = None
-        self._log = logger_of(parts.config)
-        kept = store.load(is_armed=parts.config.alarm.armed)
-        if kept.is_armed != parts.config.alarm.armed:
+        config = parts.config
+        self._log = logger_of(config)
+        kept = store.load(is_armed=config.alarm.armed)
+        if kept.is_armed != config.alarm.armed:
             word = "armed" if kept.is_armed else "disarmed"
             self._log.warning("%s, as the last command said", word)
         panel = AlarmPanel(parts.policy, is_armed=kept.is_armed, mode=kept.mode)
-        config = parts.config
         sensor = f" {config.sensor.name}" if config.is_one_of_several else ""
         run = f" {parts.pipeline.stream.run_id}{sensor}"
-        self.tracker = EventTracker(panel, parts.zones, parts.pet_limit, run)
-        self.has_kept = store.has_kept  # whether how the sensor is armed was kept
+        self.tracker = EventTracker(panel, config.zones, parts.pet_limit, run)
         self._kept_events = self.tracker.resume(kept)
         self._is_moved = False
         self._room: RoomCalibration | None = None
@@ -80,27 +76,23 @@ class Worker:
             seq=last.seq if last else 0,
             gate=last.gate if last else None,
             label=last.label if last else None,
-            clock_drift=self._rate.clock.estimate if self._rate is not None else None,
+            clock_drift=self._rate.drift if self._rate is not None else None,
             calibration=self._room.progress if self._room is not None else None,
         )
 
     @property
     def why_lost(self) -> str | None:
         """Why a kill would change how it is armed, as `EventLog.why_lost`; for any thread."""
-        panel, alarm = self.tracker.panel, self.tracker.open_events.get("alarm")
-        return self._store.why_lost(panel.is_armed, panel.mode, alarm.id if alarm else None)
+        state = self.state
+        return self._store.why_lost(state.armed, state.mode, state.alarm_id)
 
     def command(self, name: str) -> None:
         """Queue a command, see `Host.command`; for any thread."""
-        self._ring.post("command", call=partial(self._take_command, name))
-
-    def try_alarm(self) -> None:
-        """Send a test alarm through the outputs; for any thread."""
-        self._ring.post("test", call=self._send_trial)
+        self.ring.post("command", call=partial(self._take_command, name))
 
     def exchange(self, parts: Parts) -> None:
         """Work with other parts from the next item on; for any thread."""
-        self._ring.post("reload", call=lambda _t_s: self._take_parts(parts))
+        self.ring.post("reload", call=lambda _t_s: self._take_parts(parts))
 
     def hold(self, frame: Frame) -> None:
         """Hold a frame for a clip; for the reader."""
@@ -116,10 +108,12 @@ class Worker:
         self._emit(self.tracker.end_all(reason, self._t_s))
         self._keep(self._t_s)
 
-    def close(self) -> None:
+    def close(self, timeout_s: float) -> None:
         """End what works beside it; the stream is over."""
         if self._room is not None:
             self._room.stop("the run ended")
+        if (clips := self.parts.clips) is not None and not clips.close(timeout_s):
+            self._log.warning("the last clip may lack its end: the disk is too slow")
 
     def look_up(self) -> None:
         """Report an event if no frames or decisions have come for too long."""
@@ -136,12 +130,6 @@ class Worker:
             item.call(item.t_s)
         else:
             self._take_notice(item)
-
-    def _send_trial(self, t_s: float) -> None:
-        # Between two decisions, so that no output takes its end for that of a real alarm.
-        if "alarm" not in self.tracker.open_events:
-            for event in trial_alarm(t_s):
-                self._put(event_record(event))
 
     def _take_dwell(self, dwell: Dwell) -> None:
         parts = self.parts
@@ -164,13 +152,12 @@ class Worker:
         if self._rate is not None:
             fault = fault or self._rate.note(dwell.t_s, dwell.t_mono_s)
         fault = fault or parts.zone_fault
-        events = self.tracker.on_decision(
-            decision, dwell, is_quiet=parts.quiet.holds(decision.t_s), fault=fault
-        )
+        is_quiet = parts.quiet.holds(decision.t_s)
+        events = self.tracker.on_decision(decision, dwell, is_quiet=is_quiet, fault=fault)
         told = self._emit(events)
         if self.tracker.panel.state != was:
             self._keep(decision.t_s)
-        self._complain("sensor", fault)
+        self._tell(self._health.complain("sensor", fault))
         self._after_clip(decision.t_s, told)
 
     def _decide(self, dwell: Dwell) -> Decision:
@@ -241,7 +228,7 @@ class Worker:
 
         def take_up(made: Calibration) -> None:
             """Take it up with the next item; called from the calibration's thread."""
-            self._ring.post("calibrated", call=lambda _t_s: self._take_calibration(made))
+            self.ring.post("calibrated", call=lambda _t_s: self._take_calibration(made))
 
         self._room = RoomCalibration(config, origin, t_s, take_up)
 
@@ -273,7 +260,7 @@ class Worker:
         self.parts = parts
         parts.pipeline.verdict.pet_limit = parts.pet_limit
         self.tracker.panel.policy = parts.policy
-        self.tracker.zones, self.tracker.pet_limit = parts.zones, parts.pet_limit
+        self.tracker.zones, self.tracker.pet_limit = parts.config.zones, parts.pet_limit
 
     def _after_clip(self, t_s: float, events: Sequence[Event]) -> None:
         clips = self.parts.clips
@@ -281,12 +268,10 @@ class Worker:
             return
         alarm = next((event_record(e) for e in reversed(events) if e.kind == "alarm"), None)
         clips.after(t_s, is_seen=self.tracker.panel.is_seen, event=alarm)
-        self._complain("clips", clips.complaint)
+        self._tell(self._health.complain("clips", clips.complaint))
         on = self.tracker.open_events.get("alarm")
-        if on is not None and on.clip is None and (late := clips.named_of(on.id)) is not None:
-            self.tracker.has_clip(on.id, late)
-        if clips.complaint and on is not None:
-            self.tracker.has_clip(on.id, None)
+        if on is not None and (clips.complaint or on.clip is None):
+            self.tracker.has_clip(on.id, None if clips.complaint else clips.named_of(on.id))
 
     def _emit(self, events: Sequence[Event]) -> list[Event]:
         """Tell events; return them with the clip that a new alarm begins."""
@@ -306,9 +291,6 @@ class Worker:
         clip = clips.begin(event_record(event), event.t_s)
         self.tracker.has_clip(event.id, clip)
         return replace(event, clip=clip)
-
-    def _complain(self, source: str, reason: str) -> None:
-        self._tell(self._health.complain(source, reason))
 
     def _tell(self, status: Status | None) -> None:
         if status is not None:

@@ -6,15 +6,16 @@ Every row is written twice, a capacity apart, so that any dwell is one contiguou
 writer waits before it would overwrite a row that a waiting dwell still needs.
 """
 
+import math
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.stream.frame_timing import FrameTiming
 from x2radar.frame import FastTimeAxis, Frame
 
 Convert = Callable[[NDArray[np.float32] | NDArray[np.complex64], NDArray[np.complex64]], object]
@@ -110,10 +111,9 @@ class FrameRing:
         self._rows = np.zeros((2 * self._capacity, axis.n_range), np.complex64)
         self._valid = np.zeros(2 * self._capacity, np.bool_)
         self._changed = threading.Condition()
-        self._queue: deque[tuple[int, Dwell] | Notice] = deque()
+        self._queue: deque[Dwell | Notice] = deque()
         self._held_from: int | None = None
-        self._ended = False
-        self._stopped = False
+        self._ended = self._stopped = False
         self._samples: NDArray[np.float32] | NDArray[np.complex64] = np.zeros((0, 0), np.float32)
         self._is_here = np.zeros(_FRAMES_AT_ONCE, np.bool_)
         self._index = -1
@@ -122,12 +122,19 @@ class FrameRing:
         # The first frame is a restart: it sets when a dwell is due.
         self._taken = self._n_waiting = self._watched_to = 0
         self._base = self._origin = self._due = self._hops = 0
-        self._on_item: Callable[[], object] = lambda: None
-        self._timing = FrameTiming(shape.frame_rate_hz)
+        self.on_item: Callable[[], object] = lambda: None
+        """Called when there is something to take, also the end; from any thread."""
+        # Arrival of frame 0 by the least delayed one, of this hop and of the one before.
+        self._lead_s = self._before_s = math.inf
 
     def due_s(self) -> float:
-        """Return when the next dwell's last frame should arrive, by `FrameTiming`."""
-        return self._timing.arrival_s(self._due)
+        """Return when the next dwell's last frame should arrive; infinite while that is not known.
+
+        Frames come late or in time, never early: they wait in buffers for their reader. So the
+        least delayed frame of the last two hops says where in time the stream stands; two hops,
+        because the module's clock and the host's do not run alike.
+        """
+        return min(self._lead_s, self._before_s) + self._due / self.frame_rate_hz
 
     @property
     def n_left(self) -> int:
@@ -150,41 +157,40 @@ class FrameRing:
 
     def push(self, frame: Frame) -> bool:
         """Add the next frame; wait while the worker is behind. False once none is wanted."""
-        if frame.restarted or self._taken == 0:
-            self._restart(frame)
-        else:
-            for _ in range(frame.lost):
-                self._index += 1
-                if not self._add(None, 0.0):
-                    return False
-        self._index = frame.index
-        self._timing.note(self._taken + 1, frame.t_mono_s)
-        return self._add(frame.samples, frame.t_mono_s)
+        return all(self._steps(frame))
 
     def items(self, frame: Frame) -> Iterator[Dwell | Notice]:
         """Push a frame and yield what it completes, where reader and worker are one thread."""
-        if frame.lost and self._taken and not frame.restarted:
-            for _ in range(frame.lost):
-                self._index += 1
-                self._add(None, 0.0)
-                yield from self._completed()
-            frame = replace(frame, lost=0)
-        self.push(frame)
-        yield from self._completed()
+        for _ in self._steps(frame):
+            while self._queue:
+                if (item := self.next_item()) is not None:
+                    yield item
 
     def dwells(self, frames: Iterable[Frame]) -> Iterator[Dwell]:
         """Push frames and yield the dwells that they complete, as `items`."""
         for frame in frames:
             yield from (item for item in self.items(frame) if isinstance(item, Dwell))
 
-    def _completed(self) -> Iterator[Dwell | Notice]:
-        while self._queue:
-            if (item := self.next_item()) is not None:
-                yield item
-
-    def listen(self, on_item: Callable[[], object]) -> None:
-        """Call `on_item` whenever there is something to take, also the end; from any thread."""
-        self._on_item = on_item
+    def _steps(self, frame: Frame) -> Iterator[bool]:
+        """Add the frames lost before one and itself; yield for each whether more are wanted."""
+        if frame.restarted or self._taken == 0:
+            if self._taken:
+                self.post("restart", f"the frame counter jumped to {frame.counter}")
+            self._convert_waiting()
+            # Rows that waiting dwells still need stay where they are: the schedule starts again.
+            self._base = self._origin = self._taken
+            self._lead_s = self._before_s = math.inf
+            self._hops = 0
+            self._due = self._origin + self._shape.n_slow
+        else:
+            for _ in range(frame.lost):
+                self._index += 1
+                yield self._add(None, 0.0)
+        self._index = frame.index
+        if frame.t_mono_s:
+            begun_s = frame.t_mono_s - (self._taken + 1) / self.frame_rate_hz
+            self._lead_s = min(self._lead_s, begun_s)
+        yield self._add(frame.samples, frame.t_mono_s)
 
     def post(
         self, kind: str, reason: str = "", call: Callable[[float], object] | None = None
@@ -198,13 +204,13 @@ class FrameRing:
         with self._changed:
             self._ended = True
             self._changed.notify_all()
-        self._on_item()
+        self.on_item()
 
-    def _put(self, item: tuple[int, Dwell] | Notice) -> None:
+    def _put(self, item: Dwell | Notice) -> None:
         with self._changed:
             self._queue.append(item)
             self._changed.notify_all()
-        self._on_item()
+        self.on_item()
 
     def stop(self) -> None:
         """Tell the reader that nothing more is wanted, and free it if it waits."""
@@ -226,34 +232,9 @@ class FrameRing:
             if not self._queue:
                 return None
             item = self._queue.popleft()
-            if isinstance(item, Notice):
-                return item
-            self._held_from, dwell = item
-            return dwell
-
-    def _restart(self, frame: Frame) -> None:
-        if self._taken:
-            self.post("restart", f"the frame counter jumped to {frame.counter}")
-        self._convert_waiting()
-        # Rows that waiting dwells still need stay where they are: only the schedule starts again.
-        self._base = self._origin = self._taken
-        self._timing.reset()
-        self._hops = 0
-        self._schedule(0)
-
-    def _schedule(self, hop: int) -> None:
-        ahead = round(hop * self._shape.hop_s * self.frame_rate_hz)
-        self._due = self._origin + self._shape.n_slow + ahead
-
-    def _schedule_next(self, dwell: Dwell) -> None:
-        """Let the next dwell be due a hop later, or with the first whole one behind a gap."""
-        self._hops += 1
-        first = self._taken - self._shape.n_slow
-        if not dwell.is_whole:
-            behind = first + int(np.flatnonzero(~dwell.valid)[-1]) + 1
-            if behind - first < round(self._shape.hop_s * self.frame_rate_hz):
-                self._origin, self._hops = behind, 0
-        self._schedule(self._hops)
+            if isinstance(item, Dwell):
+                self._held_from = item.end_frame - self._shape.n_slow
+            return item
 
     def _add(
         self, samples: NDArray[np.float32] | NDArray[np.complex64] | None, t_mono_s: float
@@ -293,8 +274,7 @@ class FrameRing:
         rows, good = self._rows[at : at + n], self._is_here[:n].copy()
         if good.any():
             samples = self._samples[:n]
-            finite = np.isfinite(samples).all(axis=1)
-            good &= finite
+            good &= np.isfinite(samples).all(axis=1)
             if not good.all():
                 samples[~good] = 0
             self._convert(samples, rows)
@@ -307,36 +287,36 @@ class FrameRing:
         return True
 
     def _may_write(self) -> bool:
-        if self._stopped:
-            return True
         needed = self._held_from
         if needed is None:
-            needed = next((q[0] for q in self._queue if isinstance(q, tuple)), None)
-        return needed is None or self._taken <= needed + self._capacity
+            ends = (item.end_frame for item in self._queue if isinstance(item, Dwell))
+            needed = next((end - self._shape.n_slow for end in ends), None)
+        return self._stopped or needed is None or self._taken <= needed + self._capacity
 
     def _emit(self, t_mono_s: float) -> None:
         first = self._taken - self._shape.n_slow
         at = first % self._capacity
         rows = self._rows[at : at + self._shape.n_slow]
         valid = self._valid[at : at + self._shape.n_slow].copy()
+        gaps = [len(list(run)) for is_here, run in groupby(valid.tolist()) if not is_here]
         dwell = Dwell(
             rows,
             valid,
             self.axis,
             self.frame_rate_hz,
             (self._index + 1) / self.frame_rate_hz,
-            int(np.count_nonzero(~valid)),
-            _longest_run(~valid) / self.frame_rate_hz,
+            sum(gaps),
+            max(gaps, default=0) / self.frame_rate_hz,
             t_mono_s,
             self._taken,
         )
-        self._timing.next_hop()
-        self._schedule_next(dwell)
-        self._put((first, dwell))
-
-
-def _longest_run(flags: NDArray[np.bool_]) -> int:
-    if not flags.any():
-        return 0
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(np.int8)))
-    return int((edges[1::2] - edges[::2]).max())
+        self._before_s, self._lead_s = self._lead_s, math.inf
+        # The next dwell is due a hop later, or is the first whole one behind a gap.
+        self._hops += 1
+        if not dwell.is_whole:
+            behind = first + int(np.flatnonzero(~valid)[-1]) + 1
+            if behind - first < round(self._shape.hop_s * self.frame_rate_hz):
+                self._origin, self._hops = behind, 0
+        ahead = round(self._hops * self._shape.hop_s * self.frame_rate_hz)
+        self._due = self._origin + self._shape.n_slow + ahead
+        self._put(dwell)

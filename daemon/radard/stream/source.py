@@ -6,16 +6,17 @@ opens before the first frame is asked for, so that faults of the port come at st
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import chain
 from typing import Protocol
 
 from radard.errors import UsageError
-from radard.stream.coalesced_reads import CoalescedReads
 from radard.stream.playback import Playback
-from x2radar.device.device import RadarStats
+from x2radar.device.device import RadarStats, X2Radar
 from x2radar.device.reconnect import ReconnectingRadar
+from x2radar.device.transport import Transport
 from x2radar.errors import RecordingError, TransportClosed
 from x2radar.frame import Frame, StreamInfo
 from x2radar.modules.modules import module_of
@@ -26,11 +27,26 @@ from x2radar.radars import make_radar
 Notify = Callable[[str, str], None]
 # Not a Windows port, and not a URL of pyserial's.
 _SCHEME = re.compile(r"([a-z][a-z0-9+._-]+):(?!//)")
+PAUSE_S = 0.04  # at 614 kB/s (X2 RF, 200 Hz) 25 kB collect; a kernel's buffer holds 64
+_FLOWS_BYTES = 512  # in a read: more than any reply to a command
+_EARLY_S = 0.006  # more than a due frame was ever early: `FrameRing.due_s` errs by less
+_LATE_S = 0.1  # a frame that late is lost
+# A Linux terminal gives at most 4095 bytes to a read, whatever waits behind them: a read of
+# about that many is followed by another one at once.
+_FULL_BYTES = range(4000, 4097)
+_MAX_READS = 16  # in a row: 64 kB, all that a kernel's buffer holds
 _MAX_COALESCED = 2.0  # times real time: faster streams never let reads pause
 
 
 class FrameSource(Protocol):
-    """A live or recorded stream of frames, from a port or a file."""
+    """A live or recorded stream of frames, from a port or a file.
+
+    An entry point of `radard.sources`, whose name is the port's scheme, is called with
+    ``(target, options, *, speed)``: what stands behind the colon, up to the question mark and
+    behind it, and stream seconds per real second for sources that can choose (None: as fast as
+    possible). It returns one that is open, with its stream known, frames numbered from 0 and
+    read-only, or raises a RadardError or X2RadarError of one line, with its exit code.
+    """
 
     @property
     def stream(self) -> StreamInfo:
@@ -51,33 +67,11 @@ class FrameSource(Protocol):
         ...
 
 
-class SourceOpener(Protocol):
-    """What an entry point of `radard.sources` names; its own name is the port's scheme."""
-
-    def __call__(
-        self, target: str, options: Mapping[str, str], *, speed: float | None
-    ) -> FrameSource:
-        """Open what stands behind the colon: `target` up to the question mark, and its `options`.
-
-        `speed` is stream seconds per real second, for sources that can choose; None is as fast as
-        possible. The source is open and its stream known, its frames are numbered from 0 and
-        read-only. What cannot be opened raises a RadardError or X2RadarError of one line, with its
-        exit code.
-        """
-        ...
-
-
 def speed_factor(text: str, port: Port) -> float | None:
     """Return stream seconds per real second, None for all speed; or SettingsError."""
     if text == "auto":
         return None if port.kind == "replay" else 1.0
     return parse_speed(text)
-
-
-def plugin_scheme(port: str) -> str:
-    """Return the word before the colon; empty where there is none, or a URL follows."""
-    match = _SCHEME.match(port)
-    return match[1] if match else ""
 
 
 def open_source(
@@ -101,13 +95,12 @@ def open_source(
     """
     parsed = parse_port(port)
     factor = speed_factor(speed, parsed)
-    if parsed.kind == "live":
-        scheme = plugin_scheme(port)
-        if scheme and (plugin := find_plugin("radard.sources", scheme)) is not None:
-            target = parsed.target.partition(":")[2]
-            source: FrameSource = plugin.call(target, parsed.options, speed=factor)
-            plugin.check(source, ("stream", "is_live", "frames", "close"))
-            return source
+    scheme = _SCHEME.match(port) if parsed.kind == "live" else None
+    if scheme and (plugin := find_plugin("radard.sources", scheme[1])) is not None:
+        target = parsed.target.partition(":")[2]
+        source: FrameSource = plugin.call(target, parsed.options, speed=factor)
+        plugin.check(source, ("stream", "is_live", "frames", "close"))
+        return source
     if parsed.kind == "replay":
         return ReplaySource(parsed, factor, on_notice)
     radar = make_radar(parsed, speed=factor)
@@ -115,7 +108,7 @@ def open_source(
         radar.wrap_transport(lambda connect: lambda: CoalescedReads(connect(), due_s=due_s))
     device = ReconnectingRadar(radar, wait=wait, quit_on_loss=quit_on_loss)
     on_wait(device.close)
-    return LiveSource(device, on_notice, lambda: module_of(radar.settings).name)
+    return LiveSource(device, radar, on_notice)
 
 
 class LiveSource:
@@ -123,36 +116,32 @@ class LiveSource:
 
     is_live = True
 
-    def __init__(
-        self, radar: ReconnectingRadar, on_notice: Notify, module: Callable[[], str]
-    ) -> None:
-        self._radar = radar
+    def __init__(self, device: ReconnectingRadar, radar: X2Radar, on_notice: Notify) -> None:
+        self._device = device
         self._on_notice = on_notice
-        self._frames = self._read()
-        first = next(self._frames, None)
-        if first is None:
+        frames = self._read()
+        if (first := next(frames, None)) is None:
             raise TransportClosed("closed before the first frame")
-        self._first = first
-        assert radar.stream is not None  # noqa: S101 - known with the first frame
-        self.stream: StreamInfo = radar.stream
-        self.module = module()
-        """What sends the frames, as its maker calls it."""
+        self._frames = chain([first], frames)
+        assert device.stream is not None  # noqa: S101 - known with the first frame
+        self.stream: StreamInfo = device.stream
+        self.module = module_of(radar.settings).name  # what sends the frames, by its maker
 
     def frames(self) -> Iterator[Frame]:
         """Yield frames, the first after a loss marked; raises if it is not waited for."""
-        return chain([self._first], self._frames)
+        return self._frames
 
     @property
     def stats(self) -> RadarStats:
         """What the driver has counted up to now; for any thread."""
-        return self._radar.stats
+        return self._device.stats
 
     def close(self) -> None:
         """Close the port; `frames` then ends."""
-        self._radar.close()
+        self._device.close()
 
     def _read(self) -> Iterator[Frame]:
-        for item in self._radar.items():
+        for item in self._device.items():
             if isinstance(item, Frame):
                 yield item
             elif item.kind in {"lost", "found"}:
@@ -177,8 +166,7 @@ class ReplaySource:
         from x2radar.recording.registry import open_recording  # noqa: PLC0415
 
         self._reader = open_recording(port.target, kind=port.options.get("from"))
-        self.stream: StreamInfo = replace(self._reader.stream, run_id=self._reader.run_id)
-        self._closed = False
+        self.stream = replace(self._reader.stream, run_id=self._reader.run_id)
         self._on_notice = on_notice
         self.warning = self._reader.warning
         self.started_utc = self._reader.started_utc
@@ -194,7 +182,7 @@ class ReplaySource:
             if isinstance(item, Frame):
                 yield item
             else:
-                self.playback.wait(item)
+                time.sleep(item)
 
     def items(self) -> Iterator[Frame | float]:
         """Yield frames that are due; and while none is, in how many seconds one may be."""
@@ -206,7 +194,7 @@ class ReplaySource:
             for n, frame in enumerate(self._reader.frames(start_s)):
                 while wait_s := playback.wait_s(frame.index / rate_hz):
                     yield wait_s
-                if self._closed:
+                if playback.is_closed:
                     return
                 if (seek_s := playback.take_seek()) is not None:
                     break
@@ -214,9 +202,8 @@ class ReplaySource:
                 # Where one round ends and the next begins, time does not go on smoothly.
                 is_jump = n == 0 and not is_first_round
                 if is_jump:
-                    self._on_notice(
-                        "moved", f"the replay goes on at {frame.index / rate_hz:.1f} s"
-                    )
+                    at_s = frame.index / rate_hz
+                    self._on_notice("moved", f"the replay goes on at {at_s:.1f} s")
                 # By itself: `replace` takes longer than the ring does.
                 yield Frame(
                     frame.samples,
@@ -237,5 +224,51 @@ class ReplaySource:
 
     def close(self) -> None:
         """End the replay; `frames` then ends."""
-        self._closed = True
         self.playback.close()
+
+
+class CoalescedReads:
+    """A transport that is read less often, so that one wake-up takes many bytes.
+
+    While a stream flows, reading pauses for `PAUSE_S`. Replies to commands never wait, and neither
+    does the frame that completes a dwell: people wait for the decision.
+    """
+
+    def __init__(
+        self,
+        inner: Transport,
+        *,
+        due_s: Callable[[], float] = lambda: math.inf,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], object] = time.sleep,
+    ) -> None:
+        self._inner = inner
+        self._due_s = due_s
+        self._clock = clock
+        self._sleep = sleep
+        self._next_s = 0.0
+        self.is_usb = bool(getattr(inner, "is_usb", False))
+        self.write, self.close = inner.write, inner.close
+
+    def read(self, timeout_s: float) -> bytes:
+        """Read from the inner transport; once a stream was found, only after the pause."""
+        now_s = self._clock()
+        wait_s, to_due_s = self._next_s - now_s, self._due_s() - now_s
+        # A frame that does not come is lost; nothing is gained then by looking all the time.
+        if to_due_s > -_LATE_S:
+            wait_s = min(wait_s, to_due_s - _EARLY_S)
+        if wait_s > 0:
+            self._sleep(wait_s)
+        data = part = self._inner.read(timeout_s)
+        for _ in range(_MAX_READS):
+            if len(part) not in _FULL_BYTES:
+                break
+            try:
+                part = self._inner.read(timeout_s)
+            except TransportClosed:
+                # What was read counts; the next read meets the end again.
+                break
+            data += part
+        flows = len(data) >= _FLOWS_BYTES
+        self._next_s = self._clock() + PAUSE_S if flows else 0.0
+        return data

@@ -4,7 +4,6 @@ import contextlib
 import mimetypes
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -151,7 +150,7 @@ class Api:
                 card = read_card(model)
         alarm = config.alarm
         return {
-            "choices": [asdict(each) for each in sensitivity_choices(alarm, policy, card)],
+            "choices": sensitivity_choices(alarm, policy, card),
             # They go before those of the name.
             "given": [key for key in _NUMBERS if getattr(alarm, key) is not None],
         }

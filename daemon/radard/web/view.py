@@ -3,7 +3,6 @@
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -152,7 +151,7 @@ class View:
             "reason": status.reason,
             "panel": panel.as_record(host.mark()) if panel is not None else {},
             **held,
-            "playback": asdict(playback.state) if playback is not None else None,
+            "playback": playback.state if playback is not None else None,
         }
 
     def refreshed_metrics(self) -> Metrics:
