@@ -93,7 +93,7 @@ def test_wrong_codes_lock_for_a_minute(tmp_path):
     now_s = [0.0]
     (tmp_path / "code").write_text("open sesame\n")
     options = MqttSection(code_file=tmp_path / "code")
-    reader = CommandReader("b", options, now_s=lambda: now_s[0])
+    reader = CommandReader(options, now_s=lambda: now_s[0])
 
     def disarm(code):
         return reader.read("b/command/disarm", code, is_retained=False)

@@ -252,7 +252,7 @@ def test_over_tls_and_with_a_password_commands_are_taken(tmp_path):
             # Nothing is said of commands.
             options = SinkOptions(log=far.QUICK, mqtt=MqttSection(discovery="off", **section))
             sink = far.open_sink(
-                f"mqtts://{far.USER}@localhost:{broker.port}", options, hosts=[radar]
+                f"mqtts://{far.USER}@localhost:{broker.port}", options, host=radar
             )
             for record in (hello(), status("online"), event(1)):
                 sink.write(record)
@@ -299,7 +299,7 @@ def test_the_largest_in_flight_is_left_out_for_a_day_when_the_line_broke_twice(m
     for now_s[0], is_taken in ((0.0, True), (100_000.0, True), (100_001.0, False)):
         for message in (STATE, PICTURE):
             limits.sent(message, never)
-        assert not limits.is_idle
+        assert limits.in_flight()
         assert said == []
         assert limits.broke()
         assert limits.takes(PICTURE) is is_taken

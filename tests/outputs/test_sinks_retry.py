@@ -227,14 +227,13 @@ def test_https_wants_its_certificate_and_is_redirected_to_nothing_less(other, op
         assert (other.posts, len(server.posts) > 1) == ([], True)
 
 
-def test_a_log_that_nobody_hears_is_said_once_with_a_count(opened, caplog):
+def test_a_log_that_nobody_hears_is_said_once(opened, caplog):
     sink = opened(f"syslog:udp://127.0.0.1:{free_port()}")
     for n in range(40):
         sink.write(event(n))
     sink.close(20.0)
     lines = [r.getMessage() for r in caplog.records if "cannot log" in r.getMessage()]
-    assert len(lines) == 2
-    assert "more times" in lines[-1]
+    assert len(lines) == 1
     # Each at most twice: nothing is repeated once it was sent.
     assert 40 <= sink.state.n_sent + sink.state.n_dropped <= 41
 

@@ -12,6 +12,7 @@ import uuid
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 from radard.config.sink_table import LogSection
 from radard.log_cursor import Cursor, Entry, Wants
@@ -167,6 +168,12 @@ class Delivery(ThreadSink):
         self._n_refused = 0
         self._settle(entry)
         self._keeper.dropped(1, why)
+
+
+def picture_path(record: Record) -> Path | None:
+    """Return where an alarm's picture is, or will be; None for a record without a clip."""
+    clip = record.get("clip") if record.get("kind") == "alarm" else None
+    return Path(clip).with_suffix(".png") if clip else None
 
 
 def wants_events(kinds: Sequence[str], phases: Sequence[str], others: Sequence[str] = ()) -> Wants:

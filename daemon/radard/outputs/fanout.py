@@ -53,10 +53,6 @@ class _Open:
         elif self.sink is not None:
             self.sink.write(record)
 
-    def is_outdated(self, options: SinkOptions) -> bool:
-        """Return whether the sink must be opened, or opened again, for these options."""
-        return self.sink is None or self.is_left or self.read != _read_by(self.name, options)
-
 
 class Outputs:
     """The sinks of a process, for the sensors that are added to it."""
@@ -173,7 +169,11 @@ class Outputs:
         for each in gone:
             self._forget(each.sink)
         self.log.max_events = config.log.max_events
-        outdated = [each for each in kept + new if each.is_outdated(config)]
+        outdated = [
+            each
+            for each in kept + new
+            if each.sink is None or each.is_left or each.read != _read_by(each.name, config)
+        ]
         for each in kept:
             each.fault = ""
             if each not in outdated and each.name.startswith("json:"):
@@ -220,20 +220,17 @@ class Outputs:
         # All at once: those that hang take the time of one, as nobody supervises meanwhile.
         close_sinks([each.sink for each, _, _ in made if each.sink is not None])
         for each, read, sink in made:
-            self._exchange(each, read, sink)
-
-    def _exchange(self, each: _Open, read: list[object], sink: Sink) -> None:
-        before = each.sink
-        start_sink(sink)
-        if _cursor_of(before) != _cursor_of(sink):
-            self._forget(before)
-        self._attach(sink, each.sensor)
-        with self._lock:
-            held, each.held = each.held or RecordQueue(), None
-            each.sink, each.read, each.fault, each.is_left = sink, read, "", False
-            _write_hellos(each, self._hellos)
-            while (record := held.take(0)) is not None:
-                sink.write(record)
+            before = each.sink
+            start_sink(sink)
+            if _cursor_of(before) != _cursor_of(sink):
+                self._forget(before)
+            self._attach(sink, each.sensor)
+            with self._lock:
+                held, each.held = each.held or RecordQueue(), None
+                each.sink, each.read, each.fault, each.is_left = sink, read, "", False
+                _write_hellos(each, self._hellos)
+                while (record := held.take(0)) is not None:
+                    sink.write(record)
 
     def _forget(self, sink: Sink | None) -> None:
         if (name := _cursor_of(sink)) is not None:
@@ -251,15 +248,13 @@ class Outputs:
         """Return the sink of an output, of the options that hold, to be started."""
         # Of several, sensors come and go while a sink that all share stays.
         is_shared = sensor is None and self._config.is_one_of_several
-        hosts = tuple(self._hosts.values())
-        if not is_shared:
-            hosts = (self._hosts[sensor or next(iter(self._hosts))],)
+        host = None if is_shared else self._hosts[sensor or next(iter(self._hosts))]
         context = SinkContext(
-            sensor=SHARED if is_shared else hosts[0].sensor,
-            hosts=hosts,
+            sensor=SHARED if host is None else host.sensor,
+            host=host,
             is_one_of_several=sensor is not None,
             can_wait=self.can_wait,
-            mark="" if is_shared else hosts[0].mark(),
+            mark="" if host is None else host.mark(),
             log=self.log,
             after=after,
         )

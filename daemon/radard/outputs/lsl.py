@@ -38,8 +38,8 @@ class LslSink(DirectSink):
         self._lsl = lsl
         self._stream = name
         self._source = f"radard {context.marked_sensor} {name}"
-        hops_s = [host.config().decision.hop_s for host in context.hosts]
-        self._rate_hz = 1 / hops_s[0] if hops_s else 1.0
+        host = context.host
+        self._rate_hz = 1 / host.config().decision.hop_s if host is not None else 1.0
         self._decisions: Any = None
         self._events: Any = None
 

@@ -168,7 +168,6 @@ class ThreadSink:
                     self._cannot(err, record is not None)
         finally:
             self._shut()
-            self._keeper.end()
 
     def _cannot(self, err: Exception, n_records: int) -> None:
         """Log what is wrong with this program: one record must not cost all others."""

@@ -9,8 +9,8 @@ makes an entity unavailable when a daemon hangs and sends no state.
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from dataclasses import replace
+from typing import Any, Literal, NamedTuple
 
 from radard.alarm.sensitivity import SENSITIVITIES
 from radard.alarm.sensor_state import SensorState
@@ -21,28 +21,26 @@ from radard.outputs.mqtt.link import Publication
 _HOP_S = 1.0  # time from one decision to the next (`radard.pipeline`)
 
 
-@dataclass(frozen=True, slots=True)
-class Entity:
-    """One entity; `expires`: it is unavailable without a fresh state."""
+class Entity(NamedTuple):
+    """One entity of Home Assistant."""
 
     platform: str
     key: str
     config: Mapping[str, Any]
-    expires: bool = False
 
 
-def _entity(platform: str, key: str, name: str, *, expires: bool = False, **more: Any) -> Entity:
-    return Entity(platform, key, {"name": name, **more}, expires)
+def _entity(platform: str, key: str, name: str, **more: Any) -> Entity:
+    return Entity(platform, key, {"name": name, **more})
 
 
 def _flag(key: str, name: str, expression: str, *, topic: str = "state", **more: str) -> Entity:
     more |= {"stat_t": f"~/{topic}", "val_tpl": "{{ 'ON' if " + expression + " else 'OFF' }}"}
-    return _entity("binary_sensor", key, name, expires=topic == "state", **more)
+    return _entity("binary_sensor", key, name, **more)
 
 
 def _value(key: str, name: str, topic: str, expression: str, **more: Any) -> Entity:
     more |= {"stat_t": f"~/{topic}", "val_tpl": f"{{{{ {expression} }}}}"}
-    return _entity("sensor", key, name, expires=True, **more)
+    return _entity("sensor", key, name, **more)
 
 
 def _button(key: str, name: str, **more: Any) -> Entity:
@@ -197,15 +195,13 @@ class MqttTopics:
     def refresh(
         self,
         now_s: float,
-        status: tuple[str, str] | None,
+        status: tuple[str, str],
         panel: SensorState | None,
         *,
         calibration: str | None = None,
     ) -> list[Publication]:
-        """Take state and reason (None: as before), panel, progress; return what changed."""
-        self._calibration = calibration
-        self._status = status or self._status
-        self._panel = panel
+        """Take state and reason, panel, and a calibration's progress; return what changed."""
+        self._status, self._panel, self._calibration = status, panel, calibration
         if panel is not None:
             self._is_armed, self._sensitivity = panel.armed, panel.sensitivity
         return self._changes(now_s)
@@ -245,7 +241,7 @@ class MqttTopics:
             "tamper": self._open.get("tamper"),
             "calibration": self._calibration,
         }
-        messages = self._if_changed("health", health, health)
+        messages = self._if_changed("health", health)
         # A state from before an outage would be stale.
         if now_s - self._decided_s < self._options.expire_after_s:
             is_on = "alarm" in self._open
@@ -257,8 +253,7 @@ class MqttTopics:
                 "label": self._label,
                 "gate": self._gate,
             }
-            state_messages = self._if_changed("state", held, {**held, "t_s": self._t_s})
-            if state_messages:
+            if state_messages := self._if_changed("state", held, t_s=self._t_s):
                 self._stated_s = now_s
             messages += state_messages
         availability = "online" if is_well else "offline"
@@ -269,14 +264,12 @@ class MqttTopics:
             messages.insert(len(messages) if is_well else 0, message)
         return messages
 
-    def _if_changed(
-        self, name: str, held: Mapping[str, Any], whole: Mapping[str, Any]
-    ) -> list[Publication]:
+    def _if_changed(self, name: str, held: Mapping[str, Any], **more: Any) -> list[Publication]:
         text = _json(held)
         if self._published.get(name) == text:
             return []
         self._published[name] = text
-        return [Publication(f"{self.base}/{name}", _json(whole))]
+        return [Publication(f"{self.base}/{name}", _json({**held, **more}))]
 
     def discovery(self) -> list[Publication]:
         """Return what Home Assistant is told, once there was a `hello`; empty payloads remove."""
@@ -298,7 +291,7 @@ class MqttTopics:
             parts = {e.key: {"p": e.platform, **configs.get(e.key, {})} for e in _ENTITIES}
             found.append(replace(device, payload=json.dumps({**about, "cmps": parts})))
         # What an earlier version or setting left there.
-        return found if self._options.picture else [*found, self.picture(b"")]
+        return found if o.picture else [*found, self.picture(b"")]
 
     def _entities(self) -> tuple[Entity, ...]:
         """Return the entities that the sensor has with its options."""
@@ -331,7 +324,11 @@ class MqttTopics:
         config["uniq_id"] = f"radard_{self._sensor}_{entity.key}"
         if entity is _PANEL and self._code_form:
             config |= {**_WITH_CODE, "code": self._code_form}
-        if entity.expires:
+        if (
+            entity.platform in {"binary_sensor", "sensor"}
+            and entity.config["stat_t"] != "~/health"
+        ):
+            # Without a fresh state it is unavailable.
             config["exp_aft"] = round(self._options.expire_after_s)
         return config
 
