@@ -137,7 +137,7 @@ class SyslogSink(DirectSink):
         head = f"<{priority}>1 {record.get('time') or utc_text()} {socket.gethostname() or '-'}"
         text = f"{head} radard {os.getpid()} {record['type']} - {self._of(record)}: {text}"
         message = text.encode(errors="replace")
-        scheme = self._address[0] if self._address else ""
+        scheme = self._address[0]
         if scheme == "tcp":
             return message.replace(b"\n", b" ") + b"\n"
         return b"%d %s" % (len(message), message) if scheme == "tls" else message

@@ -11,7 +11,7 @@ and a request's way::
 
     server          limits on connections; the thread itself
     auth, guard     hosts, origins, bodies; roles: who may see, who may arm
-    api, events, actions    the routes
+    api, events     the routes
 
 Nothing in here can hold up a decision: `write` appends to a list and returns, and the
 pictures are made of what the ring still has, without its lock.

@@ -1,6 +1,7 @@
 """Routes: the HTTP contract of radard, /healthz, /metrics, /api/v1/..., /ws and the pages."""
 
 import contextlib
+import logging
 import mimetypes
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -9,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from anyio import CapacityLimiter, to_thread
 from starlette.applications import Starlette
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.requests import Request
@@ -22,26 +24,35 @@ from radard.alarm.explain import explain
 from radard.alarm.sensitivity import alarm_policy, sensitivity_choices
 from radard.config.credentials import redact_value
 from radard.config.directories import kept_calibration, saved_file
-from radard.config.saved import KINDS
+from radard.config.saved import KINDS, Kind, change, forget
 from radard.config.sections import AUTO_MODEL
 from radard.config.sink_table import named_file
 from radard.detect.calibration import load_calibration, restless_spans
 from radard.errors import ConfigError, ModelMismatch
 from radard.health.health import Status, overall
 from radard.judge.card import read_card
-from radard.outputs.base import Sink
-from radard.web.actions import Actions
-from radard.web.auth import AccessControl, Role
+from radard.outputs.base import COMMANDS, Host, Sink
+from radard.web.auth import SESSION_S, AccessControl, Role, address_of
 from radard.web.events import EventRoutes
-from radard.web.guard import Guard, SecurityMiddleware, query_number, refusal, whole_number
+from radard.web.guard import (
+    Guard,
+    NoRunError,
+    SecurityMiddleware,
+    json_body,
+    query_number,
+    refusal,
+    whole_number,
+)
 from radard.web.hub import serve
 from radard.web.metrics import exposition
 from radard.web.view import DECISIONS, View
 
+log = logging.getLogger("radard")
 _STATIC = Path(__file__).parent / "static"
 # Whatever the system's own table says: a browser runs no script of another type.
 mimetypes.add_type("text/javascript", ".js")
 _NUMBERS = ("confirm_k", "confirm_n", "p_on", "p_off")
+_MAX_TOKEN = 512  # characters; longer ones are not even compared
 _MAX_SEQ = 1 << 53  # what JavaScript counts to
 _OF_ONE = "radard.sensor"  # key of a request's scope: it was for one of several sensors, this one
 _OWN_PATH = re.compile(r"/sensor/([A-Za-z0-9_-]+)(/.*)?")
@@ -56,7 +67,8 @@ class Api:
         self._view = view
         self._access = access
         self._all_views = all_views
-        guard = Guard(access)
+        self._testing = CapacityLimiter(1)
+        self._guard = guard = Guard(access)
         self.routes: list[BaseRoute] = [
             Route("/healthz", partial(self._told, lambda now: now.is_well)),
             Route("/readyz", partial(self._told, lambda now: now.state == "online")),
@@ -68,7 +80,15 @@ class Api:
             guard.reading("/api/v1/calibration", self._room),
             guard.reading("/api/v1/config", self._config),
             *EventRoutes(view, guard).routes,
-            *Actions(view, guard).routes,
+            guard.changing("/api/v1/command", self._command),
+            guard.changing(
+                "/api/v1/zones", lambda body: self._change("zones", body, {"zones": body})
+            ),
+            guard.changing("/api/v1/settings", lambda body: self._change("settings", body, body)),
+            guard.changing("/api/v1/test-alarm", self._test_alarm),
+            guard.changing("/api/v1/playback", self._playback),
+            Route("/api/v1/login", self._log_in, methods=["POST"]),
+            Route("/api/v1/logout", self._log_out, methods=["POST"]),
             WebSocketRoute("/ws", self._ws),
             Route("/", self._page),
             # Here, because a service worker is for what lies beside it.
@@ -187,6 +207,91 @@ class Api:
     async def _page(self, request: Request) -> Response:
         is_known = self._access.role(request) != "nobody"
         return FileResponse(_STATIC / ("index.html" if is_known else "login.html"))
+
+    @property
+    def _host(self) -> Host:
+        """The sensor's run; raises NoRunError before there is one."""
+        if self._view.host is None:
+            raise NoRunError
+        return self._view.host
+
+    async def _command(self, body: dict[str, Any]) -> Response:
+        name = body.get("command")
+        if not isinstance(name, str) or name not in COMMANDS:
+            return refusal(400, f"command is one of {', '.join(COMMANDS)}")
+        host = self._host
+        log.info("command from the dashboard: %s", name)
+        try:
+            host.command(name)
+        except ValueError as err:
+            return refusal(409, str(err))
+        return JSONResponse({"accepted": name}, 202)
+
+    async def _change(self, kind: Kind, body: dict[str, Any], sections: Any) -> Response:
+        """Save sections, or forget what was saved, and have the configuration read again."""
+        host, path = self._host, saved_file(self._view.config, kind)
+        is_forgotten = body.get("forget") is True
+        if is_forgotten:
+            await self._guard.read(forget, path)
+        else:
+            await self._guard.read(change, path, kind, sections)
+        log.info("%s from the dashboard: %s", kind, "forgotten" if is_forgotten else path)
+        # Through the configuration, so that `config show` says the same.
+        host.reload()
+        return JSONResponse({"file": None if is_forgotten else str(path)}, 202)
+
+    async def _test_alarm(self, _body: dict[str, Any]) -> Response:
+        host = self._host
+        log.warning("test alarm from the dashboard")
+        # Threads of its own: outputs may take seconds to answer.
+        answers = await to_thread.run_sync(host.test_alarm, limiter=self._testing)
+        return JSONResponse({"outputs": answers})
+
+    async def _playback(self, body: dict[str, Any]) -> Response:
+        playback = self._host.playback()
+        if playback is None:
+            return refusal(409, "this is no replay")
+        action, value = body.get("action"), body.get("value")
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        if action in {"play", "pause"}:
+            playback.play(is_playing=action == "play")
+        elif action == "seek" and is_number:
+            playback.seek(float(value))  # type: ignore[arg-type]
+        elif action == "speed" and (is_number or value is None):
+            playback.set_speed(None if value is None else float(value))
+        else:
+            return refusal(400, "action is play, pause, seek or speed, with its value")
+        return JSONResponse(self._view.now()["playback"], 202)
+
+    async def _log_in(self, request: Request) -> Response:
+        body = await json_body(request)
+        if isinstance(body, Response):
+            return body
+        token = body.get("token")
+        if not isinstance(token, str) or len(token) > _MAX_TOKEN:
+            return refusal(400, "a token is wanted")
+        address = address_of(request)
+        if self._access.is_locked(address):
+            return refusal(429, "too many wrong tokens from this address; wait a minute")
+        role, session = self._access.log_in(token, address)
+        if role == "nobody":
+            return refusal(401, "this is not the token")
+        answer = JSONResponse({"role": role})
+        answer.set_cookie(
+            self._access.cookie,
+            session,
+            max_age=int(SESSION_S),
+            httponly=True,
+            samesite="strict",
+            secure=request.url.scheme == "https",
+        )
+        return answer
+
+    async def _log_out(self, request: Request) -> Response:
+        self._access.log_out(request.cookies)
+        answer = JSONResponse({})
+        answer.delete_cookie(self._access.cookie)
+        return answer
 
 
 class SensorRouter:

@@ -25,14 +25,13 @@ from radard.errors import RadardError, UsageError
 from radard.log_file import MARKS, StoredEvent, newest_events, parse_since
 from radard.web.guard import Guard, attached, query_number, refusal
 from radard.web.labels import LABELS, add_label, read_labels
-from radard.web.pictures.clip_process import ClipTimeoutError, read_clip
+from radard.web.pictures.clip_view import ClipTimeoutError, read_clip
 from radard.web.view import View
 from x2radar import wall_clock
 
 _NO_CLIP = "there is no clip of this event"
 _ULID = re.compile(r"[0-9A-HJKMNP-TV-Z]{26}")
 _MAX_EVENTS = 2000  # of an answer: some hundred kilobytes
-
 _SENT_BYTES = 65536  # of a clip at a time
 _MAX_WAITING = 4  # requests for a clip's pictures: each takes seconds
 _FIELDS = ("id", "sensor", "kind", "began", "ended", "peak", "reason", "label", "clip", *MARKS)
@@ -74,8 +73,6 @@ class EventRoutes:
             return refusal(404, _NO_CLIP)
         try:
             copy, size = await self._read(_copied, path)
-        except FileNotFoundError:
-            return refusal(404, _NO_CLIP)
         except OSError as err:
             return refusal(503, f"the clip cannot be sent: {err.strerror or err}")
         headers = {**attached(path.name), "Content-Length": str(size)}

@@ -11,6 +11,7 @@ import logging
 import socket
 import threading
 from collections.abc import Callable, Coroutine
+from pathlib import Path
 from typing import Any
 
 import uvicorn
@@ -19,7 +20,6 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from radard.web.auth import is_loopback
 from radard.web.hub import MAX_MESSAGE
-from radard.web.port_holder import port_holder
 
 log = logging.getLogger("radard")
 # A stranger's bytes that are no HTTP would be a line each.
@@ -43,17 +43,12 @@ class _Connection(H11Protocol):
 
     transport: asyncio.Transport | None  # type: ignore[assignment]
     _late: asyncio.TimerHandle | None = None
-    _since_s = 0.0
+    since_s = 0.0
 
     @property
     def is_idle(self) -> bool:
         """Whether no request is being answered."""
         return not self.has_asked or self.cycle.response_complete
-
-    @property
-    def worth(self) -> tuple[bool, float]:
-        """What gives way first is least: those that never asked, then the oldest."""
-        return self.has_asked, self._since_s
 
     @property
     def has_asked(self) -> bool:
@@ -68,7 +63,7 @@ class _Connection(H11Protocol):
         super().connection_made(transport)
         if (own := transport.get_extra_info("socket")) is not None:
             own.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
-        self._since_s = self.loop.time()
+        self.since_s = self.loop.time()
         self._late = self.loop.call_later(_HEADER_S, self.give_way)
 
     def connection_lost(self, exc: Exception | None) -> None:
@@ -80,7 +75,7 @@ class _Connection(H11Protocol):
         super().data_received(data)
         # A WebSocket is out of the set: it has a protocol of its own from here on.
         if not self.is_idle or self not in self.connections:
-            self._since_s = self.loop.time()
+            self.since_s = self.loop.time()
             self._stop_timer()
         elif self._late is None:
             self._late = self.loop.call_later(_HEADER_S, self.give_way)
@@ -117,10 +112,11 @@ def _make_room(connections: set[Any], address: str) -> bool:
 
 
 def _drop_idle(connections: list[Any]) -> bool:
-    """Close the least worthy of the idle connections; return whether there was one."""
+    """Close one of the idle connections; return whether there was one."""
     idle = [each for each in connections if isinstance(each, _Connection) and each.is_idle]
     if idle:
-        min(idle, key=lambda each: each.worth).give_way()
+        # Those that never asked go first, then the oldest.
+        min(idle, key=lambda each: (each.has_asked, each.since_s)).give_way()
     return bool(idle)
 
 
@@ -186,7 +182,7 @@ class WebServer:
         except OSError as err:
             if sock is not None:
                 sock.close()
-            holder = port_holder(self._port) if err.errno == errno.EADDRINUSE else ""
+            holder = _port_holder(self._port) if err.errno == errno.EADDRINUSE else ""
             by = f" by {holder}" if holder else ""
             self._on_trouble(f"cannot listen: {err.strerror or err}{by}")
             return None
@@ -254,3 +250,29 @@ class WebServer:
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(self._last_words(), _LAST_WORDS_S)
         server.should_exit = True
+
+
+def _port_holder(port: int) -> str:
+    """Return who listens on a TCP port, as 'process 812 (radard)'; empty if not to be seen."""
+    wanted = {f"socket:[{inode}]" for inode in _listening(port)}
+    if not wanted:
+        return ""
+    for process in Path("/proc").glob("[0-9]*"):
+        # It may have ended since it was listed.
+        with contextlib.suppress(OSError):
+            if any(str(each.readlink()) in wanted for each in (process / "fd").iterdir()):
+                name = (process / "comm").read_text(errors="replace").strip()
+                return f"process {process.name} ({name})"
+    return ""
+
+
+def _listening(port: int) -> set[str]:
+    """Return the inodes of sockets that listen on a port."""
+    found = set()
+    for table in ("tcp", "tcp6"):
+        with contextlib.suppress(OSError):
+            for line in Path("/proc/net", table).read_text("ascii").splitlines()[1:]:
+                fields = line.split()
+                if fields[3] == "0A" and int(fields[1].rpartition(":")[2], 16) == port:
+                    found.add(fields[9])
+    return found

@@ -4,6 +4,7 @@
 """
 
 import asyncio
+import contextlib
 import logging
 from typing import Any
 from urllib.parse import urlsplit
@@ -13,6 +14,7 @@ from radard.config.sink_table import SinkOptions, WebSection
 from radard.errors import UsageError
 from radard.log import EventLog
 from radard.outputs.base import Host, Record, SinkContext, SinkState, StateKeeper
+from radard.outputs.thread_sink import CLOSE_S
 from radard.outputs.tls import shown_host
 from radard.web.api import Api, SensorRouter
 from radard.web.auth import AccessControl, read_tokens
@@ -23,7 +25,6 @@ from x2radar.ports import is_host
 _log = logging.getLogger("radard")
 PORT = 8434  # no other service of a home has it (IANA: unassigned)
 _POLL_S = 0.5  # how soon pages show health, panel and playback
-_CLOSE_S = 2.0  # as `radard.outputs.thread_sink.CLOSE_S`
 
 
 def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "WebSink":
@@ -82,11 +83,9 @@ class WebSink:
     @property
     def url(self) -> str | None:
         """Its URL; None while it does not listen."""
-        address = self._server.address
-        if address is None:
+        if (address := self._server.address) is None:
             return None
-        host, port = address
-        return f"http://{shown_host(host)}:{port}/"
+        return f"http://{shown_host(address[0])}:{address[1]}/"
 
     def start(self) -> None:
         """Begin to listen; a port that is not free is logged, and tried again."""
@@ -96,17 +95,15 @@ class WebSink:
 
     def attach(self, host: Host) -> None:
         """Take a sensor's host; one of several gets pages of its own."""
-        if not host.config().is_one_of_several:
-            view = self._first
-        else:
+        view = self._first
+        if host.config().is_one_of_several:
             view = self._views[host.sensor] = self._view(host.sensor)
         view.host = host
         view.picture_thread.start()
 
     def detach(self, sensor: str) -> None:
         """Take the pages of a sensor away."""
-        view = self._views.pop(sensor, None)
-        if view is not None:
+        if (view := self._views.pop(sensor, None)) is not None:
             view.picture_thread.close()
 
     def write(self, record: Record) -> None:
@@ -124,18 +121,15 @@ class WebSink:
     def close(self, timeout_s: float | None = None) -> None:
         """Finish, and wait for the server's thread."""
         self.finish()
-        if not self._server.join(_CLOSE_S if timeout_s is None else timeout_s):
+        if not self._server.join(CLOSE_S if timeout_s is None else timeout_s):
             _log.warning("%s: did not end in time", self.name)
 
     def _post(self, call: Any, value: Any) -> None:
         """Call something in the web's own thread; does nothing without one."""
-        loop = self._loop
-        if loop is not None:
-            try:
+        if (loop := self._loop) is not None:
+            # A loop that has closed since the line above: the run is over.
+            with contextlib.suppress(RuntimeError):
                 loop.call_soon_threadsafe(call, value)
-            except RuntimeError:
-                # The loop has closed since the line above: the run is over.
-                self._loop = None
 
     async def _poll_views(self, loop: asyncio.AbstractEventLoop) -> None:
         """Send pages what changes without a record."""

@@ -324,10 +324,7 @@ class MqttTopics:
         config["uniq_id"] = f"radard_{self._sensor}_{entity.key}"
         if entity is _PANEL and self._code_form:
             config |= {**_WITH_CODE, "code": self._code_form}
-        if (
-            entity.platform in {"binary_sensor", "sensor"}
-            and entity.config["stat_t"] != "~/health"
-        ):
+        if entity.platform.endswith("sensor") and entity.config["stat_t"] != "~/health":
             # Without a fresh state it is unavailable.
             config["exp_aft"] = round(self._options.expire_after_s)
         return config

@@ -24,15 +24,15 @@ _GAIT_EVERY_S = 0.5  # the gait picture spans two seconds
 _AFTER_FAULT_S = 5.0
 _MAX_BUSY = 0.5  # of a core: decisions come first
 
-Emit = Callable[[bytes], None]
-Announce = Callable[[dict[str, Any]], None]
-
 
 class PictureThread:
     """Make pictures of a `ring`'s frames; `announce` takes their axes, `emit` messages."""
 
     def __init__(
-        self, ring: Callable[[], FrameRing | None], announce: Announce, emit: Emit
+        self,
+        ring: Callable[[], FrameRing | None],
+        announce: Callable[[dict[str, Any]], None],
+        emit: Callable[[bytes], None],
     ) -> None:
         self._ring = ring
         self._announce = announce
@@ -135,18 +135,12 @@ class PictureThread:
             columns = spectrograms.push(recent.frames[at:until], recent.valid[at:until], t_s)
             if columns is None:
                 continue
-            self._emit(
-                encode_columns(
-                    columns, first=self._first, epoch=self._epoch, column_s=spectrograms.column_s
-                )
-            )
+            which = {"first": self._first, "epoch": self._epoch}
+            self._emit(encode_columns(columns, **which, column_s=spectrograms.column_s))
             self._first += len(columns.valid)
             # Of what was before, only the last gait is shown.
             if not self._waiting and abs(columns.t_s - self._gait_s) >= _GAIT_EVERY_S:
                 self._gait_s = columns.t_s
-                picture = spectrograms.gait()
-                if picture is not None:
-                    step = spectrograms.gait_step_hz
-                    self._emit(
-                        encode_gait(picture, epoch=self._epoch, step_hz=step, t_s=columns.t_s)
-                    )
+                if (picture := spectrograms.gait()) is not None:
+                    step = {"step_hz": spectrograms.gait_step_hz, "t_s": columns.t_s}
+                    self._emit(encode_gait(picture, epoch=self._epoch, **step))
