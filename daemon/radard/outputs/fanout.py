@@ -4,6 +4,7 @@ All sensors share them, but for MQTT, where each is a client with a last will of
 that needs more than records has a method `attach(host)` and gets every sensor's `Host`.
 """
 
+import contextlib
 import logging
 import threading
 import time
@@ -74,8 +75,8 @@ class Outputs:
         # Not changed in place: other threads may be looking through it.
         self._hosts = {**self._hosts, host.sensor: host}
         for of, sink in self.sinks:
-            if of is None and (attach := getattr(sink, "attach", None)) is not None:
-                attach(host)
+            if of is None:
+                getattr(sink, "attach", _ignore)(host)
 
     def remove(self, sensor: str) -> None:
         """Forget a sensor; its own outputs are closed by `reload`."""
@@ -83,8 +84,7 @@ class Outputs:
         for each in self._open:
             each.is_left |= each.sensor == sensor
         for _, sink in self.sinks:
-            if (detach := getattr(sink, "detach", None)) is not None:
-                detach(sensor)
+            getattr(sink, "detach", _ignore)(sensor)
 
     @property
     def sinks(self) -> list[tuple[str | None, Sink]]:
@@ -134,15 +134,14 @@ class Outputs:
         if record["type"] == "event":
             self.log.append(record)
         wait_s = -1 if waits and self.can_wait else _LOCK_S
-        if not self._lock.acquire(timeout=wait_s):
-            return False
-        try:
-            for each in self._open:
-                if each.sensor in {None, sensor}:
-                    each.write(record)
-        finally:
-            self._lock.release()
-        return True
+        if is_free := self._lock.acquire(timeout=wait_s):
+            try:
+                for each in self._open:
+                    if each.sensor in {None, sensor}:
+                        each.write(record)
+            finally:
+                self._lock.release()
+        return is_free
 
     def reload(self, config: Config, hellos: Sequence[Record]) -> None:
         """Open new outputs, close removed ones, reopen those whose options changed.
@@ -155,14 +154,11 @@ class Outputs:
         self._config, self._hellos = config, hellos
         wanted = self._wanted(config)
         with self._lock:
-            gone = [each for each in self._open if (each.name, each.sensor) not in wanted]
-            kept = [each for each in self._open if each not in gone]
-            known = [(each.name, each.sensor) for each in kept]
-            new = [
-                _Open(*key, held=RecordQueue(), after=self.log.told)
-                for key in wanted
-                if key not in known
-            ]
+            known = {(each.name, each.sensor): each for each in self._open}
+            gone = [each for key, each in known.items() if key not in wanted]
+            kept = [each for key, each in known.items() if key in wanted]
+            fresh = [key for key in wanted if key not in known]
+            new = [_Open(*key, held=RecordQueue(), after=self.log.told) for key in fresh]
             self._open = kept + new
         # Not under the lock: an output may take a moment to end, and the workers must not wait.
         close_sinks([each.sink for each in gone if each.sink is not None])
@@ -197,8 +193,7 @@ class Outputs:
         found: list[tuple[str, str | None]] = []
         # Named twice it is one: two clients of one name would throw each other out.
         for name in dict.fromkeys(config.output or ("",)):
-            row = find_row(name)
-            is_apart = config.is_one_of_several and row is not None and row.is_per_sensor
+            is_apart = config.is_one_of_several and (row := find_row(name)) and row.is_per_sensor
             found += [(name, sensor) for sensor in (self._hosts if is_apart else (None,))]
         return found
 
@@ -240,9 +235,8 @@ class Outputs:
         return name or ("table" if self._stdout_is_terminal else "json")
 
     def _attach(self, sink: Sink, sensor: str | None) -> None:
-        if (attach := getattr(sink, "attach", None)) is not None:
-            for host in self._hosts.values() if sensor is None else [self._hosts[sensor]]:
-                attach(host)
+        for host in self._hosts.values() if sensor is None else [self._hosts[sensor]]:
+            getattr(sink, "attach", _ignore)(host)
 
     def _make(self, name: str, sensor: str | None, after: int | None = None) -> Sink:
         """Return the sink of an output, of the options that hold, to be started."""
@@ -261,6 +255,10 @@ class Outputs:
         return make_output(self._meant_by(name), self._config, context)
 
 
+def _ignore(_given: object) -> None:
+    """Stand for the `attach` or `detach` of a sink that has none."""
+
+
 def _read_by(name: str, options: SinkOptions) -> list[object]:
     """Return what an output reads when it is opened: options, and which files those name."""
     row = find_row(name)
@@ -274,13 +272,12 @@ def _read_by(name: str, options: SinkOptions) -> list[object]:
     return [*sections, *(_version_of(path) for path in files if path is not None)]
 
 
-def _version_of(path: Path) -> tuple[int, ...] | None:
-    """Return what differs once a file is another; None if it is not there."""
-    try:
+def _version_of(path: Path) -> tuple[int, ...]:
+    """Return what differs once a file is another, or gone."""
+    with contextlib.suppress(OSError):
         about = path.stat()
-    except OSError:
-        return None
-    return about.st_ino, about.st_size, about.st_mtime_ns
+        return about.st_ino, about.st_size, about.st_mtime_ns
+    return ()
 
 
 def _write_hellos(each: _Open, hellos: Sequence[Record]) -> None:

@@ -63,17 +63,12 @@ class LslSink(DirectSink):
         if record["type"] == "event":
             self._events.push_sample([json_line(record).rstrip()], now_s)
             return
-        self._decisions.push_sample(sample_of(record), now_s - (record["latency_ms"] or 0) / 1e3)
+        told = {**record, "gate_open": record["gate"] == "open"}
+        if record["gate"] == "invalid":
+            told |= {"alarm": None, "gate_open": None}
+        sample = [math.nan if told[name] is None else float(told[name]) for name in CHANNELS]
+        self._decisions.push_sample(sample, now_s - (record["latency_ms"] or 0) / 1e3)
 
     def _shut(self) -> None:
         # Their destructors end the streams.
         self._decisions = self._events = None
-
-
-def sample_of(record: Record) -> list[float]:
-    """Return the sample of a decision's record, a value for each of `CHANNELS`."""
-    is_valid = record["gate"] != "invalid"
-    told = {**record, "gate_open": record["gate"] == "open"}
-    if not is_valid:
-        told |= {"alarm": None, "gate_open": None}
-    return [math.nan if told[name] is None else float(told[name]) for name in CHANNELS]

@@ -146,6 +146,7 @@ class SyslogSink(DirectSink):
         return str(record.get("sensor", self._sensor))
 
     def _journal(self, severity: int, text: str, record: Record) -> bytes:
+        """Return a message of journald's native protocol (systemd, "Native Journal Protocol")."""
         fields = {
             "MESSAGE": f"{self._of(record)}: {text}",
             "PRIORITY": severity,
@@ -154,7 +155,14 @@ class SyslogSink(DirectSink):
             "RADARD_SENSOR": self._sensor,
             **{f"RADARD_{key.upper()}": value for key, value in record.items()},
         }
-        return b"".join(_field(key, str(v)) for key, v in fields.items() if v is not None)
+        told = b""
+        for key, value in fields.items():
+            if value is not None:
+                data = str(value).encode(errors="replace")
+                length = len(data).to_bytes(8, "little")
+                between = b"\n" + length if b"\n" in data else b"="
+                told += key.encode() + between + data + b"\n"
+        return told
 
 
 def _message_of(record: Record) -> tuple[int, str]:
@@ -204,11 +212,3 @@ def _connected(
     except OSError:
         sock.close()
         raise
-
-
-def _field(key: str, value: str) -> bytes:
-    """Return a field of journald's native protocol (systemd, "Native Journal Protocol")."""
-    data = value.encode(errors="replace")
-    if b"\n" in data:
-        return key.encode() + b"\n" + len(data).to_bytes(8, "little") + data + b"\n"
-    return key.encode() + b"=" + data + b"\n"

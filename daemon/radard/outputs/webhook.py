@@ -105,9 +105,9 @@ class _Poster:
         """Return the code of the last answer, after redirects if they are followed."""
         url, end_s = self._url, time.monotonic() + self._section.timeout_s
         code, location = self._post(url, body, headers, self._section.timeout_s)
-        n_hops = _MAX_HOPS if self._section.follow_redirects else 0
-        while n_hops and location and code in _REDIRECTS:
-            n_hops -= 1
+        for _ in range(_MAX_HOPS if self._section.follow_redirects else 0):
+            if not location or code not in _REDIRECTS:
+                break
             before, url = url, urljoin(url, location)
             if urlsplit(url).scheme not in {"https", urlsplit(before).scheme}:
                 raise DeliveryError("the server redirects to what is no https")
@@ -122,11 +122,9 @@ class _Poster:
     ) -> tuple[int, str]:
         parts = urlsplit(url)
         host, port = parts.hostname or "", parts.port
-        link: http.client.HTTPConnection
+        link = http.client.HTTPConnection(host, port, timeout=timeout_s)
         if parts.scheme == "https":
             link = http.client.HTTPSConnection(host, port, timeout=timeout_s, context=self._tls)
-        else:
-            link = http.client.HTTPConnection(host, port, timeout=timeout_s)
         # The library's limit is for every read; a server that drips bytes would outlive it.
         watch = threading.Timer(timeout_s, _hang_up, (link,))
         watch.daemon = True
@@ -150,11 +148,9 @@ class _Poster:
             "webhook-id": key,
             "webhook-timestamp": now,
         }
-        token = read_secret("webhook.token", o.token_file, o.token_env)
-        if token is not None:
+        if token := read_secret("webhook.token", o.token_file, o.token_env):
             headers["Authorization"] = f"Bearer {token}"
-        secret = read_secret("webhook.secret", o.secret_file, o.secret_env)
-        if secret is not None:
+        if secret := read_secret("webhook.secret", o.secret_file, o.secret_env):
             headers["webhook-signature"] = sign(secret, key, now, body)
         return headers
 
