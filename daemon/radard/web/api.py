@@ -81,10 +81,8 @@ class Api:
             guard.reading("/api/v1/config", self._config),
             *EventRoutes(view, guard).routes,
             guard.changing("/api/v1/command", self._command),
-            guard.changing(
-                "/api/v1/zones", lambda body: self._change("zones", body, {"zones": body})
-            ),
-            guard.changing("/api/v1/settings", lambda body: self._change("settings", body, body)),
+            guard.changing("/api/v1/zones", partial(self._change, "zones")),
+            guard.changing("/api/v1/settings", partial(self._change, "settings")),
             guard.changing("/api/v1/test-alarm", self._test_alarm),
             guard.changing("/api/v1/playback", self._playback),
             Route("/api/v1/login", self._log_in, methods=["POST"]),
@@ -103,10 +101,8 @@ class Api:
         views = [self._view] if _OF_ONE in request.scope else self._all_views()
         hosts = [view.host for view in views if view.host is not None]
         now = overall({h.sensor: h.health for h in hosts}) if hosts else Status("starting", "")
-        body: dict[str, str] = {"state": now.state}
-        if self._access.role(request) != "nobody":
-            body["reason"] = now.reason
-        return JSONResponse(body, 200 if is_good(now) else 503)
+        reason = {} if self._access.role(request) == "nobody" else {"reason": now.reason}
+        return JSONResponse({"state": now.state, **reason}, 200 if is_good(now) else 503)
 
     async def _metrics(self, _request: Request) -> Response:
         views = self._all_views()
@@ -146,7 +142,7 @@ class Api:
     async def _decisions(self, request: Request) -> Response:
         limit = query_number(request, "limit", 100, DECISIONS)
         before = query_number(request, "before_seq", 0, _MAX_SEQ)
-        found = self._view.history.decisions(limit, before_seq=before or None)
+        found = self._view.history.decisions(limit, before_seq=before)
         return JSONResponse({"decisions": found})
 
     async def _why(self, request: Request) -> Response:
@@ -162,16 +158,15 @@ class Api:
     def _choices(self) -> dict[str, Any]:
         """Return the sensitivities to choose from, and what each costs by the model's card."""
         config, hello = self._view.config, self._view.history.hello
-        model, policy = hello.get("model"), hello.get("policy", "window")
-        if config.model.name not in {AUTO_MODEL, "none"}:
-            model = config.model.name
-        card = None
+        is_named = config.model.name not in {AUTO_MODEL, "none"}
+        model = config.model.name if is_named else hello.get("model")
+        card, alarm = None, config.alarm
         if model is not None:
             with contextlib.suppress(ModelMismatch, OSError, ValueError):
                 card = read_card(model)
-        alarm = config.alarm
+        choices = sensitivity_choices(alarm, hello.get("policy", "window"), card)
         return {
-            "choices": [asdict(each) for each in sensitivity_choices(alarm, policy, card)],
+            "choices": [asdict(each) for each in choices],
             # They go before those of the name.
             "given": [key for key in _NUMBERS if getattr(alarm, key) is not None],
         }
@@ -184,11 +179,8 @@ class Api:
             found = load_calibration(kept_calibration(self._view.config))
         except ConfigError:
             return None
-        return {
-            "made_utc": found.provenance.made_utc,
-            "false_gates_per_day": found.provenance.false_gates_per_day,
-            "restless": restless_spans(found),
-        }
+        made = {key: getattr(found.provenance, key) for key in ("made_utc", "false_gates_per_day")}
+        return {**made, "restless": restless_spans(found)}
 
     def _config(self) -> Any:
         return redact_value("", self._view.config.model_dump(mode="json"))
@@ -201,8 +193,7 @@ class Api:
             "decisions": view.history.decisions(180),
             "events": view.history.events()[-50:],
         }
-        most = view.section.max_viewers
-        await serve(websocket, self._access, view.hub, most, welcome)
+        await serve(websocket, self._access, view.hub, view.section.max_viewers, welcome)
 
     async def _page(self, request: Request) -> Response:
         is_known = self._access.role(request) != "nobody"
@@ -227,13 +218,14 @@ class Api:
             return refusal(409, str(err))
         return JSONResponse({"accepted": name}, 202)
 
-    async def _change(self, kind: Kind, body: dict[str, Any], sections: Any) -> Response:
+    async def _change(self, kind: Kind, body: dict[str, Any]) -> Response:
         """Save sections, or forget what was saved, and have the configuration read again."""
         host, path = self._host, saved_file(self._view.config, kind)
         is_forgotten = body.get("forget") is True
         if is_forgotten:
             await self._guard.read(forget, path)
         else:
+            sections = {"zones": body} if kind == "zones" else body
             await self._guard.read(change, path, kind, sections)
         log.info("%s from the dashboard: %s", kind, "forgotten" if is_forgotten else path)
         # Through the configuration, so that `config show` says the same.

@@ -52,23 +52,20 @@ def is_loopback(host: str) -> bool:
 
 def read_tokens(section: WebSection, host: str) -> Tokens:
     """Return the tokens; ConfigError if one cannot be read, is short, or one is needed."""
-    tokens = Tokens(
-        viewer=read_secret("web.token", section.token_file, section.token_env),
-        operator=read_secret(
-            "web.operator_token", section.operator_token_file, section.operator_token_env
-        ),
-    )
-    for name, token in (("token", tokens.viewer), ("operator_token", tokens.operator)):
+    o = section
+    viewer = read_secret("web.token", o.token_file, o.token_env)
+    operator = read_secret("web.operator_token", o.operator_token_file, o.operator_token_env)
+    for name, token in (("token", viewer), ("operator_token", operator)):
         if token is not None and len(token) < _MIN_LENGTH:
             raise ConfigError(f"web.{name}: a token needs {_MIN_LENGTH} characters or more")
-    if tokens.viewer is not None and tokens.viewer == tokens.operator:
+    if viewer is not None and viewer == operator:
         raise ConfigError("web.token and web.operator_token are the same: who looks on could arm")
-    if tokens.viewer is None and tokens.operator is None and not is_loopback(host):
+    if viewer is None and operator is None and not is_loopback(host):
         raise ConfigError(
             f"--output http://{host}: others can reach this address; name a token with "
             "web.token_file or web.token_env (and web.operator_token_file for arming)"
         )
-    return tokens
+    return Tokens(viewer=viewer, operator=operator)
 
 
 class RateLimit:
@@ -136,8 +133,7 @@ class AccessControl:
 
     def log_in(self, token: str, address: str) -> tuple[Role, str]:
         """Return role and session for a token of an address; ('nobody', '') for a wrong one."""
-        role = self._role_of(token, address)
-        if role == "nobody":
+        if (role := self._role_of(token, address)) == "nobody":
             return role, ""
         now_s = self._clock()
         alive = [(key, item) for key, item in self._sessions.items() if item[1] > now_s]
@@ -190,17 +186,14 @@ class AccessControl:
             return self._granted("operator")
         if is_viewer:
             return "viewer"
-        self._note_guess(address)
-        return "nobody"
-
-    def _note_guess(self, address: str) -> None:
-        """Count a wrong token; each address has its own count, so no stranger spends another's."""
+        # Each address has its own count, so no stranger spends another's.
         fresh = RateLimit(_MAX_GUESSES, _GUESSES_PER_S, self._clock)
         guesses = self._guesses.pop(address, fresh)
         guesses.take()
         self._guesses[address] = guesses
         if len(self._guesses) > _MAX_ADDRESSES:
             del self._guesses[next(iter(self._guesses))]
+        return "nobody"
 
     def _granted(self, role: Role) -> Role:
         return role if self._may_command else "viewer"

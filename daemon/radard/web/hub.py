@@ -51,10 +51,9 @@ class Viewer:
     def put_picture(self, data: bytes) -> None:
         """Queue a picture, or drop it."""
         in_flight = self._n_sent - self._n_drawn + len(self._pictures)
-        if not self.wants_pictures or in_flight >= MAX_IN_FLIGHT:
-            return
-        self._pictures.append(data)
-        self._wake.set()
+        if self.wants_pictures and in_flight < MAX_IN_FLIGHT:
+            self._pictures.append(data)
+            self._wake.set()
 
     def put_backlog(self, data: list[bytes]) -> None:
         """Queue earlier pictures, which do not count as in flight."""
@@ -166,10 +165,8 @@ async def serve(
     viewer = Viewer()
     viewer.put_text(json.dumps(welcome))
     hub.add(viewer)
-    tasks = [
-        asyncio.create_task(_send(socket, viewer)),
-        asyncio.create_task(_listen(socket, viewer, hub)),
-    ]
+    both = _send(socket, viewer), _listen(socket, viewer, hub)
+    tasks = [asyncio.create_task(each) for each in both]
     try:
         await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
     finally:
@@ -195,15 +192,10 @@ async def _listen(socket: WebSocket, viewer: Viewer, hub: Hub) -> None:
     while True:
         try:
             text = await socket.receive_text()
-        except (WebSocketDisconnect, KeyError):
-            return
-        if not rate_limit.take() or len(text) > MAX_MESSAGE:
-            return
-        try:
             message = json.loads(text)
-        except ValueError:
+        except (WebSocketDisconnect, KeyError, ValueError):
             return
-        if not isinstance(message, dict):
+        if not rate_limit.take() or not isinstance(message, dict):
             return
         if isinstance(message.get("pictures"), bool):
             hub.watch(viewer, wants_pictures=message["pictures"])

@@ -95,20 +95,17 @@ class _Connection(H11Protocol):
 
 def _make_room(connections: set[Any], address: str) -> bool:
     """Return whether one more connection of an address may come; an idle one gives way to it."""
-    local: list[Any] = []
-    strangers: list[Any] = []
-    for each in connections:
-        is_local = each.client is not None and is_loopback(each.client[0])
-        (local if is_local else strangers).append(each)
-    own = [each for each in strangers if each.client and each.client[0] == address]
-    if is_loopback(address):
-        is_full = len(connections) >= _MAX_CONNECTIONS
-        return not is_full or _drop_idle(strangers) or _drop_idle(local)
-    if len(own) >= _MAX_OF_ONE_ADDRESS:
-        return _drop_idle(own)
-    is_full = len(connections) >= _MAX_CONNECTIONS - _KEPT_FOR_LOOPBACK
-    half_open = [each for each in local if not getattr(each, "has_asked", True)]
-    return not is_full or _drop_idle(strangers) or _drop_idle(half_open)
+    known = [(each, each.client[0] if each.client else "") for each in connections]
+    local = [each for each, at in known if is_loopback(at)]
+    strangers = [each for each, at in known if not is_loopback(at)]
+    most = _MAX_CONNECTIONS
+    if not is_loopback(address):
+        own = [each for each, at in known if at == address]
+        if len(own) >= _MAX_OF_ONE_ADDRESS:
+            return _drop_idle(own)
+        local = [each for each in local if not getattr(each, "has_asked", True)]
+        most -= _KEPT_FOR_LOOPBACK
+    return len(connections) < most or _drop_idle(strangers) or _drop_idle(local)
 
 
 def _drop_idle(connections: list[Any]) -> bool:
@@ -164,10 +161,9 @@ class WebServer:
 
     def join(self, timeout_s: float) -> bool:
         """Wait until it has stopped; return whether it has."""
-        if self._thread is None:
-            return True
-        self._thread.join(timeout_s)
-        return not self._thread.is_alive()
+        if self._thread is not None:
+            self._thread.join(timeout_s)
+        return self._thread is None or not self._thread.is_alive()
 
     def _bind(self) -> socket.socket | None:
         sock: socket.socket | None = None
