@@ -39,7 +39,7 @@ def test_topics_of_a_run_and_their_clean_end(publish, listen):
     wait_for(lambda: json.loads(last(listener, "state") or "{}").get("alarm"))
     state = json.loads(last(listener, "state"))
     wanted = {"armed": True, "alarm": True, "label": "human", "gate": "open", "t_s": 2.45}
-    assert state == {**wanted, "panel": "triggered", "sensitivity": None}
+    assert state == {**wanted, "panel": "triggered", "sensitivity": "normal"}
     assert json.loads(last(listener, "decision"))["seq"] == 1
     sink.write(event(1, phase="end"))
     wait_for(lambda: json.loads(last(listener, "state"))["alarm"] is False)

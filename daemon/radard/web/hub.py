@@ -22,7 +22,6 @@ from radard.web.auth import AccessControl, RateLimit
 MAX_TEXTS = 400  # minutes of records
 MAX_IN_FLIGHT = 64  # pictures: what a page gets at its opening, and some seconds more
 _BACKLOG = 512  # messages: a minute of pictures for a page that opens
-MAX_MESSAGE = 512  # bytes; the longest that a page sends has thirty
 _MAX_PER_S = 20.0  # messages of a page, which reports pictures four times a second
 _CLOSE_POLICY, _CLOSE_BUSY, _CLOSE_SLOW = 1008, 1013, 4008  # RFC 6455 and IANA; 4000 on are ours
 

@@ -19,7 +19,6 @@ from starlette.types import ASGIApp
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from radard.web.auth import is_loopback
-from radard.web.hub import MAX_MESSAGE
 
 log = logging.getLogger("radard")
 # A stranger's bytes that are no HTTP would be a line each.
@@ -29,7 +28,7 @@ _MAX_CONNECTIONS = 256
 _KEPT_FOR_LOOPBACK = 32  # of those; `/healthz` and disarming on this machine always find room
 _MAX_OF_ONE_ADDRESS = 64  # a browser opens seven; loopback may stand for a whole proxy
 _HEADER_S = 10.0  # for each request's header
-_MAX_HEADER = 16_384  # bytes
+_MAX_HEADER, _MAX_MESSAGE = 16_384, 512  # bytes; the longest that a page sends has thirty
 _RETRY_S = 5.0
 _BACKLOG = 128  # connections that wait to be taken
 _TOO_MANY = {errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM}
@@ -204,7 +203,7 @@ class WebServer:
             self._app,
             http=_Connection,
             ws="websockets-sansio",
-            ws_max_size=MAX_MESSAGE,
+            ws_max_size=_MAX_MESSAGE,
             ws_per_message_deflate=False,
             lifespan="off",
             log_config=None,

@@ -252,11 +252,8 @@ class MqttSink(ThreadSink):
             # Who has the picture may have lost it.
             self._seen_ns = 0
         if (host := self._context.host) is not None:
-            health, panel = host.health.status, host.panel()
-            room = panel.calibration if panel is not None else None
-            text = ": ".join(filter(None, (room.phase, room.text))) if room is not None else ""
-            status = (health.state, health.reason)
-            self._publish(self._topics.refresh(now_s, status, panel, calibration=text or None))
+            status = (health := host.health.status).state, health.reason
+            self._publish(self._topics.refresh(now_s, status, host.panel()))
         # Large messages come last, each by itself: a broker may drop the line at them.
         if self._must_announce or not self._link.is_idle or self._owes_events(now_s):
             return

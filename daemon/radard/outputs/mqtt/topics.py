@@ -126,14 +126,10 @@ _WITH_CODE = {"cod_dis_req": True, "cmd_tpl": "{{ {'action': action, 'code': cod
 _ENTITIES = (*_STATE_ENTITIES, _EVENT, _PICTURE, *_DECISION_ENTITIES, *_COMMAND_ENTITIES)
 
 
-def panel_state(panel: SensorState | None, *, is_armed: bool, is_on: bool) -> str:
+def panel_state(now: SensorState, *, is_on: bool) -> str:
     """Return a panel's state as Home Assistant calls it; `is_on` says that an alarm is."""
-    state = panel.panel if panel is not None else ("armed" if is_armed else "disarmed")
-    if is_on or state == "alarm":
-        return "triggered"
-    if state == "armed":
-        return f"armed_{panel.mode if panel is not None else 'away'}"
-    return {"exit": "arming", "entry": "pending"}.get(str(state), "disarmed")
+    names = {"armed": f"armed_{now.mode}", "exit": "arming", "entry": "pending"}
+    return "triggered" if is_on or now.panel == "alarm" else names.get(now.panel, "disarmed")
 
 
 class MqttTopics:
@@ -158,9 +154,7 @@ class MqttTopics:
         self.birth_topic = f"{options.discovery_prefix}/status"  # Home Assistant has started
         self._hello: Record | None = None
         self._open: dict[str, str] = {}
-        self._is_armed = True
-        self._panel: SensorState | None = None
-        self._sensitivity: str | None = None
+        self._panel = SensorState()
         self._calibration: str | None = None
         self._label: str | None = "none"
         self._gate = "closed"
@@ -178,8 +172,11 @@ class MqttTopics:
         kind = record["type"]
         if kind == "hello":
             self._hello = record
-            self._is_armed = bool(record.get("armed", self._is_armed))
-            self._sensitivity = record.get("sensitivity")
+            self._panel = SensorState(
+                armed=bool(is_armed := record.get("armed", self._panel.armed)),
+                panel="armed" if is_armed else "disarmed",
+                sensitivity=record.get("sensitivity", self._panel.sensitivity),
+            )
             return []
         if kind == "decision":
             return self._on_decision(record, now_s)
@@ -197,13 +194,11 @@ class MqttTopics:
         now_s: float,
         status: tuple[str, str],
         panel: SensorState | None,
-        *,
-        calibration: str | None = None,
     ) -> list[Publication]:
-        """Take state and reason, panel, and a calibration's progress; return what changed."""
-        self._status, self._panel, self._calibration = status, panel, calibration
-        if panel is not None:
-            self._is_armed, self._sensitivity = panel.armed, panel.sensitivity
+        """Take state and reason, and what a stream's panel is; return what changed."""
+        room = panel.calibration if panel is not None else None
+        self._calibration = f"{room.phase}: {room.text}".removesuffix(": ") if room else None
+        self._status, self._panel = status, panel or self._panel
         return self._changes(now_s)
 
     def announce(self, now_s: float) -> list[Publication]:
@@ -246,9 +241,9 @@ class MqttTopics:
         if now_s - self._decided_s < self._options.expire_after_s:
             is_on = "alarm" in self._open
             held = {
-                "armed": self._is_armed,
-                "panel": panel_state(self._panel, is_armed=self._is_armed, is_on=is_on),
-                "sensitivity": self._sensitivity,
+                "armed": self._panel.armed,
+                "panel": panel_state(self._panel, is_on=is_on),
+                "sensitivity": self._panel.sensitivity,
                 "alarm": is_on,
                 "label": self._label,
                 "gate": self._gate,
