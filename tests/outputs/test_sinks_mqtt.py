@@ -124,7 +124,7 @@ def test_what_takes_commands(given, tmp_path, monkeypatch):
         for name, section in (("-", {}), ("password", password), ("certificate", certificate)):
             options = SinkOptions(mqtt=MqttSection(commands=given, **section))
             sink = make_output(f"{scheme}://h", options, SinkContext(sensor="hall"))
-            topics = sink._link._subscriptions
+            topics = sink._link.subscriptions
             taken |= {f"{scheme} {name}"} if f"{BASE}/command/+" in topics else set()
     everything = {f"{s} {n}" for s in ("mqtt", "mqtts") for n in ("-", "password", "certificate")}
     secure = {"mqtts password", "mqtts certificate"}

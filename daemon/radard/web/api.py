@@ -5,7 +5,7 @@ import logging
 import mimetypes
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -286,19 +286,19 @@ class Api:
         return answer
 
 
+@dataclass(eq=False)
 class SensorRouter:
     """ASGI application: /sensor/NAME/... is NAME's, everything else the first sensor's."""
 
-    def __init__(self, only: View, views: Mapping[str, View]) -> None:
-        self._only = only
-        self._views = views
+    only: View
+    views: Mapping[str, View]
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Hand a request to the pages of the sensor that its path names."""
         match = _OWN_PATH.fullmatch(scope.get("path", ""))
-        view = self._views.get(match[1]) if match else None
+        view = self.views.get(match[1]) if match else None
         if match is None or view is None:
-            first = next(iter(self._views.values()), self._only)
+            first = next(iter(self.views.values()), self.only)
             await first.app(scope, receive, send)
         elif match[2] is None:
             # What the page asks for lies beside it.

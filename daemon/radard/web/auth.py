@@ -87,28 +87,22 @@ class RateLimit:
 
     def take(self) -> bool:
         """Count an act; return whether it may be done."""
-        if self.is_spent:
-            return False
-        self._left -= 1
-        return True
+        is_free = not self.is_spent
+        self._left -= is_free
+        return is_free
 
 
+@dataclass(eq=False)
 class AccessControl:
     """Says what a request may do, without `may_command` no commands; for the web's thread."""
 
-    def __init__(
-        self,
-        tokens: Tokens,
-        *,
-        may_command: bool = True,
-        cookie: str = "radard",
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
-        self._tokens = tokens
-        self._wants_token = tokens != Tokens()
-        self.cookie = cookie
-        self._may_command = may_command
-        self._clock = clock
+    tokens: Tokens
+    may_command: bool = True
+    cookie: str = "radard"
+    clock: Callable[[], float] = time.monotonic
+
+    def __post_init__(self) -> None:
+        self._wants_token = self.tokens != Tokens()
         self._sessions: dict[str, tuple[Role, float]] = {}
         self._guesses: dict[str, RateLimit] = {}
 
@@ -122,20 +116,20 @@ class AccessControl:
         if not self._wants_token:
             return self._granted("operator")
         session = self._sessions.get(connection.cookies.get(self.cookie, ""))
-        if session is not None and session[1] > self._clock():
+        if session is not None and session[1] > self.clock():
             return session[0]
         scheme, _, token = connection.headers.get("authorization", "").partition(" ")
-        if scheme.lower() == "bearer" and token.strip():
-            # Headers are read as Latin-1, and a token's file as UTF-8.
-            text = token.strip().encode("latin-1").decode(errors="replace")
-            return self._role_of(text, address_of(connection))
-        return "nobody"
+        if scheme.lower() != "bearer" or not token.strip():
+            return "nobody"
+        # Headers are read as Latin-1, and a token's file as UTF-8.
+        text = token.strip().encode("latin-1").decode(errors="replace")
+        return self._role_of(text, address_of(connection))
 
     def log_in(self, token: str, address: str) -> tuple[Role, str]:
         """Return role and session for a token of an address; ('nobody', '') for a wrong one."""
         if (role := self._role_of(token, address)) == "nobody":
             return role, ""
-        now_s = self._clock()
+        now_s = self.clock()
         alive = [(key, item) for key, item in self._sessions.items() if item[1] > now_s]
         self._sessions = dict(alive[-_MAX_SESSIONS + 1 :])
         session = secrets.token_urlsafe(32)
@@ -180,14 +174,14 @@ class AccessControl:
         # Both are compared, whichever it is.
         is_operator, is_viewer = (
             wanted is not None and hmac.compare_digest(given, wanted.encode())
-            for wanted in (self._tokens.operator, self._tokens.viewer)
+            for wanted in (self.tokens.operator, self.tokens.viewer)
         )
         if is_operator:
             return self._granted("operator")
         if is_viewer:
             return "viewer"
         # Each address has its own count, so no stranger spends another's.
-        fresh = RateLimit(_MAX_GUESSES, _GUESSES_PER_S, self._clock)
+        fresh = RateLimit(_MAX_GUESSES, _GUESSES_PER_S, self.clock)
         guesses = self._guesses.pop(address, fresh)
         guesses.take()
         self._guesses[address] = guesses
@@ -196,7 +190,7 @@ class AccessControl:
         return "nobody"
 
     def _granted(self, role: Role) -> Role:
-        return role if self._may_command else "viewer"
+        return role if self.may_command else "viewer"
 
 
 def address_of(connection: HTTPConnection) -> str:

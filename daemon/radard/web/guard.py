@@ -9,6 +9,7 @@ import asyncio
 import json
 import re
 from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
 from typing import Any, TypeVar
 from urllib.parse import unquote
 
@@ -182,33 +183,33 @@ def _to_origin_form(scope: Scope) -> None:
         scope["path"] = unquote(scope["raw_path"].decode("ascii"))
 
 
+@dataclass(eq=False)
 class SecurityMiddleware:
     """The checks as ASGI middleware around an application."""
 
-    def __init__(self, app: ASGIApp, access: AccessControl) -> None:
-        self._app = app
-        self._access = access
+    app: ASGIApp
+    access: AccessControl
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Let a request pass, or answer it."""
         if scope["type"] in {"http", "websocket"}:
             _to_origin_form(scope)
         if scope["type"] != "http":
-            await self._app(scope, receive, send)
+            await self.app(scope, receive, send)
             return
         answer = _shielded(send)
-        app = self._fault(scope["method"], Headers(scope=scope)) or self._app
+        app = self._fault(scope["method"], Headers(scope=scope)) or self.app
         await app(scope, receive, answer)
 
     def _fault(self, method: str, headers: Headers) -> JSONResponse | None:
-        if not self._access.is_right_host(headers):
+        if not self.access.is_right_host(headers):
             told = f"Host is '{headers.get('host', '')}': without tokens, only this machine's own"
             return refusal(421, f"{told} addresses are served; name tokens in the web section")
         if method in _SAFE:
             return None
         if whole_number(headers.get("content-length", "0"), MAX_BODY) is None:
             return refusal(413, "the body is too long")
-        if not self._access.is_same_origin(headers):
+        if not self.access.is_same_origin(headers):
             told = f"the page is of {headers.get('origin', 'another site')}, Host is "
             told += f"'{headers.get('host', '')}': only the dashboard itself may do this, and a"
             return refusal(403, f"{told} proxy before it must hand on the Host that it was given")

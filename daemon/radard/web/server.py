@@ -11,6 +11,7 @@ import logging
 import socket
 import threading
 from collections.abc import Callable, Coroutine
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -116,27 +117,18 @@ def _drop_idle(connections: list[Any]) -> bool:
     return bool(idle)
 
 
+@dataclass(eq=False)
 class WebServer:
-    """Serve an application; port 0 is any free one. `on_trouble` hears why it cannot.
+    """Serve an application."""
 
-    `beside` returns what runs beside it in its loop; `last_words` is waited for before the end.
-    """
+    host: str
+    port: int  # 0: any free one
+    app: ASGIApp
+    beside: Callable[[asyncio.AbstractEventLoop], Any]  # returns what runs beside it in its loop
+    on_trouble: Callable[[str], None]  # hears why it cannot
+    last_words: Callable[[], Coroutine[Any, Any, None]]  # what is waited for before the end
 
-    def __init__(
-        self,
-        host: str,
-        port: int,
-        app: ASGIApp,
-        beside: Callable[[asyncio.AbstractEventLoop], Any],
-        on_trouble: Callable[[str], None],
-        *,
-        last_words: Callable[[], Coroutine[Any, Any, None]],
-    ) -> None:
-        self._host, self._port = host, port
-        self._app = app
-        self._beside = beside
-        self._on_trouble = on_trouble
-        self._last_words = last_words
+    def __post_init__(self) -> None:
         self._stop = threading.Event()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._stopping = asyncio.Event()
@@ -168,7 +160,7 @@ class WebServer:
         sock: socket.socket | None = None
         try:
             family, kind, proto, _, address = socket.getaddrinfo(
-                self._host, self._port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+                self.host, self.port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
             )[0]
             sock = socket.socket(family, kind, proto)
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -177,12 +169,12 @@ class WebServer:
         except OSError as err:
             if sock is not None:
                 sock.close()
-            holder = _port_holder(self._port) if err.errno == errno.EADDRINUSE else ""
+            holder = _port_holder(self.port) if err.errno == errno.EADDRINUSE else ""
             by = f" by {holder}" if holder else ""
-            self._on_trouble(f"cannot listen: {err.strerror or err}{by}")
+            self.on_trouble(f"cannot listen: {err.strerror or err}{by}")
             return None
         self.address = sock.getsockname()[:2]
-        self._on_trouble("")
+        self.on_trouble("")
         return sock
 
     def _run(self, sock: socket.socket | None) -> None:
@@ -194,13 +186,13 @@ class WebServer:
             asyncio.run(self._serve(sock))
         except Exception as err:
             log.exception("the dashboard has ended")
-            self._on_trouble(f"ended: {err!r}")
+            self.on_trouble(f"ended: {err!r}")
         finally:
             sock.close()
 
     async def _serve(self, sock: socket.socket) -> None:
         config = uvicorn.Config(
-            self._app,
+            self.app,
             http=_Connection,
             ws="websockets-sansio",
             ws_max_size=_MAX_MESSAGE,
@@ -219,7 +211,7 @@ class WebServer:
         self._loop = asyncio.get_running_loop()
         self._loop.set_exception_handler(self._fault)
         beside = [
-            asyncio.create_task(self._beside(self._loop)),
+            asyncio.create_task(self.beside(self._loop)),
             asyncio.create_task(self._until_stopped(server)),
         ]
         try:
@@ -243,7 +235,7 @@ class WebServer:
     async def _until_stopped(self, server: uvicorn.Server) -> None:
         await self._stopping.wait()
         with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(self._last_words(), _LAST_WORDS_S)
+            await asyncio.wait_for(self.last_words(), _LAST_WORDS_S)
         server.should_exit = True
 
 

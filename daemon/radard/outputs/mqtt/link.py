@@ -117,41 +117,28 @@ class Broker:
     username: str | None
 
 
+@dataclass(eq=False)
 class MqttLink:
     """Keep a connection; raises ConfigError if the password or a certificate cannot be read.
 
-    `will` is what the broker publishes when the connection is lost, `subscriptions` are topic
-    filters, with QoS 1. Callables, none of which may wait: `on_up` when connected and subscribed,
-    `on_down` with a reason when not, `on_message` with topic, payload and whether it was retained,
-    `say` with which messages the broker does not take. `is_alive` says whether the publishing
-    thread still runs; if not, the connection is closed without DISCONNECT, so that the broker
-    publishes the last will: the state would be stale.
+    No callable may wait. While `is_alive` says that the publishing thread does not run, the
+    connection is closed without DISCONNECT, so that the broker publishes the last will: the state
+    would be stale.
     """
 
-    def __init__(
-        self,
-        broker: Broker,
-        options: MqttSection,
-        backoff: Backoff,
-        *,
-        will: Publication | None,
-        subscriptions: list[str],
-        on_up: Callable[[], None],
-        on_down: Callable[[str], None],
-        on_message: Callable[[str, bytes, bool], None],
-        is_alive: Callable[[], bool],
-        say: Callable[[str], None] = lambda _text: None,
-    ) -> None:
-        self._broker = broker
-        self._options = options
-        self._backoff = backoff
-        self._will = will
-        self._subscriptions = subscriptions
-        self._on_up = on_up
-        self._on_down = on_down
-        self._on_message = on_message
-        self._is_alive = is_alive
-        self._limits = PacketLimits(say)
+    broker: Broker
+    options: MqttSection
+    backoff: Backoff
+    will: Publication | None  # what the broker publishes when the connection is lost
+    subscriptions: list[str]  # topic filters, with QoS 1
+    on_up: Callable[[], None]  # it is connected and subscribed
+    on_down: Callable[[str], None]  # it is not, for a reason
+    on_message: Callable[[str, bytes, bool], None]  # topic, payload, whether it was retained
+    is_alive: Callable[[], bool]
+    say: Callable[[str], None] = lambda _text: None  # which messages the broker does not take
+
+    def __post_init__(self) -> None:
+        self._limits = PacketLimits(self.say)
         self._is_5 = True
         self._is_unanswered = False
         self._client: paho.Client | None = None
@@ -227,7 +214,7 @@ class MqttLink:
 
     def _run(self) -> None:
         while not self._halt.is_set():
-            if not self._is_alive():
+            if not self.is_alive():
                 self._halt.wait(_POLL_S)
                 continue
             began_s = time.monotonic()
@@ -240,15 +227,15 @@ class MqttLink:
                 self._is_5 = not self._is_5
                 if not self._is_5:
                     continue
-            is_short = time.monotonic() - began_s < _SHORT_S and self._is_alive()
+            is_short = time.monotonic() - began_s < _SHORT_S and self.is_alive()
             # A rival that waits for long would else be met ever more often.
             if was_up and not is_to_blame and (is_short or "Session taken over" in self._reason):
-                self._reason += f"; is another client called '{self._broker.client_id}'?"
+                self._reason += f"; is another client called '{self.broker.client_id}'?"
             elif was_up:
-                self._backoff.reset()
+                self.backoff.reset()
             self._last_reason = self._reason
-            self._on_down(self._reason)
-            self._halt.wait(self._backoff.next_s())
+            self.on_down(self._reason)
+            self._halt.wait(self.backoff.next_s())
 
     def _connect_once(self) -> bool:
         """Connect, and wait until the connection is lost; return whether there was one."""
@@ -257,7 +244,7 @@ class MqttLink:
         client: paho.Client | None = None
         try:
             client = self._new_client()
-            client.connect(self._broker.host, self._broker.port, self._options.keepalive_s)
+            client.connect(self.broker.host, self.broker.port, self.options.keepalive_s)
             self._is_unanswered = True
             client.loop_start()
             self._wait(client)
@@ -265,7 +252,7 @@ class MqttLink:
             self._reason = f"cannot connect: {explain(err)}"
         was_up, self._client = self._client is not None, None
         if client is not None:
-            if self._is_alive():
+            if self.is_alive():
                 # Without it the broker publishes the last will.
                 client.disconnect()
             if isinstance(sock := client.socket(), socket.socket):
@@ -276,11 +263,11 @@ class MqttLink:
 
     def _wait(self, client: paho.Client) -> None:
         """Wait until the connection is lost; an answer must come within the keep-alive."""
-        end_s = time.monotonic() + self._options.keepalive_s
+        end_s = time.monotonic() + self.options.keepalive_s
         while not self._lost.wait(_POLL_S):
             if self._client is None and time.monotonic() > end_s:
                 self._lose(client, _NO_ANSWER)
-            if not self._is_alive():
+            if not self.is_alive():
                 self._lose(client, "the output's own thread stands still")
 
     def _lose(self, client: paho.Client, reason: str) -> None:
@@ -289,7 +276,7 @@ class MqttLink:
             self._lost.set()
 
     def _new_client(self) -> paho.Client:
-        o, broker = self._options, self._broker
+        o, broker = self.options, self.broker
         client = paho.Client(
             CallbackAPIVersion.VERSION2,
             client_id=broker.client_id,
@@ -306,13 +293,13 @@ class MqttLink:
             context = client_context("mqtt", o.ca_file, o.cert_file, o.key_file)
             context.check_hostname = o.check_hostname
             client.tls_set_context(context)
-        if (will := self._will) is not None:
+        if (will := self.will) is not None:
             client.will_set(will.topic, will.payload, will.qos, self._limits.can_retain)
         client.on_connect = self._connected
         client.on_publish = self._answered
         client.on_subscribe = self._subscribed
         client.on_disconnect = self._disconnected
-        client.on_message = lambda _client, _data, message: self._on_message(
+        client.on_message = lambda _client, _data, message: self.on_message(
             message.topic, bytes(message.payload), message.retain
         )
         return client
@@ -330,10 +317,10 @@ class MqttLink:
             return
         self._limits.can_retain = bool(getattr(p, "RetainAvailable", 1))
         self._refused.clear()
-        if self._subscriptions:
-            client.subscribe([(topic, 1) for topic in self._subscriptions])
+        if self.subscriptions:
+            client.subscribe([(topic, 1) for topic in self.subscriptions])
         self._client = client
-        self._on_up()
+        self.on_up()
 
     def _disconnected(
         self, client: paho.Client, _d: Any, _f: Any, code: ReasonCode, _p: Any
@@ -346,7 +333,7 @@ class MqttLink:
             self._refused[mid] = str(code)
 
     def _subscribed(self, _c: Any, _d: Any, _mid: int, codes: list[ReasonCode], _p: Any) -> None:
-        for topic, code in zip(self._subscriptions, codes, strict=False):
+        for topic, code in zip(self.subscriptions, codes, strict=False):
             if code.is_failure:
                 self._limits.leave_out(topic, f"the broker lets nobody listen there: {code}")
 

@@ -13,7 +13,7 @@ import logging
 import re
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
@@ -97,14 +97,14 @@ def code_of(options: MqttSection) -> str:
     return read_secret("mqtt.code", options.code_file, options.code_env) or ""
 
 
+@dataclass(eq=False)
 class CommandReader:
     """Read the messages of one sensor's command topics."""
 
-    def __init__(self, options: MqttSection, now_s: Callable[[], float] = time.monotonic) -> None:
-        self._options = options
-        self._now_s = now_s
-        self._n_wrong = 0
-        self._locked_until_s = float("-inf")
+    options: MqttSection
+    now_s: Callable[[], float] = time.monotonic
+    _n_wrong: int = 0
+    _locked_until_s: float = float("-inf")
 
     def read(self, topic: str, payload: bytes, *, is_retained: bool) -> tuple[str, str]:
         """Return a command, or 'sensitivity', and its value; or ValueError, ConfigError."""
@@ -132,20 +132,20 @@ class CommandReader:
         return name, ""
 
     def _check_code(self, given: str) -> None:
-        wanted = code_of(self._options)
+        wanted = code_of(self.options)
         if not wanted:
             if given:
                 msg = "command 'disarm' ignored: its payload must be empty, as no code is set"
                 raise ValueError(msg)
             return
-        if self._now_s() < self._locked_until_s:
+        if self.now_s() < self._locked_until_s:
             raise ValueError("command 'disarm' ignored: too many wrong codes, wait a minute")
         if hmac.compare_digest(given.encode(), wanted.encode()):
             self._n_wrong = 0
             return
         self._n_wrong += 1
         if self._n_wrong >= _MAX_WRONG:
-            self._n_wrong, self._locked_until_s = 0, self._now_s() + _LOCKED_S
+            self._n_wrong, self._locked_until_s = 0, self.now_s() + _LOCKED_S
         raise ValueError("command 'disarm' ignored: a wrong code, or none")
 
 

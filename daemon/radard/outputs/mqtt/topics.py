@@ -9,7 +9,7 @@ makes an entity unavailable when a daemon hangs and sends no state.
 
 import json
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple
 
 from radard.alarm.sensitivity import SENSITIVITIES
@@ -132,26 +132,21 @@ def panel_state(now: SensorState, *, is_on: bool) -> str:
     return "triggered" if is_on or now.panel == "alarm" else names.get(now.panel, "disarmed")
 
 
+@dataclass(eq=False)
 class MqttTopics:
     """What a sensor's topics hold, all below `prefix`/`sensor`."""
 
-    def __init__(
-        self,
-        sensor: str,
-        prefix: str,
-        options: MqttSection,
-        *,
-        takes_commands: bool,
-        code_form: CodeForm = "",
-    ) -> None:
-        self._code_form = code_form
-        self._sensor = sensor
-        self._takes_commands = takes_commands
-        self._options = options
-        self.base = f"{prefix}/{sensor}"
+    sensor: str
+    prefix: str
+    options: MqttSection
+    takes_commands: bool
+    code_form: CodeForm = ""
+
+    def __post_init__(self) -> None:
+        self.base = f"{self.prefix}/{self.sensor}"
         # The last will: what the broker publishes when the connection is lost.
         self.will = Publication(f"{self.base}/availability", "offline")
-        self.birth_topic = f"{options.discovery_prefix}/status"  # Home Assistant has started
+        self.birth_topic = f"{self.options.discovery_prefix}/status"  # Home Assistant has started
         self._hello: Record | None = None
         self._open: dict[str, str] = {}
         self._panel = SensorState()
@@ -217,11 +212,11 @@ class MqttTopics:
         # The state is published every third of its expiry; the next decision would be too late.
         # So is that it is there: a broker may publish the will of a connection that was replaced.
         hop_s = max(_HOP_S, (self._hello or {}).get("hop_s", _HOP_S))
-        if now_s - self._stated_s >= self._options.expire_after_s / 3 - hop_s:
+        if now_s - self._stated_s >= self.options.expire_after_s / 3 - hop_s:
             for name in ("state", "availability"):
                 self._published.pop(name, None)
         messages = self._changes(now_s)
-        if self._options.decisions:
+        if self.options.decisions:
             topic = f"{self.base}/decision"
             messages.append(Publication(topic, _json(record), 0, is_retained=False))
         return messages
@@ -238,7 +233,7 @@ class MqttTopics:
         }
         messages = self._if_changed("health", health)
         # A state from before an outage would be stale.
-        if now_s - self._decided_s < self._options.expire_after_s:
+        if now_s - self._decided_s < self.options.expire_after_s:
             is_on = "alarm" in self._open
             held = {
                 "armed": self._panel.armed,
@@ -270,7 +265,7 @@ class MqttTopics:
         """Return what Home Assistant is told, once there was a `hello`; empty payloads remove."""
         if self._hello is None:
             return []
-        o, sensor = self._options, self._sensor
+        o, sensor = self.options, self.sensor
         prefix, form = o.discovery_prefix, o.discovery
         about = self._about(self._hello)
         configs = {each.key: self._config(each) for each in self._entities()}
@@ -291,23 +286,23 @@ class MqttTopics:
     def _entities(self) -> tuple[Entity, ...]:
         """Return the entities that the sensor has with its options."""
         # A button asks for no code.
-        lacks = {_DISARM.key} if self._code_form else set()
-        lacks |= set() if self._options.picture else {_PICTURE.key}
-        lacks |= set() if self._options.decisions else {e.key for e in _DECISION_ENTITIES}
-        lacks |= set() if self._takes_commands else {e.key for e in _COMMAND_ENTITIES}
+        lacks = {_DISARM.key} if self.code_form else set()
+        lacks |= set() if self.options.picture else {_PICTURE.key}
+        lacks |= set() if self.options.decisions else {e.key for e in _DECISION_ENTITIES}
+        lacks |= set() if self.takes_commands else {e.key for e in _COMMAND_ENTITIES}
         return tuple(each for each in _ENTITIES if each.key not in lacks)
 
     def _about(self, hello: Record) -> dict[str, Any]:
         version, module = str(hello.get("version", "unknown")), hello.get("module")
-        device = {"ids": [f"radard_{self._sensor}"], "name": self._sensor, "sw": version}
+        device = {"ids": [f"radard_{self.sensor}"], "name": self.sensor, "sw": version}
         mark = next((mark for mark in ("simulated", "replayed") if hello.get(mark)), None)
         if module:
             # All the modules that the driver knows are of one maker.
             device |= {"mf": "Novelda", "mdl": f"{module} ({mark})" if mark else str(module)}
         elif mark:
             device["mdl"] = mark
-        if self._options.dashboard_url:
-            device["cu"] = self._options.dashboard_url
+        if self.options.dashboard_url:
+            device["cu"] = self.options.dashboard_url
         origin = {"name": "radard", "sw": version}
         return {"dev": device, "o": origin, "avty_t": self.will.topic, "qos": 1}
 
@@ -316,12 +311,12 @@ class MqttTopics:
             key: value.replace("~/", f"{self.base}/", 1) if key.endswith("_t") else value
             for key, value in entity.config.items()
         }
-        config["uniq_id"] = f"radard_{self._sensor}_{entity.key}"
-        if entity is _PANEL and self._code_form:
-            config |= {**_WITH_CODE, "code": self._code_form}
+        config["uniq_id"] = f"radard_{self.sensor}_{entity.key}"
+        if entity is _PANEL and self.code_form:
+            config |= {**_WITH_CODE, "code": self.code_form}
         if entity.platform.endswith("sensor") and entity.config["stat_t"] != "~/health":
             # Without a fresh state it is unavailable.
-            config["exp_aft"] = round(self._options.expire_after_s)
+            config["exp_aft"] = round(self.options.expire_after_s)
         return config
 
     def picture(self, png: bytes) -> Publication:

@@ -10,6 +10,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 from radard.dsp.pictures import Spectrograms
@@ -25,18 +26,15 @@ _AFTER_FAULT_S = 5.0
 _MAX_BUSY = 0.5  # of a core: decisions come first
 
 
+@dataclass(eq=False)
 class PictureThread:
     """Make pictures of a `ring`'s frames; `announce` takes their axes, `emit` messages."""
 
-    def __init__(
-        self,
-        ring: Callable[[], FrameRing | None],
-        announce: Callable[[dict[str, Any]], None],
-        emit: Callable[[bytes], None],
-    ) -> None:
-        self._ring = ring
-        self._announce = announce
-        self._emit = emit
+    ring: Callable[[], FrameRing | None]
+    announce: Callable[[dict[str, Any]], None]
+    emit: Callable[[bytes], None]
+
+    def __post_init__(self) -> None:
         self._changed = threading.Condition()
         self._n_wishes = self._wish = self._shown_wish = 0
         self._is_ended = self._is_told = False
@@ -93,7 +91,7 @@ class PictureThread:
 
     def _look(self, wish: int) -> None:
         """Keep what has come since; of what a page is still to see, show the next part."""
-        ring = self._ring()
+        ring = self.ring()
         if ring is None:
             return
         if ring is not self._shown_ring:
@@ -116,7 +114,7 @@ class PictureThread:
             self._spectrograms = Spectrograms(ring.axis, ring.frame_rate_hz)
             self._waiting = deque(self._kept)
             self._shown_to, self._begun_at = 0, -1
-            self._announce(axes(self._spectrograms))
+            self.announce(axes(self._spectrograms))
         self._shown_wish = wish
         if self._waiting and self._spectrograms is not None:
             self._show(self._spectrograms, self._waiting.popleft())
@@ -136,11 +134,11 @@ class PictureThread:
             if columns is None:
                 continue
             which = {"first": self._first, "epoch": self._epoch}
-            self._emit(encode_columns(columns, **which, column_s=spectrograms.column_s))
+            self.emit(encode_columns(columns, **which, column_s=spectrograms.column_s))
             self._first += len(columns.valid)
             # Of what was before, only the last gait is shown.
             if not self._waiting and abs(columns.t_s - self._gait_s) >= _GAIT_EVERY_S:
                 self._gait_s = columns.t_s
                 if (picture := spectrograms.gait()) is not None:
                     step = {"step_hz": spectrograms.gait_step_hz, "t_s": columns.t_s}
-                    self._emit(encode_gait(picture, epoch=self._epoch, **step))
+                    self.emit(encode_gait(picture, epoch=self._epoch, **step))
