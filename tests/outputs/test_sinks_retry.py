@@ -33,22 +33,15 @@ def token(tmp_path):
     return tmp_path / "token"
 
 
-@pytest.mark.parametrize(
-    ("hangs_up", "words"),
-    [(False, "no answer within the time limit"), (True, "closes the connection without")],
-)
-def test_a_server_that_says_nothing_is_named_so(opened, hangs_up, words):
-    """Before, both were said to speak no HTTP."""
+def test_a_server_that_hangs_up_is_named_so(opened):
+    """Before, it was said to speak no HTTP."""
     with socket.create_server(("127.0.0.1", 0)) as silent:
-        url = f"webhook:http://127.0.0.1:{silent.getsockname()[1]}"
-        sink = opened(url, webhook={"timeout_s": 60 if hangs_up else 1})
+        sink = opened(f"webhook:http://127.0.0.1:{silent.getsockname()[1]}")
         sink.write(event(1))
         line, _ = silent.accept()
-        if hangs_up:
-            line.recv(65_536)
-            line.close()
-        wait_for(lambda: words in sink.state.reason)
+        line.recv(65_536)
         line.close()
+        wait_for(lambda: "closes the connection without" in sink.state.reason)
 
 
 def test_a_post_has_sensor_id_token_and_signature(server, hook, token, tmp_path):
@@ -295,7 +288,6 @@ def test_a_log_server_that_nobody_signed_gets_nothing(opened, tmp_path):
             heard.append(far.recv(4096))
 
     with socket.create_server(("127.0.0.1", 0)) as listener:
-        listener.settimeout(60)
         thread = threading.Thread(target=serve)
         thread.start()
         sink = opened(f"syslog:tls://localhost:{listener.getsockname()[1]}")

@@ -49,16 +49,11 @@ def test_addresses():
             parse_address(url)
 
 
-def test_a_short_token_is_refused(tmp_path):
-    (tmp_path / "t").write_text("short")
-    with pytest.raises(ConfigError, match="12 characters"):
-        read_tokens(WebSection(token_file=tmp_path / "t"), "127.0.0.1")
-
-
-def test_who_looks_on_and_who_arms_have_tokens_of_their_own(tmp_path):
-    (tmp_path / "t").write_text(VIEWER)
+@pytest.mark.parametrize(("token", "why"), [("short", "12 characters"), (VIEWER, "the same")])
+def test_a_short_token_and_one_for_looking_on_and_arming_are_refused(tmp_path, token, why):
+    (tmp_path / "t").write_text(token)
     section = WebSection(token_file=tmp_path / "t", operator_token_file=tmp_path / "t")
-    with pytest.raises(ConfigError, match="are the same"):
+    with pytest.raises(ConfigError, match=why):
         read_tokens(section, "127.0.0.1")
 
 

@@ -247,7 +247,12 @@ class MqttLink:
             client.connect(self.broker.host, self.broker.port, self.options.keepalive_s)
             self._is_unanswered = True
             client.loop_start()
-            self._wait(client)
+            end_s = time.monotonic() + self.options.keepalive_s  # an answer must come within it
+            while not self._lost.wait(_POLL_S):
+                if self._client is None and time.monotonic() > end_s:
+                    self._lose(client, _NO_ANSWER)
+                if not self.is_alive():
+                    self._lose(client, "the output's own thread stands still")
         except (OSError, ValueError, ConfigError) as err:
             self._reason = f"cannot connect: {explain(err)}"
         was_up, self._client = self._client is not None, None
@@ -260,15 +265,6 @@ class MqttLink:
                     sock.shutdown(socket.SHUT_RDWR)
             client.loop_stop()
         return was_up
-
-    def _wait(self, client: paho.Client) -> None:
-        """Wait until the connection is lost; an answer must come within the keep-alive."""
-        end_s = time.monotonic() + self.options.keepalive_s
-        while not self._lost.wait(_POLL_S):
-            if self._client is None and time.monotonic() > end_s:
-                self._lose(client, _NO_ANSWER)
-            if not self.is_alive():
-                self._lose(client, "the output's own thread stands still")
 
     def _lose(self, client: paho.Client, reason: str) -> None:
         if client is self._client or self._client is None:
