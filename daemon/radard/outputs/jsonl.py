@@ -63,7 +63,9 @@ class JsonLinesSink(DirectSink):
             elif self._is_regular and size and size + len(line) > self._most_bytes:
                 self._rotate()
             is_told = is_hello and self._lacks_hello
-            self._write_hellos()
+            if self._lacks_hello:
+                self._append("".join(map(json_line, self._hellos.values())).encode("ascii"))
+                self._lacks_hello = False
             if not is_told:
                 self._append(line)
         except OSError as err:
@@ -104,12 +106,6 @@ class JsonLinesSink(DirectSink):
         self._shut()
         self._open()
         self._lacks_hello = self._is_regular and self._size() == 0
-
-    def _write_hellos(self) -> None:
-        if self._lacks_hello:
-            lines = [json_line(hello).encode("ascii") for hello in self._hellos.values()]
-            self._append(b"".join(lines))
-            self._lacks_hello = False
 
     def _rotate(self) -> None:
         """Rename FILE to FILE.1, FILE.1 to FILE.2 and so on, delete the last; then reopen."""

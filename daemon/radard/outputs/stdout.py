@@ -57,20 +57,17 @@ class StdoutSink(DirectSink):
 
     def _deliver(self, record: Record) -> None:
         text = self._render(record)
-        try:
-            self._put(text)
-        except BrokenPipeError as err:
-            self._fail_for_good(err)
-        except OSError as err:
-            self._fail_for_good(OutputError(f"--output {self.name}: stdout: {err.strerror}"))
-
-    def _put(self, text: str) -> None:
         if self._fd is None:
             self._stream.write(text)
             return
         rest = text.encode(self._stream.encoding or "utf-8", "replace")
-        while rest:
-            rest = rest[os.write(self._fd, rest) :]
+        try:
+            while rest:
+                rest = rest[os.write(self._fd, rest) :]
+        except BrokenPipeError as err:
+            self._fail_for_good(err)
+        except OSError as err:
+            self._fail_for_good(OutputError(f"--output {self.name}: stdout: {err.strerror}"))
 
 
 class NullSink:

@@ -197,9 +197,8 @@ class SecurityMiddleware:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        answer = _shielded(send)
         app = self._fault(scope["method"], Headers(scope=scope)) or self.app
-        await app(scope, receive, answer)
+        await app(scope, receive, _shielded(send))
 
     def _fault(self, method: str, headers: Headers) -> JSONResponse | None:
         if not self.access.is_right_host(headers):

@@ -31,6 +31,7 @@ _MAX_OF_ONE_ADDRESS = 64  # a browser opens seven; loopback may stand for a whol
 _HEADER_S = 10.0  # for each request's header
 _MAX_HEADER, _MAX_MESSAGE = 16_384, 512  # bytes; the longest that a page sends has thirty
 _RETRY_S = 5.0
+_LISTEN = "0A"  # state of a socket in /proc/net/tcp
 _BACKLOG = 128  # connections that wait to be taken
 _TOO_MANY = {errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM}
 _SAID_S = 60.0  # how often that is said
@@ -241,25 +242,17 @@ class WebServer:
 
 def _port_holder(port: int) -> str:
     """Return who listens on a TCP port, as 'process 812 (radard)'; empty if not to be seen."""
-    wanted = {f"socket:[{inode}]" for inode in _listening(port)}
-    if not wanted:
-        return ""
-    for process in Path("/proc").glob("[0-9]*"):
+    wanted = set()
+    for table in ("tcp", "tcp6"):
+        with contextlib.suppress(OSError):
+            for line in Path("/proc/net", table).read_text("ascii").splitlines()[1:]:
+                fields = line.split()
+                if fields[3] == _LISTEN and int(fields[1].rpartition(":")[2], 16) == port:
+                    wanted.add(f"socket:[{fields[9]}]")
+    for process in Path("/proc").glob("[0-9]*") if wanted else ():
         # It may have ended since it was listed.
         with contextlib.suppress(OSError):
             if any(str(each.readlink()) in wanted for each in (process / "fd").iterdir()):
                 name = (process / "comm").read_text(errors="replace").strip()
                 return f"process {process.name} ({name})"
     return ""
-
-
-def _listening(port: int) -> set[str]:
-    """Return the inodes of sockets that listen on a port."""
-    found = set()
-    for table in ("tcp", "tcp6"):
-        with contextlib.suppress(OSError):
-            for line in Path("/proc/net", table).read_text("ascii").splitlines()[1:]:
-                fields = line.split()
-                if fields[3] == "0A" and int(fields[1].rpartition(":")[2], 16) == port:
-                    found.add(fields[9])
-    return found

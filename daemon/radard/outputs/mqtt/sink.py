@@ -85,13 +85,6 @@ def parse_url(url: str, options: MqttSection, sensor: str) -> tuple[Broker, str]
     return broker, prefix
 
 
-def _takes_commands(broker: Broker, options: MqttSection) -> bool:
-    """Return whether commands may come in: any client that can publish there can disarm."""
-    words = (options.password_file, options.password_env, options.cert_file)
-    is_authenticated = broker.is_tls and any(each is not None for each in words)
-    return options.commands == "always" or (options.commands == "auto" and is_authenticated)
-
-
 def code_of(options: MqttSection) -> str:
     """Return the code that disarming takes, empty without one; raises ConfigError."""
     return read_secret("mqtt.code", options.code_file, options.code_env) or ""
@@ -178,8 +171,11 @@ class MqttSink(ThreadSink):
         self._keeper = StateKeeper(name, "not connected yet")
         self._context = context
         self.cursor: Cursor | None = None  # what it has still to deliver, once at work
-        takes_commands = _takes_commands(broker, options.mqtt)
-        self._must_say_so = not takes_commands and options.mqtt.commands == "auto"
+        # Any client that can publish there can disarm.
+        words = (options.mqtt.password_file, options.mqtt.password_env, options.mqtt.cert_file)
+        is_safe, commands = broker.is_tls and words != (None, None, None), options.mqtt.commands
+        takes_commands = commands == "always" or (commands == "auto" and is_safe)
+        self._must_say_so = not takes_commands and commands == "auto"
         code = code_of(options.mqtt)
         self._topics = topics = MqttTopics(
             context.marked_sensor,
@@ -191,9 +187,8 @@ class MqttSink(ThreadSink):
         self._warned_s = float("-inf")
         self._must_announce = self._must_describe = False
         self._owed_s = self._ticked_s = time.monotonic()
-        o = options.log
+        self._reader, o = CommandReader(options.mqtt), options.log
         subscriptions = [topics.birth_topic] if options.mqtt.discovery != "off" else []
-        self._reader = CommandReader(options.mqtt)
         subscriptions += [f"{topics.base}/command/+"] if takes_commands else []
         self._has_pictures = options.mqtt.picture
         self._picture: Path | None = None  # of the newest alarm
@@ -254,8 +249,12 @@ class MqttSink(ThreadSink):
         if (host := self._context.host) is not None:
             status = (health := host.health.status).state, health.reason
             self._publish(self._topics.refresh(now_s, status, host.panel()))
+        if not self.cursor:
+            self._owed_s = now_s
+        # Not for ever: they may be refused.
+        owes_events = 0 < now_s - self._owed_s < _PATIENCE_S
         # Large messages come last, each by itself: a broker may drop the line at them.
-        if self._must_announce or not self._link.is_idle or self._owes_events(now_s):
+        if self._must_announce or not self._link.is_idle or owes_events:
             return
         if self._must_describe:
             self._must_describe = False
@@ -273,12 +272,6 @@ class MqttSink(ThreadSink):
                 self._seen_ns = about.st_mtime_ns
                 return data
         return None
-
-    def _owes_events(self, now_s: float) -> bool:
-        """Return whether events wait that may yet be taken; not for ever, if they are refused."""
-        if not self.cursor:
-            self._owed_s = now_s
-        return now_s > self._owed_s and now_s - self._owed_s < _PATIENCE_S
 
     def _publish(self, messages: list[Publication]) -> None:
         if not self._link.is_up or self._must_announce:
@@ -316,14 +309,9 @@ class MqttSink(ThreadSink):
             change(path, "settings", {"alarm": {"sensitivity": value}})
             host.reload()
         except Exception as err:  # noqa: BLE001 - in the library's thread, which must go on
-            self._warn(str(err))
-
-    def _warn(self, text: str) -> None:
-        """Log what is wrong with a command, once a minute: a sender must not fill the log."""
-        now_s = time.monotonic()
-        if now_s - self._warned_s >= _WARN_S:
-            log.warning("%s: %s", self.name, text)
-            self._warned_s = now_s
+            if (now_s := time.monotonic()) - self._warned_s >= _WARN_S:
+                log.warning("%s: %s", self.name, err)
+                self._warned_s = now_s
 
     def _shut(self) -> None:
         self._delivery.close(self._left_s())

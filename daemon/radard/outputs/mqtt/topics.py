@@ -268,7 +268,12 @@ class MqttTopics:
         o, sensor = self.options, self.sensor
         prefix, form = o.discovery_prefix, o.discovery
         about = self._about(self._hello)
-        configs = {each.key: self._config(each) for each in self._entities()}
+        # A button asks for no code.
+        lacks = {_DISARM.key} if self.code_form else set()
+        lacks |= set() if o.picture else {_PICTURE.key}
+        lacks |= set() if o.decisions else {e.key for e in _DECISION_ENTITIES}
+        lacks |= set() if self.takes_commands else {e.key for e in _COMMAND_ENTITIES}
+        configs = {e.key: self._config(e) for e in _ENTITIES if e.key not in lacks}
         device = Publication(f"{prefix}/device/radard_{sensor}/config", "")
         found = [] if form == "device" else [device]
         for each in _ENTITIES:
@@ -282,15 +287,6 @@ class MqttTopics:
             found.append(replace(device, payload=json.dumps({**about, "cmps": parts})))
         # What an earlier version or setting left there.
         return found if o.picture else [*found, self.picture(b"")]
-
-    def _entities(self) -> tuple[Entity, ...]:
-        """Return the entities that the sensor has with its options."""
-        # A button asks for no code.
-        lacks = {_DISARM.key} if self.code_form else set()
-        lacks |= set() if self.options.picture else {_PICTURE.key}
-        lacks |= set() if self.options.decisions else {e.key for e in _DECISION_ENTITIES}
-        lacks |= set() if self.takes_commands else {e.key for e in _COMMAND_ENTITIES}
-        return tuple(each for each in _ENTITIES if each.key not in lacks)
 
     def _about(self, hello: Record) -> dict[str, Any]:
         version, module = str(hello.get("version", "unknown")), hello.get("module")
