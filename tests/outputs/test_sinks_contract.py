@@ -10,7 +10,7 @@ import threading
 
 import pytest
 
-from radard.config.sink_table import MqttSection, SinkOptions
+from radard.config.sink_table import SinkOptions
 from radard.outputs import jsonl, store
 from tests import sink_helpers as far
 from tests.sink_helpers import QUICK, Listener, WebServer, decision, event, hello, ulid
@@ -19,7 +19,7 @@ from x2radar.backoff import Backoff
 
 pytestmark = pytest.mark.integration
 
-OPTIONS = SinkOptions(log=QUICK, mqtt=MqttSection(keepalive_s=1, discovery="off"))
+OPTIONS = SinkOptions(log=QUICK, mqtt={"keepalive_s": 1, "discovery": "off"})
 
 
 @pytest.fixture(autouse=True)
@@ -229,8 +229,7 @@ def test_a_broken_far_end_does_not_hold_up_the_end(far_end, tmp_path):
 
 @pytest.mark.parametrize("scheme", ["mqtt", "webhook:http"])
 def test_a_far_end_that_is_there_but_silent(scheme, tmp_path):
-    web = OPTIONS.webhook.model_copy(update={"timeout_s": 0.1})
-    options = OPTIONS.model_copy(update={"webhook": web})
+    options = SinkOptions(log=QUICK, mqtt={"keepalive_s": 1}, webhook={"timeout_s": 0.1})
     with socket.create_server(("127.0.0.1", 0)) as silent:
         url = f"{scheme}://127.0.0.1:{silent.getsockname()[1]}"
         sink = far.open_sink(url, options, state_dir=tmp_path)

@@ -137,13 +137,12 @@ def test_discovery_of_home_assistant(publish, listen, form):
     publish(hello(), discovery=form)
 
     def configs():
-        found = {topic: body for topic, body, _ in list(listener.messages) if body != b"online"}
-        return {topic: json.loads(body) for topic, body in found.items() if body}
+        told = dict(message[:2] for message in listener.messages if message[1] != b"online")
+        return {topic: json.loads(body) for topic, body in told.items() if body}
 
     whole = "homeassistant/device/radard_hall/config"
-    alarm = "homeassistant/binary_sensor/radard_hall/alarm/config"
-    ack = "homeassistant/button/radard_hall/ack/config"
-    wait_for(lambda: (whole if form == "device" else ack) in configs())
+    last_one = whole if form == "device" else "homeassistant/button/radard_hall/ack/config"
+    wait_for(lambda: last_one in configs())
     found = configs()
     if form == "device":
         assert set(found) == {whole}
@@ -153,7 +152,7 @@ def test_discovery_of_home_assistant(publish, listen, form):
         assert platforms == {"binary_sensor", "sensor", "button", *PLATFORMS}
     else:
         assert whole not in found
-        parts = one = found[alarm]
+        one = found["homeassistant/binary_sensor/radard_hall/alarm/config"]
         assert all(config["dev"]["ids"] == ["radard_hall"] for config in found.values())
     assert one["dev_cla"] == "motion"
     assert one["stat_t"] == f"{BASE}/state"
@@ -162,7 +161,7 @@ def test_discovery_of_home_assistant(publish, listen, form):
     # Home Assistant has started anew and asks who is there.
     listener.messages.clear()
     listener.say("homeassistant/status", "online")
-    wait_for(lambda: (whole if form == "device" else ack) in configs())
+    wait_for(lambda: last_one in configs())
 
 
 def test_a_change_of_form_leaves_nothing_behind(publish, listen):

@@ -78,12 +78,16 @@ def test_a_server_in_trouble_gets_it_later_with_the_same_id(server, hook, code):
     assert {*first} == {first[0]} != {second}
 
 
-def test_a_record_that_is_refused_is_given_up_for_those_behind_it(server, hook, caplog):
+@pytest.mark.parametrize(("kind", "give_up_h"), [("fault", 168.0), ("alarm", 1e-6)])
+def test_an_event_that_is_refused_is_given_up_for_those_behind_it_an_alarm_when_it_is_old(
+    server, hook, caplog, kind, give_up_h
+):
     server.code = 400
-    sink = hook()
-    sink.write(event(1, kind="fault"))
+    sink = hook(log=QUICK.model_copy(update={"give_up_h": give_up_h}))
+    sink.write(event(1, kind=kind))
     wait_for(lambda: sink.state.n_dropped == 1)
-    assert len(server.posts) == QUICK.attempts
+    is_fault = kind == "fault"
+    assert len(server.posts) == QUICK.attempts if is_fault else "too old" in caplog.text
     server.code = 204
     sink.write(event(2))
     wait_for(lambda: sink.state.n_sent == 1)
@@ -106,14 +110,6 @@ def test_an_alarm_that_is_refused_is_not_given_up_and_stops_nobody(
     assert sink.state.n_dropped == 0
     server.code = 204
     wait_for(lambda: sink.state.n_sent == 2)
-
-
-def test_an_alarm_that_is_refused_for_too_long_is_given_up(server, hook, caplog):
-    server.code = 400
-    sink = hook(log=QUICK.model_copy(update={"give_up_h": 1e-6}))
-    sink.write(event(1))
-    wait_for(lambda: sink.state.n_dropped == 1)
-    assert "too old" in caplog.text
 
 
 def test_chosen_kinds_phases_and_states(server, hook):

@@ -47,10 +47,8 @@ class DeliveryError(Exception):
 class Host(Protocol):
     """What a sensor offers to its sinks; any thread may use it, and nothing here waits."""
 
-    sensor: str
-    """Its name."""
-    health: Health
-    """Its status at any moment."""
+    sensor: str  # its name
+    health: Health  # its status at any moment
 
     def config(self) -> Config:
         """Return the configuration that holds."""

@@ -25,7 +25,6 @@ from radard.outputs.thread_sink import RecordQueue
 from x2radar.errors import BriefError
 
 log = logging.getLogger("radard")
-SHARED = "radard"  # stands for all sensors of a process, where a sink needs one name
 _RETRY_S = 10.0  # how soon an output is tried again that could not be opened
 _LABELS = "labels_file"
 _LOCK_S = 1.0  # a sink takes far less for a record; a thread that holds the lock for longer hangs
@@ -244,7 +243,7 @@ class Outputs:
         is_shared = sensor is None and self._config.is_one_of_several
         host = None if is_shared else self._hosts[sensor or next(iter(self._hosts))]
         context = SinkContext(
-            sensor=SHARED if host is None else host.sensor,
+            sensor="radard" if host is None else host.sensor,
             host=host,
             is_one_of_several=sensor is not None,
             can_wait=self.can_wait,

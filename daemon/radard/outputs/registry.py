@@ -34,8 +34,7 @@ _OF_A_SINK = ("name", "state", "waits", "write", "finish", "close")
 
 def start_sink(sink: Sink) -> None:
     """Let a sink of `make_output` begin to work."""
-    if (start := getattr(sink, "start", None)) is not None:
-        start()
+    getattr(sink, "start", lambda: None)()
 
 
 def make_output(output: str, options: SinkOptions, context: SinkContext) -> Sink:

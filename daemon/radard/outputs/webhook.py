@@ -31,7 +31,6 @@ _REFUSALS = frozenset({400, 405, 406, 409, 410, 411, 413, 414, 415, 422})
 _REDIRECTS = frozenset({301, 302, 307, 308})  # a POST may be repeated elsewhere (RFC 9110)
 _MAX_HOPS = 3  # from a name to its https and its new place
 _MAX_ANSWER = 65_536  # bytes that are read of an answer: a page that explains a fault
-_SCHEMES = frozenset({"http", "https"})
 
 
 def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> Delivery:
@@ -42,7 +41,7 @@ def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> Deliv
         target = read_secret("webhook.url", Path(target[1:]), None) or ""
     try:
         parts = urlsplit(target)
-        is_right = parts.scheme in _SCHEMES and bool(parts.hostname)
+        is_right = parts.scheme in {"http", "https"} and bool(parts.hostname)
         is_right = is_right and parts.port != 0 and parts.username is None
     except ValueError:
         parts, is_right = urlsplit(""), False
