@@ -44,9 +44,8 @@ class LslSink(DirectSink):
         self._events: Any = None
 
     def _begin(self) -> None:
-        if "LSLAPICFG" not in os.environ and not any(
-            Path(path).expanduser().is_file() for path in _CONFIGS
-        ):
+        configs = (os.environ.get("LSLAPICFG", ""), *_CONFIGS)
+        if not any(Path(path).expanduser().is_file() for path in configs):
             # Without effect once the library is at work in this process.
             self._lsl.set_config_content(_QUIET)
         info = self._info("", "Radar", len(CHANNELS), self._rate_hz, "float32")
