@@ -18,7 +18,7 @@ from tests.web_helpers import HEADERS, Answer, Client
 
 def all_routes():
     """Every route that a sensor's pages have."""
-    view = View(WebSection(), EventLog(None), lambda *_: None, "")
+    view = View(WebSection(), EventLog(None), lambda *_: None, FakeHost(), "")
     return Api(view, AccessControl(Tokens()), list).routes
 
 

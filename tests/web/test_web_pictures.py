@@ -156,6 +156,7 @@ def test_a_page_gets_the_last_half_minute_and_nobody_gets_pictures(picture_threa
             # As its thread does, a second of stream at a time.
             one._look(0)
     assert (told.axes, told.data) == ([], [])
+    one.start()
     one.want(is_wanted=True)
     told.wait(30)
     kinds, n, t_s = zip(
@@ -184,6 +185,7 @@ def test_a_picture_thread_survives_what_goes_wrong(picture_thread, monkeypatch, 
     caplog.set_level(logging.ERROR, "radard")
     monkeypatch.setattr(logging.getLogger("radard"), "handlers", [caplog.handler])
     one.want(is_wanted=True)
+    one.start()
     for frame in frames_of(noise(300, seed=9)):
         ring.push(frame)
     told.wait(1)

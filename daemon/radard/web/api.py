@@ -31,12 +31,11 @@ from radard.detect.calibration import load_calibration, restless_spans
 from radard.errors import ConfigError, ModelMismatch
 from radard.health.health import Status, overall
 from radard.judge.card import read_card
-from radard.outputs.base import COMMANDS, Host, Sink
+from radard.outputs.base import COMMANDS
 from radard.web.auth import SESSION_S, AccessControl, Role, address_of
 from radard.web.events import EventRoutes
 from radard.web.guard import (
     Guard,
-    NoRunError,
     SecurityMiddleware,
     json_body,
     query_number,
@@ -55,6 +54,7 @@ _NUMBERS = ("confirm_k", "confirm_n", "p_on", "p_off")
 _MAX_TOKEN = 512  # characters; longer ones are not even compared
 _MAX_SEQ = 1 << 53  # what JavaScript counts to
 _OF_ONE = "radard.sensor"  # key of a request's scope: it was for one of several sensors, this one
+_NO_RUN = JSONResponse({"state": "starting", "error": "there is no run yet"}, 503)
 _OWN_PATH = re.compile(r"/sensor/([A-Za-z0-9_-]+)(/.*)?")
 
 
@@ -99,18 +99,14 @@ class Api:
     async def _told(self, is_good: Callable[[Status], bool], request: Request) -> Response:
         """Return the state, 200 or 503; the reason for those who may look."""
         views = [self._view] if _OF_ONE in request.scope else self._all_views()
-        hosts = [view.host for view in views if view.host is not None]
-        now = overall({h.sensor: h.health for h in hosts}) if hosts else Status("starting", "")
+        now = overall({view.host.sensor: view.host.health for view in views})
         reason = {} if self._access.role(request) == "nobody" else {"reason": now.reason}
         return JSONResponse({"state": now.state, **reason}, 200 if is_good(now) else 503)
 
     async def _metrics(self, _request: Request) -> Response:
         views = self._all_views()
-        text = exposition([view.refreshed_metrics() for view in views], self._sinks())
+        text = exposition([view.refreshed_metrics() for view in views], self._view.host.sinks())
         return Response(text, media_type="text/plain; version=0.0.4")
-
-    def _sinks(self) -> Sequence[Sink]:
-        return self._view.host.sinks() if self._view.host is not None else ()
 
     async def _status(self, request: Request) -> Response:
         status = self._what_holds(self._access.role(request))
@@ -121,7 +117,7 @@ class Api:
         view, config, hello = self._view, self._view.config, self._view.history.hello
         policy = alarm_policy(config.alarm, hello.get("policy", "window"))
         store = config.named_output("store")
-        others = [v.sensor for v in self._all_views() if v is not view and v.host is not None]
+        others = [v.sensor for v in self._all_views() if v is not view]
         return {
             **view.now(),
             "role": role,
@@ -134,7 +130,7 @@ class Api:
             "has_store": store is not None and named_file(store).is_file(),
             "outputs": [
                 {"name": s.name, "status": now.status, "reason": now.reason or now.remark}
-                for s in self._sinks()
+                for s in self._view.host.sinks()
                 for now in (s.state,)
             ],
         }
@@ -199,18 +195,11 @@ class Api:
         is_known = self._access.role(request) != "nobody"
         return FileResponse(_STATIC / ("index.html" if is_known else "login.html"))
 
-    @property
-    def _host(self) -> Host:
-        """The sensor's run; raises NoRunError before there is one."""
-        if self._view.host is None:
-            raise NoRunError
-        return self._view.host
-
     async def _command(self, body: dict[str, Any]) -> Response:
         name = body.get("command")
         if not isinstance(name, str) or name not in COMMANDS:
             return refusal(400, f"command is one of {', '.join(COMMANDS)}")
-        host = self._host
+        host = self._view.host
         log.info("command from the dashboard: %s", name)
         try:
             host.command(name)
@@ -220,7 +209,7 @@ class Api:
 
     async def _change(self, kind: Kind, body: dict[str, Any]) -> Response:
         """Save sections, or forget what was saved, and have the configuration read again."""
-        host, path = self._host, saved_file(self._view.config, kind)
+        host, path = self._view.host, saved_file(self._view.config, kind)
         is_forgotten = body.get("forget") is True
         if is_forgotten:
             await self._guard.read(forget, path)
@@ -233,14 +222,14 @@ class Api:
         return JSONResponse({"file": None if is_forgotten else str(path)}, 202)
 
     async def _test_alarm(self, _body: dict[str, Any]) -> Response:
-        host = self._host
+        host = self._view.host
         log.warning("test alarm from the dashboard")
         # Threads of its own: outputs may take seconds to answer.
         answers = await to_thread.run_sync(host.test_alarm, limiter=self._testing)
         return JSONResponse({"outputs": answers})
 
     async def _playback(self, body: dict[str, Any]) -> Response:
-        playback = self._host.playback()
+        playback = self._view.host.playback()
         if playback is None:
             return refusal(409, "this is no replay")
         action, value = body.get("action"), body.get("value")
@@ -290,7 +279,6 @@ class Api:
 class SensorRouter:
     """ASGI application: /sensor/NAME/... is NAME's, everything else the first sensor's."""
 
-    only: View
     views: Mapping[str, View]
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -298,8 +286,8 @@ class SensorRouter:
         match = _OWN_PATH.fullmatch(scope.get("path", ""))
         view = self.views.get(match[1]) if match else None
         if match is None or view is None:
-            first = next(iter(self.views.values()), self.only)
-            await first.app(scope, receive, send)
+            first = next((each.app for each in self.views.values()), _NO_RUN)
+            await first(scope, receive, send)
         elif match[2] is None:
             # What the page asks for lies beside it.
             await RedirectResponse(f"{match[1]}/")(scope, receive, send)

@@ -27,7 +27,6 @@ from x2radar.keys import unrepeated
 MAX_BODY = 4096  # bytes: 32 zones fit
 _BODY_S = 10.0  # for a body that comes over a slow line
 T = TypeVar("T")
-Endpoint = Callable[[Request], Awaitable[Response]]
 Handler = Callable[[dict[str, Any]], Awaitable[Response]]
 _OWN_HEADER = "x-radard"
 _ABSOLUTE = re.compile(rb"https?://([^/@]+)", re.IGNORECASE)
@@ -92,10 +91,6 @@ async def json_body(request: Request) -> dict[str, Any] | JSONResponse:
     return body if is_right else refusal(400, "no JSON object")
 
 
-class NoRunError(Exception):
-    """The sensor has not begun to run."""
-
-
 class Guard:
     """Makes routes of one sensor for those who may look, and for those who may change it."""
 
@@ -110,7 +105,7 @@ class Guard:
         """Return what a call that waits for a disk returns, made in a thread."""
         return await to_thread.run_sync(call, *arguments, limiter=self._reading)
 
-    def viewing(self, path: str, endpoint: Endpoint) -> Route:
+    def viewing(self, path: str, endpoint: Callable[[Request], Awaitable[Response]]) -> Route:
         """Return a GET route for viewers; a UsageError of it is a bad request."""
 
         async def guarded(request: Request) -> Response:
@@ -147,8 +142,6 @@ class Guard:
                 return body
             try:
                 return await handler(body)
-            except NoRunError:
-                return refusal(503, "there is no run yet")
             except OverflowError:
                 return refusal(400, "a number is too large")
             except ValueError as err:

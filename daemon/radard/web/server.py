@@ -134,13 +134,13 @@ class WebServer:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._stopping = asyncio.Event()
         self._quiet_until_s = 0.0
-        self._thread: threading.Thread | None = None
+        self._sock: socket.socket | None = None
+        self._thread = threading.Thread(target=self._run, name="web", daemon=True)
         self.address: tuple[str, int] | None = None  # where it listens; None while it does not
 
     def start(self) -> None:
         """Start; returns once it listens or `on_trouble` knows why not."""
-        args = (self._bind(),)
-        self._thread = threading.Thread(target=self._run, args=args, name="web", daemon=True)
+        self._sock = self._bind()
         self._thread.start()
 
     def stop(self) -> None:
@@ -153,9 +153,9 @@ class WebServer:
 
     def join(self, timeout_s: float) -> bool:
         """Wait until it has stopped; return whether it has."""
-        if self._thread is not None:
+        if self._thread.ident is not None:
             self._thread.join(timeout_s)
-        return self._thread is None or not self._thread.is_alive()
+        return not self._thread.is_alive()
 
     def _bind(self) -> socket.socket | None:
         sock: socket.socket | None = None
@@ -178,11 +178,11 @@ class WebServer:
         self.on_trouble("")
         return sock
 
-    def _run(self, sock: socket.socket | None) -> None:
-        while sock is None:
+    def _run(self) -> None:
+        while (sock := self._sock) is None:
             if self._stop.wait(_RETRY_S):
                 return
-            sock = self._bind()
+            self._sock = self._bind()
         try:
             asyncio.run(self._serve(sock))
         except Exception as err:

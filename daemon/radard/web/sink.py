@@ -59,21 +59,15 @@ class WebSink:
         self._section, self._log = section, log
         tokens = read_tokens(section, host)
         self._access = AccessControl(tokens, may_command=section.commands, cookie=f"radard_{port}")
-        self._first = first = self._view("")
         self._views: dict[str, View] = {}
         self._loop: asyncio.AbstractEventLoop | None = None
-        self.app = SensorRouter(first, self._views)  # what it serves: an ASGI application
+        self.app = SensorRouter(self._views)  # what it serves: an ASGI application
         self._server = WebServer(
             host, port, self.app, self._poll_views, self._on_trouble, last_words=self._last_words
         )
 
-    def _view(self, sensor: str) -> View:
-        view = View(self._section, self._log, self._post, sensor)
-        view.app = Api(view, self._access, self._all_views).app
-        return view
-
     def _all_views(self) -> list[View]:
-        return list(self._views.values()) or [self._first]
+        return list(self._views.values())
 
     @property
     def state(self) -> SinkState:
@@ -95,10 +89,10 @@ class WebSink:
 
     def attach(self, host: Host) -> None:
         """Take a sensor's host; one of several gets pages of its own."""
-        view = self._first
-        if host.config().is_one_of_several:
-            view = self._views[host.sensor] = self._view(host.sensor)
-        view.host = host
+        sensor = host.sensor if host.config().is_one_of_several else ""
+        view = View(self._section, self._log, self._post, host, sensor)
+        view.app = Api(view, self._access, self._all_views).app
+        self._views[sensor] = view
         view.picture_thread.start()
 
     def detach(self, sensor: str) -> None:
@@ -108,7 +102,9 @@ class WebSink:
 
     def write(self, record: Record) -> None:
         """Hand a record to the view of its sensor."""
-        self._views.get(record.get("sensor", ""), self._first).take(record)
+        view = self._views.get(record.get("sensor", ""), self._views.get(""))
+        if view is not None:
+            view.take(record)
         if self._server.address is not None:
             self._keeper.sent(is_event=record["type"] == "event")
 

@@ -94,13 +94,14 @@ class View:
 
     app: ASGIApp  # its pages
 
-    def __init__(self, section: WebSection, log: EventLog, post: Post, sensor: str) -> None:
-        self.section, self.log, self.sensor = section, log, sensor
-        self.host: Host | None = None  # the sensor's run, once there is one
+    def __init__(
+        self, section: WebSection, log: EventLog, post: Post, host: Host, sensor: str
+    ) -> None:
+        self.section, self.log, self.host, self.sensor = section, log, host, sensor
         self.history, self.metrics = History(), Metrics(sensor)
         self.hub = Hub(lambda is_wanted: self.picture_thread.want(is_wanted=is_wanted))
         self.picture_thread = PictureThread(
-            lambda: self.host.ring() if self.host is not None else None,
+            host.ring,
             lambda axes: post(self.hub.announce, axes),
             lambda data: post(self.hub.show, data),
         )
@@ -109,8 +110,8 @@ class View:
 
     @property
     def config(self) -> Config:
-        """The sensor's configuration that holds; built-in values before there is a sensor."""
-        return self.host.config() if self.host is not None else Config()
+        """The sensor's configuration that holds."""
+        return self.host.config()
 
     @property
     def label_file(self) -> Path:
@@ -119,7 +120,7 @@ class View:
 
     def take(self, record: Record) -> None:
         """Take a record; returns at once."""
-        self.history.take(record, self.host.panel() if self.host is not None else None)
+        self.history.take(record, self.host.panel())
         self.metrics.on_record(record)
         if len(self.hub):
             self._post(self.hub.broadcast, record)
@@ -134,26 +135,23 @@ class View:
         """Return state, panel, zones, settings and playback at this moment."""
         host, config = self.host, self.config
         settings = SavedSettings.model_validate(config, from_attributes=True)
-        held = {"zones": config.zones.model_dump(mode="json"), "settings": settings.model_dump()}
-        if host is None:
-            return {"state": "starting", "reason": "", "panel": {}, **held, "playback": None}
         status, panel, playback = host.health.status, host.panel(), host.playback()
         return {
             "state": status.state,
             "reason": status.reason,
             "panel": panel.as_record(host.mark()) if panel is not None else {},
-            **held,
+            "zones": config.zones.model_dump(mode="json"),
+            "settings": settings.model_dump(),
             "playback": asdict(playback.state) if playback is not None else None,
         }
 
     def refreshed_metrics(self) -> Metrics:
         """Return the counters, with what holds at this moment."""
-        if (host := self.host) is not None:
-            panel = host.panel()
-            self.metrics.refresh(
-                state=host.health.status.state,
-                is_armed=panel is None or panel.armed,
-                driver=host.driver(),
-                drift=panel.clock_drift if panel is not None else None,
-            )
+        panel = self.host.panel()
+        self.metrics.refresh(
+            state=self.host.health.status.state,
+            is_armed=panel is None or panel.armed,
+            driver=self.host.driver(),
+            drift=panel.clock_drift if panel is not None else None,
+        )
         return self.metrics

@@ -40,12 +40,19 @@ class ClipTimeoutError(RadardError):
 
 async def read_clip(path: Path) -> bytes:
     """Return `clip_view` of a clip, made in another process; RadardError, ClipTimeoutError."""
+    environ = {
+        "PYTHONPATH": os.pathsep.join(part for part in sys.path if part),
+        # Others' stacks would count as memory, and decisions need the processor.
+        "OPENBLAS_NUM_THREADS": "1",
+        # A clip that is being written must come to its end, whatever reads it.
+        "HDF5_USE_FILE_LOCKING": "FALSE",
+    }
     process = await asyncio.create_subprocess_exec(
         *(sys.executable, "-P", "-m", "radard.web.pictures.clip_view", str(path)),
         stdin=asyncio.subprocess.DEVNULL,
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.PIPE,
-        env=environ(),
+        env=os.environ | environ,
     )
     try:
         async with asyncio.timeout(DEADLINE_S):
@@ -62,18 +69,6 @@ async def read_clip(path: Path) -> bytes:
         lines = complaint.decode(errors="replace").splitlines()
         raise RadardError(lines[-1] if lines else f"its reader ended with {process.returncode}")
     return data
-
-
-def environ() -> dict[str, str]:
-    """Return the environment of the process that reads."""
-    return {
-        **os.environ,
-        "PYTHONPATH": os.pathsep.join(part for part in sys.path if part),
-        # Others' stacks would count as memory, and decisions need the processor.
-        "OPENBLAS_NUM_THREADS": "1",
-        # A clip that is being written must come to its end, whatever reads it.
-        "HDF5_USE_FILE_LOCKING": "FALSE",
-    }
 
 
 def clip_view(path: Path) -> bytes:

@@ -38,7 +38,7 @@ class PictureThread:
         self._changed = threading.Condition()
         self._n_wishes = self._wish = self._shown_wish = 0
         self._is_ended = self._is_told = False
-        self._thread: threading.Thread | None = None
+        self._thread = threading.Thread(target=self._run, name="pictures", daemon=True)
         self._shown_ring: FrameRing | None = None
         self._spectrograms: Spectrograms | None = None
         self._kept: deque[Recent] = deque()
@@ -48,13 +48,10 @@ class PictureThread:
 
     def start(self) -> None:
         """Begin to keep frames; returns at once."""
-        if self._thread is None:
-            self._thread = threading.Thread(target=self._run, name="pictures", daemon=True)
-            self._thread.start()
+        self._thread.start()
 
     def want(self, *, is_wanted: bool) -> None:
         """Start or stop to make pictures; returns at once."""
-        self.start()
         with self._changed:
             self._n_wishes += is_wanted
             self._wish = self._n_wishes if is_wanted else 0
