@@ -54,7 +54,6 @@ class Delivery(ThreadSink):
         self.cursor: Cursor | None = None  # what it has still to deliver, once at work
         self._transient: deque[Entry] = deque(maxlen=_TRANSIENT)
         self._skips_wait = threading.Event()
-        self._is_over = False
         self._n_refused = 0
         self._begun_s: float | None = None
 
@@ -92,14 +91,9 @@ class Delivery(ThreadSink):
         self._skips_wait.set()
 
     def finish(self, timeout_s: float | None = None) -> None:
-        """Take no more records; try everything that is left once more, within `timeout_s`."""
+        """Try all that is left once more within `timeout_s`; the rest is for the next run."""
         super().finish(timeout_s)
         self._skips_wait.set()
-
-    def close(self, timeout_s: float | None = None) -> None:
-        """Finish, and wait for the end; what is not delivered by then is so in the next run."""
-        super().close(timeout_s)
-        self._is_over = True
 
     def _tick(self) -> None:
         if (wait_s := self._deliver_all()) is not None:
@@ -115,7 +109,7 @@ class Delivery(ThreadSink):
 
     def _deliver_all(self) -> float | None:
         """Deliver until nothing is left; return how long to wait after a failure."""
-        while not self._is_over and (entry := self._next()) is not None:
+        while self._left_s() > 0 and (entry := self._next()) is not None:
             self._begun_s = time.monotonic()
             try:
                 self._send(entry)
