@@ -125,7 +125,7 @@ class WebServer:
     host: str
     port: int  # 0: any free one
     app: ASGIApp
-    beside: Callable[[asyncio.AbstractEventLoop], Any]  # returns what runs beside it in its loop
+    beside: Callable[[], Coroutine[Any, Any, None]]  # what runs beside it in its loop
     on_trouble: Callable[[str], None]  # hears why it cannot
     last_words: Callable[[], Coroutine[Any, Any, None]]  # what is waited for before the end
 
@@ -146,10 +146,13 @@ class WebServer:
     def stop(self) -> None:
         """Begin to stop."""
         self._stop.set()
+        self.post(self._stopping.set)
+
+    def post(self, call: Callable[..., object], *values: object) -> None:
+        """Call something in its loop; does nothing without one, or when that has ended."""
         if self._loop is not None:
-            # A loop that has closed since the line above has stopped already.
             with contextlib.suppress(RuntimeError):
-                self._loop.call_soon_threadsafe(self._stopping.set)
+                self._loop.call_soon_threadsafe(call, *values)
 
     def join(self, timeout_s: float) -> bool:
         """Wait until it has stopped; return whether it has."""
@@ -212,7 +215,7 @@ class WebServer:
         self._loop = asyncio.get_running_loop()
         self._loop.set_exception_handler(self._fault)
         beside = [
-            asyncio.create_task(self.beside(self._loop)),
+            asyncio.create_task(self.beside()),
             asyncio.create_task(self._until_stopped(server)),
         ]
         try:

@@ -4,9 +4,7 @@
 """
 
 import asyncio
-import contextlib
 import logging
-from typing import Any
 from urllib.parse import urlsplit
 
 from radard.config.credentials import redact
@@ -60,7 +58,6 @@ class WebSink:
         tokens = read_tokens(section, host)
         self._access = AccessControl(tokens, may_command=section.commands, cookie=f"radard_{port}")
         self._views: dict[str, View] = {}
-        self._loop: asyncio.AbstractEventLoop | None = None
         self.app = SensorRouter(self._views)  # what it serves: an ASGI application
         self._server = WebServer(
             host, port, self.app, self._poll_views, self._on_trouble, last_words=self._last_words
@@ -90,7 +87,7 @@ class WebSink:
     def attach(self, host: Host) -> None:
         """Take a sensor's host; one of several gets pages of its own."""
         sensor = host.sensor if host.config().is_one_of_several else ""
-        view = View(self._section, self._log, self._post, host, sensor)
+        view = View(self._section, self._log, self._server.post, host, sensor)
         view.app = Api(view, self._access, self._all_views).app
         self._views[sensor] = view
         view.picture_thread.start()
@@ -120,23 +117,12 @@ class WebSink:
         if not self._server.join(CLOSE_S if timeout_s is None else timeout_s):
             _log.warning("%s: did not end in time", self.name)
 
-    def _post(self, call: Any, value: Any) -> None:
-        """Call something in the web's own thread; does nothing without one."""
-        if (loop := self._loop) is not None:
-            # A loop that has closed since the line above: the run is over.
-            with contextlib.suppress(RuntimeError):
-                loop.call_soon_threadsafe(call, value)
-
-    async def _poll_views(self, loop: asyncio.AbstractEventLoop) -> None:
+    async def _poll_views(self) -> None:
         """Send pages what changes without a record."""
-        self._loop = loop
-        try:
-            while True:
-                await asyncio.sleep(_POLL_S)
-                for view in self._all_views():
-                    view.poll()
-        finally:
-            self._loop = None
+        while True:
+            await asyncio.sleep(_POLL_S)
+            for view in self._all_views():
+                view.poll()
 
     async def _last_words(self) -> None:
         """Wait until every page knows how the run has ended."""
