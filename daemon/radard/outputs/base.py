@@ -100,11 +100,11 @@ class SinkContext:
         """The sensor's name where a simulated or replayed stream must not look real."""
         return f"{self.sensor}-{self.mark}" if self.mark else self.sensor
 
-    def cursor(self, scheme: str, target: str, wants: Wants = lambda _record: True) -> Cursor:
-        """Return the cursor of an output, which goes on where it was in an earlier run.
+    def cursor(self, output: str, target: str, wants: Wants) -> Cursor:
+        """Return the cursor of a named output, which goes on where it was in an earlier run.
 
-        Its name holds a digest of the target, so that another target never gets what was meant
-        for this one, and no secret is readable in it.
+        Its own name holds a digest of the target, so that another target never gets what was
+        meant for this one, and no secret is readable in it.
         """
         digest = hashlib.blake2b(target.encode(errors="surrogateescape"), digest_size=8)
 
@@ -112,7 +112,7 @@ class SinkContext:
             is_own = not self.is_one_of_several or record.get("sensor") == self.sensor
             return is_own and wants(record)
 
-        name = f"{self.marked_sensor} {scheme} {digest.hexdigest()}"
+        name = f"{self.marked_sensor} {output.partition(':')[0]} {digest.hexdigest()}"
         return self.log.cursor(name, is_for_it, self.after)
 
 

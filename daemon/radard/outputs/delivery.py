@@ -15,7 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from radard.config.sink_table import LogSection
-from radard.log_cursor import Cursor, Entry, Wants
+from radard.log_cursor import Entry, Wants
 from radard.outputs.base import DeliveryError, Record, SinkContext, SinkState, StateKeeper
 from radard.outputs.thread_sink import ThreadSink
 from x2radar.backoff import Backoff
@@ -51,15 +51,13 @@ class Delivery(ThreadSink):
         self._send = send
         self._keeper = keeper or self._keeper
         self._backoff = Backoff(options.first_retry_s, options.longest_retry_s, name)
-        self.cursor: Cursor | None = None  # what it has still to deliver, once at work
         self._transient: deque[Entry] = deque(maxlen=_TRANSIENT)
         self._skips_wait = threading.Event()
         self._n_refused = 0
         self._begun_s: float | None = None
 
     def _begin(self) -> None:
-        scheme = self.name.partition(":")[0]
-        self.cursor = cursor = self._context.cursor(scheme, self._target, self._wants)
+        self.cursor = cursor = self._context.cursor(self.name, self._target, self._wants)
         cursor.on_put = self._queue.wake
         if len(cursor):
             log.info("%s: %d events of an earlier run wait", self.name, len(cursor))

@@ -95,7 +95,7 @@ class SyslogSink(DirectSink):
             sock = self._socket
             if sock is None or _is_closed(sock):
                 self._shut()
-                sock = self._connect()
+                self._socket = sock = self._connect()
             sock.sendall(self._form(*_message_of(record), record))
         except OSError as err:
             self._shut()
@@ -116,15 +116,13 @@ class SyslogSink(DirectSink):
             self._form = self._dated
             kind = socket.SOCK_DGRAM if address.scheme == "udp" else socket.SOCK_STREAM
             where = socket.getaddrinfo(address.host, address.port, type=kind)[0]
-            self._socket = _connected(where[0], kind, where[4], self._tls, address.host)
-            return self._socket
+            return _connected(where[0], kind, where[4], self._tls, address.host)
         try:
-            self._socket = _connected(socket.AF_UNIX, socket.SOCK_DGRAM, address)
+            return _connected(socket.AF_UNIX, socket.SOCK_DGRAM, address)
         except OSError as err:
             if err.errno != errno.EPROTOTYPE:
                 raise
-            self._socket = _connected(socket.AF_UNIX, socket.SOCK_STREAM, address)
-        return self._socket
+            return _connected(socket.AF_UNIX, socket.SOCK_STREAM, address)
 
     def _plain(self, severity: int, text: str, record: Record) -> bytes:
         priority = self._facility << 3 | severity

@@ -23,7 +23,6 @@ from radard.config.directories import saved_file
 from radard.config.saved import change
 from radard.config.sink_table import MqttSection, SinkOptions
 from radard.errors import UsageError
-from radard.log_cursor import Cursor
 from radard.outputs.base import COMMANDS, Record, SinkContext, SinkState, StateKeeper
 from radard.outputs.delivery import Delivery, picture_path
 from radard.outputs.mqtt.link import Broker, MqttLink, Publication
@@ -170,7 +169,6 @@ class MqttSink(ThreadSink):
         super().__init__(name)
         self._keeper = StateKeeper(name, "not connected yet")
         self._context = context
-        self.cursor: Cursor | None = None  # what it has still to deliver, once at work
         # Any client that can publish there can disarm.
         words = (options.mqtt.password_file, options.mqtt.password_env, options.mqtt.cert_file)
         is_safe, commands = broker.is_tls and words != (None, None, None), options.mqtt.commands

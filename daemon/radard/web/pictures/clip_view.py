@@ -91,18 +91,13 @@ def clip_view(path: Path) -> bytes:
 def _decisions(path: Path) -> list[dict[str, Any]]:
     """Return what was decided on the clip, on its own clock; nothing for a bare recording."""
     try:
-        file = Hdf5File(path)
-    except RecordingError:
-        return []
-    try:
-        sets = {key: file.data_set(f"decisions/{key}") for key in _KEYS}
-        if any(each is None or each.ndim != 1 for each in sets.values()):
-            return []
-        columns = {key: file.read(each, slice(_MAX_DECISIONS)) for key, each in sets.items()}
+        with contextlib.closing(Hdf5File(path)) as file:
+            sets = {key: file.data_set(f"decisions/{key}") for key in _KEYS}
+            if any(each is None or each.ndim != 1 for each in sets.values()):
+                return []
+            columns = {key: file.read(each, slice(_MAX_DECISIONS)) for key, each in sets.items()}
     except (RecordingError, OSError):
         return []
-    finally:
-        file.close()
     return [
         {key: _plain(values[i]) for key, values in columns.items()}
         for i in range(min(map(len, columns.values())))
