@@ -2,14 +2,14 @@
 
 A record's way to a page::
 
-    sink            takes records from the worker, starts the thread       [worker's thread]
+    sink            takes records from the worker; the thread itself       [worker's thread]
     view            what is held of a sensor: history, counters, pictures  [any thread]
     hub             hand them to every page, drop what one cannot take     [asyncio]
     pictures        frames of the ring, or of a clip, to columns of bytes  [own thread]
 
 and a request's way::
 
-    server          limits on connections; the thread itself
+    server          limits on connections
     auth, guard     hosts, origins, bodies; roles: who may see, who may arm
     api, events     the routes
 
