@@ -3,9 +3,8 @@
 import contextlib
 import logging
 import mimetypes
-import re
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,10 +13,9 @@ from anyio import CapacityLimiter, to_thread
 from starlette.applications import Starlette
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse, RedirectResponse, Response
+from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
-from starlette.types import Receive, Scope, Send
 from starlette.websockets import WebSocket
 
 from radard.alarm.explain import explain
@@ -53,9 +51,7 @@ mimetypes.add_type("text/javascript", ".js")
 _NUMBERS = ("confirm_k", "confirm_n", "p_on", "p_off")
 _MAX_TOKEN = 512  # characters; longer ones are not even compared
 _MAX_SEQ = 1 << 53  # what JavaScript counts to
-_OF_ONE = "radard.sensor"  # key of a request's scope: it was for one of several sensors, this one
-_NO_RUN = JSONResponse({"state": "starting", "error": "there is no run yet"}, 503)
-_OWN_PATH = re.compile(r"/sensor/([A-Za-z0-9_-]+)(/.*)?")
+OF_ONE = "radard.sensor"  # key of a request's scope: it was for one of several sensors, this one
 
 
 class Api:
@@ -98,7 +94,7 @@ class Api:
 
     async def _told(self, is_good: Callable[[Status], bool], request: Request) -> Response:
         """Return the state, 200 or 503; the reason for those who may look."""
-        views = [self._view] if _OF_ONE in request.scope else self._all_views()
+        views = [self._view] if OF_ONE in request.scope else self._all_views()
         now = overall({view.host.sensor: view.host.health for view in views})
         reason = {} if self._access.role(request) == "nobody" else {"reason": now.reason}
         return JSONResponse({"state": now.state, **reason}, 200 if is_good(now) else 503)
@@ -273,24 +269,3 @@ class Api:
         answer = JSONResponse({})
         answer.delete_cookie(self._access.cookie)
         return answer
-
-
-@dataclass(eq=False)
-class SensorRouter:
-    """ASGI application: /sensor/NAME/... is NAME's, everything else the first sensor's."""
-
-    views: Mapping[str, View]
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Hand a request to the pages of the sensor that its path names."""
-        match = _OWN_PATH.fullmatch(scope.get("path", ""))
-        view = self.views.get(match[1]) if match else None
-        if match is None or view is None:
-            first = next((each.app for each in self.views.values()), _NO_RUN)
-            await first(scope, receive, send)
-        elif match[2] is None:
-            # What the page asks for lies beside it.
-            await RedirectResponse(f"{match[1]}/")(scope, receive, send)
-        else:
-            own = {**scope, "path": match[2], "raw_path": match[2].encode(), _OF_ONE: match[1]}
-            await view.app(own, receive, send)

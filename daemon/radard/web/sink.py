@@ -9,6 +9,7 @@ import asyncio
 import contextlib
 import errno
 import logging
+import re
 import socket
 import threading
 from collections.abc import Callable
@@ -16,6 +17,8 @@ from typing import Any
 from urllib.parse import urlsplit
 
 import uvicorn
+from starlette.responses import JSONResponse, RedirectResponse
+from starlette.types import Receive, Scope, Send
 
 from radard.config.credentials import redact
 from radard.config.sink_table import SinkOptions, WebSection
@@ -24,7 +27,7 @@ from radard.log import EventLog
 from radard.outputs.base import Host, Record, SinkContext, SinkState, StateKeeper
 from radard.outputs.thread_sink import CLOSE_S
 from radard.outputs.tls import shown_host
-from radard.web.api import Api, SensorRouter
+from radard.web.api import OF_ONE, Api
 from radard.web.auth import AccessControl, read_tokens
 from radard.web.server import Connection, port_holder
 from radard.web.view import View
@@ -39,6 +42,8 @@ _WAITS = "the dashboard waits for it"
 _BACKLOG = 128  # connections that wait to be taken
 _TOO_MANY = {errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM}
 _SAID_S = 60.0  # how often that is said
+_NO_RUN = JSONResponse({"state": "starting", "error": "there is no run yet"}, 503)
+_OWN_PATH = re.compile(r"/sensor/([A-Za-z0-9_-]+)(/.*)?")
 _LAST_WORDS_S = 0.5  # for pages that do not read
 
 
@@ -75,7 +80,6 @@ class WebSink:
         tokens = read_tokens(section, host)
         self._access = AccessControl(tokens, may_command=section.commands, cookie=f"radard_{port}")
         self._views: dict[str, View] = {}
-        self.app = SensorRouter(self._views)  # what it serves: an ASGI application
         self._host, self._port = host, port
         self._stop = threading.Event()
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -136,6 +140,20 @@ class WebSink:
         if self._thread.is_alive():
             log.warning("%s: did not end in time", self.name)
 
+    async def app(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer, as ASGI has it: /sensor/NAME/... is NAME's, all else the first sensor's."""
+        match = _OWN_PATH.fullmatch(scope.get("path", ""))
+        view = self._views.get(match[1]) if match else None
+        if match is None or view is None:
+            first = next((each.app for each in self._views.values()), _NO_RUN)
+            await first(scope, receive, send)
+        elif match[2] is None:
+            # What the page asks for lies beside it.
+            await RedirectResponse(f"{match[1]}/")(scope, receive, send)
+        else:
+            own = {**scope, "path": match[2], "raw_path": match[2].encode(), OF_ONE: match[1]}
+            await view.app(own, receive, send)
+
     def _post(self, call: Callable[..., object], *values: object) -> None:
         """Call something in the web's own thread; does nothing without one, or when it ends."""
         if self._loop is not None:
@@ -190,6 +208,7 @@ class WebSink:
     async def _serve(self, sock: socket.socket) -> None:
         config = uvicorn.Config(
             self.app,
+            interface="asgi3",
             http=Connection,
             ws="websockets-sansio",
             ws_max_size=_MAX_MESSAGE,
