@@ -2,7 +2,7 @@
 
 A record's way to a page::
 
-    sink            takes records from the worker; the thread itself       [worker's thread]
+    sink            takes records from the worker; the server's thread     [worker's thread]
     view            what is held of a sensor: history, counters, pictures  [any thread]
     hub             hand them to every page, drop what one cannot take     [asyncio]
     pictures        frames of the ring, or of a clip, to columns of bytes  [own thread]

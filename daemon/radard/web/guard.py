@@ -152,20 +152,6 @@ class Guard:
         return Route(path, guarded, methods=["POST"])
 
 
-def _shielded(send: Send) -> Send:
-    """Return a `send` that adds our headers to an answer."""
-
-    async def add(message: Message) -> None:
-        if message["type"] == "http.response.start":
-            out = MutableHeaders(scope=message)
-            out.update(_HEADERS)
-            # The page's own files have a tag, and are asked for again with it.
-            out.setdefault("Cache-Control", "no-cache" if "etag" in out else "no-store")
-        await send(message)
-
-    return add
-
-
 def _to_origin_form(scope: Scope) -> None:
     """Take ``GET http://host/path`` for what it asks: its host counts (RFC 9112, 3.2.2)."""
     target: bytes = scope["raw_path"]
@@ -184,14 +170,21 @@ class SecurityMiddleware:
     access: AccessControl
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Let a request pass, or answer it."""
-        if scope["type"] in {"http", "websocket"}:
-            _to_origin_form(scope)
-        if scope["type"] != "http":
-            await self.app(scope, receive, send)
-            return
-        app = self._fault(scope["method"], Headers(scope=scope)) or self.app
-        await app(scope, receive, _shielded(send))
+        """Let a request pass, or answer it; every answer has our headers."""
+
+        async def shielded(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                out = MutableHeaders(scope=message)
+                out.update(_HEADERS)
+                # The page's own files have a tag, and are asked for again with it.
+                out.setdefault("Cache-Control", "no-cache" if "etag" in out else "no-store")
+            await send(message)
+
+        _to_origin_form(scope)
+        app = self.app
+        if scope["type"] == "http":
+            app = self._fault(scope["method"], Headers(scope=scope)) or app
+        await app(scope, receive, shielded)
 
     def _fault(self, method: str, headers: Headers) -> JSONResponse | None:
         if not self.access.is_right_host(headers):
