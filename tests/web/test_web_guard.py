@@ -15,7 +15,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from radard.config.sink_table import WebSection
 from radard.errors import ConfigError, UsageError
-from radard.web.auth import SESSION_S, AccessControl, Tokens, is_loopback, read_tokens
+from radard.web.auth import SESSION_S, AccessControl, is_loopback, read_tokens
 from radard.web.guard import MAX_BODY
 from radard.web.sink import parse_address
 from tests.dashboard_helpers import post
@@ -60,7 +60,7 @@ def test_a_short_token_and_one_for_looking_on_and_arming_are_refused(tmp_path, t
 @pytest.mark.parametrize("token", ["k\u00fcche-und-flur", "\u5ba4\u5185-radar-token"])
 def test_a_token_may_have_any_letters(token):
     """As curl sends it: in UTF-8, which a server reads as Latin-1."""
-    access = AccessControl(Tokens(viewer=token))
+    access = AccessControl(viewer=token)
     for given, role in ((token, "viewer"), (token + "x", "nobody")):
         header = (b"authorization", f"Bearer {given}".encode())
         assert access.role(HTTPConnection({"type": "http", "headers": [header]})) == role
@@ -72,7 +72,7 @@ def test_sessions_end_and_are_bounded():
         return guard.role(HTTPConnection({"type": "http", "headers": [cookie]}))
 
     now = [0.0]
-    guard = AccessControl(Tokens(operator=OPERATOR), clock=lambda: now[0])
+    guard = AccessControl(operator=OPERATOR, clock=lambda: now[0])
     sessions = [guard.log_in(OPERATOR, "")[1] for _ in range(100)]
     assert (role(sessions[-1]), role(sessions[0])) == ("operator", "nobody")
     now[0] = SESSION_S + 1
@@ -81,7 +81,7 @@ def test_sessions_end_and_are_bounded():
 
 def test_guessing_is_slow_and_locks_out_nobody_else():
     now = [0.0]
-    guard = AccessControl(Tokens(viewer=VIEWER), clock=lambda: now[0])
+    guard = AccessControl(viewer=VIEWER, clock=lambda: now[0])
     stranger, owner = "192.168.1.66", "192.168.1.5"
     for _ in range(10):
         assert guard.log_in("not it, not it", stranger)[0] == "nobody"
@@ -105,7 +105,7 @@ def test_tokens_are_compared_in_constant_time(monkeypatch):
     compared = []
     equal = hmac.compare_digest
     monkeypatch.setattr(hmac, "compare_digest", lambda a, b: compared.append(b) or equal(a, b))
-    guard = AccessControl(Tokens(viewer=VIEWER, operator=OPERATOR))
+    guard = AccessControl(viewer=VIEWER, operator=OPERATOR)
     for token in (OPERATOR, VIEWER, "neither of both"):
         compared.clear()
         guard.log_in(token, "")

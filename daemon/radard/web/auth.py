@@ -30,14 +30,6 @@ _MIN_LENGTH = 12  # characters of a token: those guesses then find none
 _LOOPBACK = {"localhost", "127.0.0.1", "::1"}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Tokens:
-    """Tokens of a dashboard; None where there is none."""
-
-    viewer: str | None = field(default=None, repr=False)
-    operator: str | None = field(default=None, repr=False)
-
-
 @lru_cache(maxsize=1024)
 def is_loopback(host: str) -> bool:
     """Return whether an address is of this machine alone."""
@@ -50,8 +42,8 @@ def is_loopback(host: str) -> bool:
     return (getattr(address, "ipv4_mapped", None) or address).is_loopback
 
 
-def read_tokens(section: WebSection, host: str) -> Tokens:
-    """Return the tokens; ConfigError if one cannot be read, is short, or one is needed."""
+def read_tokens(section: WebSection, host: str) -> tuple[str | None, str | None]:
+    """Return those of viewers and operators; ConfigError if one is bad, short, or missing."""
     o = section
     viewer = read_secret("web.token", o.token_file, o.token_env)
     operator = read_secret("web.operator_token", o.operator_token_file, o.operator_token_env)
@@ -65,7 +57,7 @@ def read_tokens(section: WebSection, host: str) -> Tokens:
             f"--output http://{host}: others can reach this address; name a token with "
             "web.token_file or web.token_env (and web.operator_token_file for arming)"
         )
-    return Tokens(viewer=viewer, operator=operator)
+    return viewer, operator
 
 
 class RateLimit:
@@ -96,13 +88,14 @@ class RateLimit:
 class AccessControl:
     """Says what a request may do, without `may_command` no commands; for the web's thread."""
 
-    tokens: Tokens
+    viewer: str | None = field(default=None, repr=False)  # the token for looking on
+    operator: str | None = field(default=None, repr=False)  # and for arming
     may_command: bool = True
     cookie: str = "radard"
     clock: Callable[[], float] = time.monotonic
 
     def __post_init__(self) -> None:
-        self._wants_token = self.tokens != Tokens()
+        self._wants_token = bool(self.viewer or self.operator)
         self._sessions: dict[str, tuple[Role, float]] = {}
         self._guesses: dict[str, RateLimit] = {}
 
@@ -174,7 +167,7 @@ class AccessControl:
         # Both are compared, whichever it is.
         is_operator, is_viewer = (
             wanted is not None and hmac.compare_digest(given, wanted.encode())
-            for wanted in (self.tokens.operator, self.tokens.viewer)
+            for wanted in (self.operator, self.viewer)
         )
         if is_operator:
             return self._granted("operator")

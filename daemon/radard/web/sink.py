@@ -77,8 +77,8 @@ class WebSink:
         self.name = f"http://{shown_host(host)}:{port}"
         self._keeper = StateKeeper(self.name)
         self._section, self._log = section, log
-        tokens = read_tokens(section, host)
-        self._access = AccessControl(tokens, may_command=section.commands, cookie=f"radard_{port}")
+        tokens, cookie = read_tokens(section, host), f"radard_{port}"
+        self._access = AccessControl(*tokens, may_command=section.commands, cookie=cookie)
         self._views: dict[str, View] = {}
         self._host, self._port = host, port
         self._stop = threading.Event()
