@@ -36,7 +36,7 @@ class Viewer:
         self._pictures: deque[bytes] = deque()
         self._n_sent = self._n_drawn = 0
         self._wake = asyncio.Event()
-        self._has_all = asyncio.Event()
+        self.has_all = asyncio.Event()  # whether every text has been sent
 
     def put_text(self, text: str) -> None:
         """Queue a text; a page that lets too many wait is to be closed."""
@@ -44,7 +44,7 @@ class Viewer:
             self.is_overrun = True
         else:
             self._texts.append(text)
-        self._has_all.clear()
+        self.has_all.clear()
         self._wake.set()
 
     def put_picture(self, data: bytes) -> None:
@@ -72,13 +72,9 @@ class Viewer:
             if self._pictures:
                 self._n_sent += 1
                 return self._pictures.popleft()
-            self._has_all.set()
+            self.has_all.set()
             self._wake.clear()
             await self._wake.wait()
-
-    async def has_all(self) -> None:
-        """Return once every text has been sent."""
-        await self._has_all.wait()
 
 
 class Hub:
@@ -133,7 +129,7 @@ class Hub:
 
     async def has_sent_all(self) -> None:
         """Return once every page has every text."""
-        await asyncio.gather(*(viewer.has_all() for viewer in self._viewers))
+        await asyncio.gather(*(viewer.has_all.wait() for viewer in self._viewers))
 
     def _update_wanted(self) -> None:
         is_wanted = any(viewer.wants_pictures for viewer in self._viewers)
