@@ -8,7 +8,7 @@ import pytest
 from radard.alarm.panel import AlarmPanel, AlarmPolicy, Sight
 from radard.alarm.sensitivity import alarm_policy, sensitivity_choices
 from radard.cli import main
-from radard.commands.explain_rates import alarm_probability
+from radard.commands.explain import alarm_probability
 from radard.config.quiet_hours import (
     QuietHours,
     parse_quiet,

@@ -15,8 +15,7 @@ from statistics import median
 
 import numpy as np
 
-from radard.commands.explain import basis
-from radard.commands.explain_rates import percent
+from radard.commands.explain import basis, percent
 from radard.config.config import Config
 from radard.config.options import LISTENING, add_options, check_seconds, listening_config
 from radard.config.profiles import Three, front
