@@ -63,8 +63,9 @@ def test_adapters_that_are_none(usb, serial, word):
         ("/r", 'a"b$c', '/r --port "a\\"b$$c" --wait'),
     ],
 )
-def test_unit_starts_what_was_named(program, port, line):
-    text = systemd_unit(Path(program) if program else None, port)
+def test_unit_starts_what_was_named(program, port, line, capsys):
+    named = ("--exec", program) if program else ()
+    text = printed(capsys, "systemd", "--port", port, *named)
     starts = [each for each in text.splitlines() if each.startswith("ExecStart=")]
     assert starts == [f"ExecStart={line} --config /etc/radard/config.yaml"]
 

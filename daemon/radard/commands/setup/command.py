@@ -1,6 +1,7 @@
 """`radard setup`: the whole installation, one file of it, or the coverage of a mount."""
 
 import argparse
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -50,8 +51,7 @@ def _whole(args: argparse.Namespace) -> Iterator[str]:
     root = Path(args.root).resolve()
     if args.uninstall:
         return uninstall_system(root, purge=args.purge)
-    program = args.exec or files.own_program()
-    return install_system(Installation(root, program, args.port, args.name))
+    return install_system(Installation(root, args.exec, args.port, args.name))
 
 
 def _file_of(args: argparse.Namespace) -> tuple[Path, str]:
@@ -86,7 +86,8 @@ def make_parser() -> Parser:
     add("--uninstall", action="store_true", help="undo it; settings that were changed stay")
     add("--purge", action="store_true", help="with --uninstall: settings, state and user go too")
     add("--root", default="/", metavar="DIR", help="root of the machine or image (/)")
-    add("--exec", type=Path, metavar="FILE", help="the radard to start (this one)")
+    own = Path(sys.prefix) / "bin" / "radard"
+    add("--exec", type=Path, default=own, metavar="FILE", help="the radard to start (this one)")
     add("--port", default=files.PORT, help=f"as for radard ({files.PORT})")
     add("--name", metavar="NAME", help="one more radar: radard@NAME, /etc/radard/NAME.yaml")
     whats = parser.add_subparsers(dest="what", metavar="udev|systemd|user|config|coverage")

@@ -42,13 +42,13 @@ class Installation:
 
     root: Path  # the machine's root folder; another one is an image's
     program: Path  # the `radard` to start, as the machine itself sees it
-    port: str = files.PORT
-    name: str | None = None  # of radard@NAME.service; None for radard.service
+    port: str
+    name: str | None  # of radard@NAME.service; None for radard.service
 
-    @property
-    def is_live(self) -> bool:
-        """Whether this is the machine that runs now, under systemd."""
-        return self.root == Path("/") and Path("/run/systemd/system").is_dir()
+
+def _is_live(root: Path) -> bool:
+    """Return whether this is the machine that runs now, under systemd."""
+    return root == Path("/") and Path("/run/systemd/system").is_dir()
 
 
 def _check_below(name: str) -> str:
@@ -72,38 +72,45 @@ class Record(BaseModel, extra="forbid"):
     def read(cls, root: Path) -> "Record":
         """Return what is recorded below a root, empty if nothing is; ConfigError if damaged."""
         path = root / RECORD_FILE
-        if not path.exists():
-            return cls()
         try:
-            return cls.model_validate_json(path.read_bytes())
+            return cls.model_validate_json(path.read_bytes()) if path.exists() else cls()
         except (OSError, ValueError) as err:
             raise ConfigError(f"{path}: is no record of an installation: {err}") from err
-
-    def write(self, root: Path) -> None:
-        """Keep it for the uninstallation."""
-        path = root / RECORD_FILE
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(self.model_dump_json(indent=1) + "\n", encoding="utf-8")
 
 
 def install_system(what: Installation) -> Iterator[str]:
     """Install all that is not there yet; yield what was done, and what is left to do."""
     _check(what)
-    record = Record.read(what.root)
+    root, record = what.root, Record.read(what.root)
     left: list[str] = []
+    texts = {
+        files.UDEV_FILE: files.udev_rules(),
+        files.UNIT_FILE: files.systemd_unit(what.program, files.PORT if what.name else what.port),
+        files.INSTANCE_FILE: files.systemd_instance_unit(what.program),
+        files.FAILED_FILE: files.shipped("radard-failed@.service"),
+    }
+    if what.name and (root / files.UNIT_FILE).exists():
+        # A second radar must not put the first one's port back.
+        del texts[files.UNIT_FILE]
+    config = files.CONFIG_FOLDER / f"{what.name or 'config'}.yaml"
     try:
-        with _refusals(what.root):
-            yield from _put(what, record, files.USER_FILE, files.shipped("radard.sysusers"))
-            yield from _make_user(what, left)
-            yield from _put(what, record, files.UDEV_FILE, files.udev_rules())
-            yield from _put_units(what, record)
-            yield from _put_config(what, record)
+        with _refusals(root):
+            yield from _put(root, record, files.USER_FILE, files.shipped("radard.sysusers"))
+            yield from _make_user(root, left)
+            for path, text in texts.items():
+                yield from _put(root, record, path, text)
+            if (root / config).exists():
+                yield f"{root / config}: stays as it is"
+            else:
+                yield from _put(root, record, config, files.first_config(what.name, what.port))
             yield from _make_state(what, record)
             yield from _put_commands(what, record)
             yield from _switch_on(what, record, left)
     finally:
         with contextlib.suppress(OSError):
-            record.write(what.root)
+            (root / files.CONFIG_FOLDER).mkdir(parents=True, exist_ok=True)
+            text = record.model_dump_json(indent=1) + "\n"
+            (root / RECORD_FILE).write_text(text, encoding="utf-8")
     if left:
         yield "left to do:"
         yield from (f"  {line}" for line in left)
@@ -115,7 +122,7 @@ def uninstall_system(root: Path, *, purge: bool) -> Iterator[str]:
         msg = f"{root / RECORD_FILE}: not there: nothing that radard setup --install has made"
         raise UsageError(msg)
     record = Record.read(root)
-    is_live = Installation(root, files.own_program()).is_live
+    is_live = _is_live(root)
     with _refusals(root):
         for unit in record.units:
             now = ("--now",) if is_live else ()
@@ -143,7 +150,7 @@ def _check(what: Installation) -> None:
     # Refuse them before anything is written.
     files.systemd_unit(what.program, what.port)
     files.first_config(what.name, what.port)
-    program = _below(what.root, what.program)
+    program = what.root / what.program.relative_to("/")
     if not os.access(program, os.X_OK):
         raise UsageError(f"{program}: no such program; name the radard to start with --exec")
     seen = [str(what.program)]
@@ -156,34 +163,10 @@ def _check(what: Installation) -> None:
             raise UsageError(msg)
 
 
-def _below(root: Path, path: Path) -> Path:
-    return root / path.relative_to("/")
-
-
-def _put_units(what: Installation, record: Record) -> Iterator[str]:
-    unit = files.systemd_unit(what.program, files.PORT if what.name else what.port)
-    # A second radar must not put the first one's port back.
-    if not (what.name and (what.root / files.UNIT_FILE).exists()):
-        yield from _put(what, record, files.UNIT_FILE, unit)
-    text = files.systemd_instance_unit(what.program)
-    yield from _put(what, record, files.INSTANCE_FILE, text)
-    text = files.shipped("radard-failed@.service")
-    yield from _put(what, record, files.FAILED_FILE, text)
-
-
-def _put_config(what: Installation, record: Record) -> Iterator[str]:
-    path = files.CONFIG_FOLDER / f"{what.name or 'config'}.yaml"
-    if (what.root / path).exists():
-        yield f"{what.root / path}: stays as it is"
-    else:
-        yield from _put(what, record, path, files.first_config(what.name, what.port))
-
-
-def _put(what: Installation, record: Record, path: Path, text: str) -> Iterator[str]:
+def _put(root: Path, record: Record, path: Path, text: str) -> Iterator[str]:
     """Write a file and record it; one of somebody else's is kept beside it."""
-    _make_folder(what.root, record, path.parent)
-    is_ours = str(path) in record.files
-    yield from write_file(what.root / path, text, keep=not is_ours)
+    _make_folder(root, record, path.parent)
+    yield from write_file(root / path, text, keep=str(path) not in record.files)
     record.files[str(path)] = _sha256(text.encode())
 
 
@@ -222,72 +205,61 @@ def _make_folder(root: Path, record: Record, folder: Path, mode: int = 0o755) ->
             record.folders.append(str(each))
 
 
-def _make_user(what: Installation, left: list[str]) -> Iterator[str]:
-    if _user_id(what.root) is not None:
+def _make_user(root: Path, left: list[str]) -> Iterator[str]:
+    if _user_id(root) is not None:
         yield "user radard: is there already"
-        return
-    if shutil.which("systemd-sysusers"):
-        yield from _ran(["systemd-sysusers", f"--root={what.root}", "radard.conf"])
+    elif shutil.which("systemd-sysusers"):
+        yield from _ran(["systemd-sysusers", f"--root={root}", "radard.conf"])
     else:
         left.append("systemd-sysusers radard.conf        on the machine itself: makes the user")
 
 
 def _user_id(root: Path) -> tuple[int, int] | None:
     """Return user and group id of radard on the machine below a root; None without a user."""
-    try:
-        lines = (root / "etc/passwd").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return None
-    for line in lines:
-        parts = line.split(":")
-        if parts[0] == "radard":
-            return int(parts[2]), int(parts[3])
+    with contextlib.suppress(OSError):
+        for line in (root / "etc/passwd").read_text(encoding="utf-8").splitlines():
+            name, *parts = line.split(":")
+            if name == "radard":
+                return int(parts[1]), int(parts[2])
     return None
 
 
 def _make_state(what: Installation, record: Record) -> Iterator[str]:
-    folder = files.STATE_FOLDER
-    if what.name:
-        folder = folder.with_name(f"radard-{what.name}")
-    if (what.root / folder).is_dir():
-        yield f"{what.root / folder}: is there already"
+    folder = files.STATE_FOLDER.with_name(f"radard-{what.name}" if what.name else "radard")
+    path = what.root / folder
+    if path.is_dir():
+        yield f"{path}: is there already"
         return
     _make_folder(what.root, record, folder, 0o700)
-    ids = _user_id(what.root)
-    if ids is not None and os.geteuid() == 0:
-        os.chown(what.root / folder, *ids)
-    yield f"{what.root / folder}: made"
+    if (ids := _user_id(what.root)) and os.geteuid() == 0:
+        os.chown(path, *ids)
+    yield f"{path}: made"
 
 
 def _put_commands(what: Installation, record: Record) -> Iterator[str]:
     """Put each command that works where shells find it, with its man page and completion."""
+    root = what.root
     for command, module in COMMANDS.items():
-        parser = _parser_of(module)
         program = what.program.with_name(command)
-        if parser is None or not os.access(_below(what.root, program), os.X_OK):
+        try:
+            parser: Parser = import_module(f"{module}.cli").whole_parser()
+        except (ModuleNotFoundError, SystemExit):
+            continue  # for want of an extra
+        if not os.access(root / program.relative_to("/"), os.X_OK):
             continue
-        page = man_page(parser)
-        yield from _put(what, record, Path(f"usr/local/share/man/man1/{command}.1"), page)
+        page = Path(f"usr/local/share/man/man1/{command}.1")
+        yield from _put(root, record, page, man_page(parser))
         for shell, place in _COMPLETIONS.items():
             with contextlib.suppress(MissingExtra):
                 script = completion(parser, shell)
-                yield from _put(what, record, Path(place.format(command)), script)
+                yield from _put(root, record, Path(place.format(command)), script)
         link = Path("usr/local/bin", command)
-        if program == Path("/") / link or os.path.lexists(what.root / link):
+        if program == Path("/") / link or os.path.lexists(root / link):
             continue
-        _make_folder(what.root, record, link.parent)
-        (what.root / link).symlink_to(program)
+        _make_folder(root, record, link.parent)
+        (root / link).symlink_to(program)
         record.links[str(link)] = str(program)
-        yield f"{what.root / link}: link to {program}"
-
-
-def _parser_of(module: str) -> Parser | None:
-    """Return the whole parser of a command; None where it cannot run, for want of an extra."""
-    try:
-        parser: Parser = import_module(f"{module}.cli").whole_parser()
-    except (ModuleNotFoundError, SystemExit):
-        return None
-    return parser
+        yield f"{root / link}: link to {program}"
 
 
 def _switch_on(what: Installation, record: Record, left: list[str]) -> Iterator[str]:
@@ -297,7 +269,7 @@ def _switch_on(what: Installation, record: Record, left: list[str]) -> Iterator[
     if not shutil.which("systemctl"):
         left.append(f"systemctl enable {unit}")
         return
-    if what.is_live:
+    if _is_live(what.root):
         yield from _ran(["udevadm", "control", "--reload"], needed=False)
         yield from _ran(["udevadm", "trigger", "--subsystem-match=tty"], needed=False)
         yield from _ran(["systemctl", "daemon-reload"])
@@ -325,19 +297,16 @@ def _ran(argv: Sequence[str], *, needed: bool = True) -> Iterator[str]:
 
 def _remove_files(root: Path, record: Record, *, purge: bool) -> Any:
     """Remove files and links, yielding each; return those that stay."""
+    links = ((root / name, target) for name, target in record.links.items())
+    ours = [path for path, to in links if path.is_symlink() and str(path.readlink()) == to]
     kept = []
-    for name, target in record.links.items():
-        path = root / name
-        if path.is_symlink() and str(path.readlink()) == target:
-            path.unlink()
-            yield f"{path}: removed"
     for name, digest in record.files.items():
         path = root / name
-        if not path.is_file():
-            continue
-        if _sha256(path.read_bytes()) != digest and not purge:
+        if path.is_file() and not purge and _sha256(path.read_bytes()) != digest:
             kept.append(path)
-            continue
+        elif path.is_file():
+            ours.append(path)
+    for path in ours:
         path.unlink()
         yield f"{path}: removed"
     return kept
