@@ -107,7 +107,6 @@ def test_order_file_environment_options():
             "sensors:\n  hall: {port: sim:dog}\n  hall: {port: sim:cat}\n",
             "config.yaml:3: not YAML: the key 'hall' stands twice, in lines 2 and 3",
         ),
-        ("outbox:\n  attempts: 3\n", "config.yaml:1: outbox: is the section 'log' now"),
         ("alarm: {}\ngate: {}\nalarm: {}\n", "the key 'alarm' stands twice, in lines 1 and 3"),
         ("sensors: {a: {port: x, gate: {adapt: 3}}}", "did you mean 'adapt_db'"),
         ("sensors: {a: {port: x, prt: y}}", "unknown key 'sensors.a.prt'; did you mean 'port'"),

@@ -57,8 +57,6 @@ _TOLD = {"armed", "mode", "panel", "delay_left_s", "ended"}
 class NoDaemon(RadardError):
     """No running daemon answers on the control socket."""
 
-    exit_code = 1
-
 
 def make_parser(name: str) -> Parser:
     if name in _ASKS:

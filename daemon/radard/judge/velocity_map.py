@@ -88,15 +88,17 @@ class VelocityGrid:
 
     def transform(self, dwell: Dwell, column_rate_hz: float | None = None) -> VelocityTransform:
         """Return what makes the columns of a stream; FeatureError for bad settings."""
-        n_slow, n_mean = len(dwell.frames), self._n_mean(dwell)
+        axis, n_slow, n_mean, cpi_s = dwell.axis, len(dwell.frames), 1, self.cpi_s
+        if self.sampling:
+            enough_hz = self.sampling * 4 * axis.carrier_hz * self.max_mps / SPEED_OF_LIGHT_MPS
+            n_mean = max(1, int(dwell.frame_rate_hz / enough_hz))
         rate_hz = dwell.frame_rate_hz / n_mean
-        cpi_s = self.cpi_s
         if self.carrier_hz:
-            cpi_s *= self.carrier_hz / dwell.axis.carrier_hz
+            cpi_s *= self.carrier_hz / axis.carrier_hz
         most_s = _MAX_SHARE * n_slow / dwell.frame_rate_hz
         cpi_s = max(min(cpi_s, most_s), self.least_frames / rate_hz)
         return VelocityTransform(
-            dwell.axis,
+            axis,
             dwell.frame_rate_hz,
             max_mps=self.max_mps,
             step_mps=self.step_mps,
@@ -125,12 +127,6 @@ class VelocityGrid:
             n_cells=self.n_cells,
         )
         return shown(power, known, self.depth_db)
-
-    def _n_mean(self, dwell: Dwell) -> int:
-        if not self.sampling:
-            return 1
-        enough_hz = self.sampling * 4 * dwell.axis.carrier_hz * self.max_mps / SPEED_OF_LIGHT_MPS
-        return max(1, int(dwell.frame_rate_hz / enough_hz))
 
     def _n_columns(self, column_rate_hz: float) -> int:
         return math.ceil(self.n_cells * self.cell_s * column_rate_hz) + 1
