@@ -151,10 +151,10 @@ def _passage_rates(config: Config, bundle: Bundle, card: Card) -> Iterator[str]:
         pets, alarms = percent(made.visits_with_alarm), _estimate(made.alarms_per_pet_hour)
         yield row(mark, level, percent(made.missed), after, pets, alarms)
     yield ""
-    if made := next(iter(card.sensitivities.values()), None):
-        visit_s = 3600 * made.pet_hours / max(made.pet_visits, 1)
+    if of := next(iter(card.sensitivities.values()), None):
+        visit_s = 3600 * of.pet_hours / max(of.pet_visits, 1)
         yield (
-            f"{made.intrusions} people come in, {made.pet_visits} visits of pets of "
+            f"{of.intrusions} people come in, {of.pet_visits} visits of pets of "
             f"{visit_s:.0f} s; none of them real"
         )
     if delay_s:
