@@ -11,7 +11,7 @@ import yaml
 
 from radard.cli import main
 from radard.commands.setup import files
-from radard.commands.setup.system import COMMANDS, RECORD_FILE
+from radard.commands.setup.command import COMMANDS, RECORD_FILE
 from radard.config.config import Config, load_config
 
 PROGRAM = "/opt/radard/bin/radard"

@@ -5,7 +5,7 @@ that changes is what the part stood for. M. D. Zeiler and R. Fergus, "Visualizin
 Understanding Convolutional Networks", ECCV 2014, section 4.2.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, product
 from typing import Literal
@@ -118,7 +118,7 @@ def occluded(
     return sorted(parts, key=lambda part: -abs(part.effect))
 
 
-def effects(parts: list[Part], view: MapView) -> NDArray[np.float64]:
+def effects(parts: Sequence[Part], view: MapView) -> NDArray[np.float64]:
     """Return the effect of every cell of a map, shape (n_rows, n_columns), float64."""
     out = np.zeros(view.shape)
     for part in parts:
