@@ -146,7 +146,12 @@ class View:
             range_m = "" if each["range_m"] is None else f"{each['range_m']:.1f} m"
             table.add_row(f"{each['t_s']:.1f} s", each["gate"], range_m, *cells, _sees(each))
         yield table
-        yield _outputs(answer)
+        outputs = _table("output", "state", "sent", "wait", "dropped", "")
+        for each in answer["outputs"]:
+            counts = (str(each[f"n_{key}"]) for key in ("sent", "waiting", "dropped"))
+            why = Text(each["reason"] or each["remark"])
+            outputs.add_row(Text(each["name"]), each["status"], *counts, why)
+        yield outputs
 
     def _range_time(self, picture: Mapping[str, Any] | None) -> Iterator[str]:
         if picture is None or not self._columns:
@@ -195,12 +200,3 @@ def _percent(p: float | None) -> str:
 def _bar(p: float | None, width: int) -> str:
     n = round((p or 0.0) * width)
     return f"{'█' * n}{'░' * (width - n)} {_percent(p):>5}"
-
-
-def _outputs(answer: Answer) -> Table:
-    table = _table("output", "state", "sent", "wait", "dropped", "")
-    for each in answer["outputs"]:
-        counts = (str(each[f"n_{key}"]) for key in ("sent", "waiting", "dropped"))
-        why = Text(each["reason"] or each["remark"])
-        table.add_row(Text(each["name"]), each["status"], *counts, why)
-    return table
