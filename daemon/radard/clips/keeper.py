@@ -117,7 +117,7 @@ class ClipKeeper:
         about = self._attributes
         self._do(lambda: self._open(path, first, wall_clock.utc_text(began), about))
         self._take(self._running, end)
-        self._do(lambda: self._file and self._file.preview())
+        self._do(self._preview)
         return self.named_of(event["id"])
 
     def named_of(self, event_id: str) -> str | None:
@@ -221,6 +221,10 @@ class ClipKeeper:
         if file is not None:
             file.write(frames)
         self._file = file
+
+    def _preview(self) -> None:
+        if self._file is not None:
+            self._file.preview()
 
     def _end(self, running: _Running) -> None:
         file, self._file = self._file, None

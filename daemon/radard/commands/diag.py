@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from radard.commands.config import shown
-from radard.config.config import DEFAULT_FILES, Config, load_with_origins
+from radard.config.config import Config, found_file, load_with_origins
 from radard.config.credentials import MASK, redact, redact_value
 from radard.config.directories import calibration_file, state_dir, status_dirs
 from radard.config.sources import ENV_PREFIX
@@ -271,7 +271,7 @@ def _group(number: int) -> str:
 def _secrets(file: Path | None, config: Config, environ: Mapping[str, str]) -> set[str]:
     """Return every value that is known to be secret: of the file, the environment, URLs, files."""
     found: set[str] = set()
-    path = file or next((p for p in DEFAULT_FILES if p.is_file()), None)
+    path = file or found_file()
     own = {name: value for name, value in environ.items() if name.startswith(ENV_PREFIX)}
     trees: list[Any] = [config.model_dump(mode="json"), own]
     # A file that cannot be read is told of elsewhere.

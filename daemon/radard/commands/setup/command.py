@@ -13,7 +13,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any
@@ -59,36 +59,33 @@ def run(argv: Sequence[str]) -> int:
     args = parser.parse_args(argv)
     if args.what is None and args.install == args.uninstall:
         parser.error(f"give --install, --uninstall, or one of {', '.join((*_AFTER, 'coverage'))}")
-    if args.what is None:
-        lines = _install(Installation(Path(args.root).resolve(), args.exec, args.port, args.name))
-        if args.uninstall:
-            lines = _uninstall(Path(args.root).resolve(), purge=args.purge)
+    if args.uninstall and args.what is None:
+        lines = _uninstall(Path(args.root).resolve(), purge=args.purge)
+    elif args.what is None:
+        lines = _install(Path(args.root).resolve(), args.exec, args.port, args.name)
     elif args.what == "coverage":
         mount = CoverageOptions(**{f.name: getattr(args, f.name) for f in fields(CoverageOptions)})
         lines = iter(coverage_table(mount))
     else:
-        lines = _one(args, *_file_of(args))
+        lines = _one(args)
     for line in lines:
         print(line, flush=True)
     return 0
 
 
-def _file_of(args: argparse.Namespace) -> tuple[Path, str]:
+def _one(args: argparse.Namespace) -> Iterator[str]:
     match args.what:
         case "udev":
-            return files.UDEV_FILE, files.udev_rules(args.usb, args.serial)
+            path, text = files.UDEV_FILE, files.udev_rules(args.usb, args.serial)
         case "user":
-            return files.USER_FILE, files.shipped("radard.sysusers")
+            path, text = files.USER_FILE, files.shipped("radard.sysusers")
         case "systemd" if args.name:
-            return files.INSTANCE_FILE, files.systemd_instance_unit(args.exec)
+            path, text = files.INSTANCE_FILE, files.systemd_instance_unit(args.exec)
         case "systemd":
-            return files.UNIT_FILE, files.systemd_unit(args.exec, args.port)
+            path, text = files.UNIT_FILE, files.systemd_unit(args.exec, args.port)
         case _:
             path = files.CONFIG_FOLDER / f"{args.name or 'config'}.yaml"
-            return path, files.first_config(args.name, args.port)
-
-
-def _one(args: argparse.Namespace, path: Path, text: str) -> Iterator[str]:
+            text = files.first_config(args.name, args.port)
     if not args.install:
         yield text.removesuffix("\n")
         return
@@ -143,16 +140,6 @@ def _sub(subs: "argparse._SubParsersAction[Parser]", name: str, text: str) -> Pa
     )
 
 
-@dataclass(frozen=True, slots=True)
-class Installation:
-    """What is to be installed, and where."""
-
-    root: Path  # the machine's root folder; another one is an image's
-    program: Path  # the `radard` to start, as the machine itself sees it
-    port: str
-    name: str | None  # of radard@NAME.service; None for radard.service
-
-
 def _is_live(root: Path) -> bool:
     """Return whether this is the machine that runs now, under systemd."""
     return root == Path("/") and Path("/run/systemd/system").is_dir()
@@ -185,21 +172,25 @@ class Record(BaseModel, extra="forbid"):
             raise ConfigError(f"{path}: is no record of an installation: {err}") from err
 
 
-def _install(what: Installation) -> Iterator[str]:
-    """Install all that is not there yet; yield what was done, and what is left to do."""
-    _check(what)
-    root, record = what.root, Record.read(what.root)
+def _install(root: Path, program: Path, port: str, name: str | None) -> Iterator[str]:
+    """Install all that is not there yet; yield what was done, and what is left to do.
+
+    `root` is the machine's root folder, or that of an image, `program` the radard to start, as the
+    machine itself sees it, `name` that of radard@NAME.service, None for radard.service.
+    """
+    _check(root, program, port, name)
+    record = Record.read(root)
     left: list[str] = []
     texts = {
         files.UDEV_FILE: files.udev_rules(),
-        files.UNIT_FILE: files.systemd_unit(what.program, files.PORT if what.name else what.port),
-        files.INSTANCE_FILE: files.systemd_instance_unit(what.program),
+        files.UNIT_FILE: files.systemd_unit(program, files.PORT if name else port),
+        files.INSTANCE_FILE: files.systemd_instance_unit(program),
         files.FAILED_FILE: files.shipped("radard-failed@.service"),
     }
-    if what.name and (root / files.UNIT_FILE).exists():
+    if name and (root / files.UNIT_FILE).exists():
         # A second radar must not put the first one's port back.
         del texts[files.UNIT_FILE]
-    config = files.CONFIG_FOLDER / f"{what.name or 'config'}.yaml"
+    config = files.CONFIG_FOLDER / f"{name or 'config'}.yaml"
     try:
         with _refusals(root):
             yield from _put(root, record, files.USER_FILE, files.shipped("radard.sysusers"))
@@ -209,10 +200,10 @@ def _install(what: Installation) -> Iterator[str]:
             if (root / config).exists():
                 yield f"{root / config}: stays as it is"
             else:
-                yield from _put(root, record, config, files.first_config(what.name, what.port))
-            yield from _make_state(what, record)
-            yield from _put_commands(what, record)
-            yield from _switch_on(what, record, left)
+                yield from _put(root, record, config, files.first_config(name, port))
+            yield from _make_state(root, record, name)
+            yield from _put_commands(root, record, program)
+            yield from _switch_on(root, record, name, left)
     finally:
         with contextlib.suppress(OSError):
             (root / files.CONFIG_FOLDER).mkdir(parents=True, exist_ok=True)
@@ -250,21 +241,21 @@ def _uninstall(root: Path, *, purge: bool) -> Iterator[str]:
         yield f"{root / files.STATE_FOLDER}, the user radard: kept; --purge takes them away"
 
 
-def _check(what: Installation) -> None:
-    if (what.root / _PACKAGED).exists():
-        msg = f"{what.root / _PACKAGED}: radard is installed as a package; nothing is left to do"
+def _check(root: Path, program: Path, port: str, name: str | None) -> None:
+    if (root / _PACKAGED).exists():
+        msg = f"{root / _PACKAGED}: radard is installed as a package; nothing is left to do"
         raise UsageError(msg)
     # Refuse them before anything is written.
-    files.systemd_unit(what.program, what.port)
-    files.first_config(what.name, what.port)
-    program = what.root / what.program.relative_to("/")
-    if not os.access(program, os.X_OK):
-        raise UsageError(f"{program}: no such program; name the radard to start with --exec")
-    seen = [str(what.program)]
-    if what.root == Path("/"):
-        seen += [str(program.resolve()), str(Path(sys.executable).resolve())]
+    files.systemd_unit(program, port)
+    files.first_config(name, port)
+    here = root / program.relative_to("/")
+    if not os.access(here, os.X_OK):
+        raise UsageError(f"{here}: no such program; name the radard to start with --exec")
+    seen = [program]
+    if root == Path("/"):
+        seen += [here.resolve(), Path(sys.executable).resolve()]
     for path in seen:
-        if path.startswith(tuple(f"{home}/" for home in _CLOSED_HOMES)):
+        if any(path.is_relative_to(home) for home in _CLOSED_HOMES):
             msg = f"{path}: a service does not see home folders; install radard below /opt "
             msg += "(docs/install.md)"
             raise UsageError(msg)
@@ -274,7 +265,7 @@ def _put(root: Path, record: Record, path: Path, text: str) -> Iterator[str]:
     """Write a file and record it; one of somebody else's is kept beside it."""
     _make_folder(root, record, path.parent)
     yield from _write(root / path, text, keep=str(path) not in record.files)
-    record.files[str(path)] = _sha256(text.encode())
+    record.files[str(path)] = hashlib.sha256(text.encode()).hexdigest()
 
 
 def _write(path: Path, text: str, *, keep: bool = True) -> Iterator[str]:
@@ -331,23 +322,22 @@ def _user_id(root: Path) -> tuple[int, int] | None:
     return None
 
 
-def _make_state(what: Installation, record: Record) -> Iterator[str]:
-    folder = files.STATE_FOLDER.with_name(f"radard-{what.name}" if what.name else "radard")
-    path = what.root / folder
+def _make_state(root: Path, record: Record, name: str | None) -> Iterator[str]:
+    folder = files.STATE_FOLDER.with_name(f"radard-{name}" if name else "radard")
+    path = root / folder
     if path.is_dir():
         yield f"{path}: is there already"
         return
-    _make_folder(what.root, record, folder, 0o700)
-    if (ids := _user_id(what.root)) and os.geteuid() == 0:
+    _make_folder(root, record, folder, 0o700)
+    if (ids := _user_id(root)) and os.geteuid() == 0:
         os.chown(path, *ids)
     yield f"{path}: made"
 
 
-def _put_commands(what: Installation, record: Record) -> Iterator[str]:
+def _put_commands(root: Path, record: Record, radard: Path) -> Iterator[str]:
     """Put each command that works where shells find it, with its man page and completion."""
-    root = what.root
     for command, module in COMMANDS.items():
-        program = what.program.with_name(command)
+        program = radard.with_name(command)
         try:
             parser: Parser = import_module(f"{module}.cli").whole_parser()
         except (ModuleNotFoundError, SystemExit):
@@ -369,20 +359,20 @@ def _put_commands(what: Installation, record: Record) -> Iterator[str]:
         yield f"{root / link}: link to {program}"
 
 
-def _switch_on(what: Installation, record: Record, left: list[str]) -> Iterator[str]:
-    unit = f"radard@{what.name}.service" if what.name else files.UNIT_FILE.name
+def _switch_on(root: Path, record: Record, name: str | None, left: list[str]) -> Iterator[str]:
+    unit = f"radard@{name}.service" if name else files.UNIT_FILE.name
     if unit not in record.units:
         record.units.append(unit)
     if not shutil.which("systemctl"):
         left.append(f"systemctl enable {unit}")
         return
-    if _is_live(what.root):
+    if _is_live(root):
         yield from _ran(["udevadm", "control", "--reload"], needed=False)
         yield from _ran(["udevadm", "trigger", "--subsystem-match=tty"], needed=False)
         yield from _ran(["systemctl", "daemon-reload"])
         yield from _ran(["systemctl", "enable", "--now", unit])
     else:
-        yield from _ran([*_systemctl(what.root), "enable", unit])
+        yield from _ran([*_systemctl(root), "enable", unit])
         left.append(f"start the machine, or: systemctl daemon-reload; systemctl start {unit}")
 
 
@@ -406,13 +396,11 @@ def _remove_files(root: Path, record: Record, *, purge: bool) -> Any:
     """Remove files and links, yielding each; return those that stay."""
     links = ((root / name, target) for name, target in record.links.items())
     ours = [path for path, to in links if path.is_symlink() and str(path.readlink()) == to]
-    kept = []
+    kept: list[Path] = []
     for name, digest in record.files.items():
-        path = root / name
-        if path.is_file() and not purge and _sha256(path.read_bytes()) != digest:
-            kept.append(path)
-        elif path.is_file():
-            ours.append(path)
+        if (path := root / name).is_file():
+            is_same = hashlib.sha256(path.read_bytes()).hexdigest() == digest
+            (ours if is_same or purge else kept).append(path)
     for path in ours:
         path.unlink()
         yield f"{path}: removed"
@@ -429,7 +417,3 @@ def _remove_state(root: Path, record: Record) -> Iterator[str]:
     if _user_id(root) is not None:
         where = () if root == Path("/") else ("--prefix", str(root))
         yield from _ran(["userdel", *where, "radard"], needed=False)
-
-
-def _sha256(data: bytes) -> str:
-    return hashlib.sha256(data).hexdigest()
