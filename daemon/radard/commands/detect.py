@@ -9,7 +9,7 @@ import csv
 import json
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from datetime import timedelta
 from itertools import islice
 from pathlib import Path
@@ -38,33 +38,28 @@ _MAX_JOBS = 1024  # beyond the cores of any machine that this runs on
 
 
 FORMATS = ("csv", "parquet", "jsonl")
-DECISIONS: Mapping[str, str] = {
-    "file": "string",
-    "seq": "int64",
-    "t_s": "float64",
-    "time": "string",
-    "gate": "string",
-    **dict.fromkeys(("power_db", "noise_floor_db", "threshold_db", *PROBABILITIES), "float64"),
-    "label": "string",
-    "alarm": "bool_",
-    "range_m": "float64",
-    "n_tracks": "int64",
-    "frames": "int64",
-    "dropped": "int64",
+COLUMNS = {
+    "decisions": {
+        "file": "string",
+        "seq": "int64",
+        "t_s": "float64",
+        "time": "string",
+        "gate": "string",
+        **dict.fromkeys(("power_db", "noise_floor_db", "threshold_db", *PROBABILITIES), "float64"),
+        "label": "string",
+        "alarm": "bool_",
+        "range_m": "float64",
+        **dict.fromkeys(("n_tracks", "frames", "dropped"), "int64"),
+    },
+    "events": {
+        **dict.fromkeys(("file", "id", "phase", "kind"), "string"),
+        "t_s": "float64",
+        "time": "string",
+        **dict.fromkeys(("start_t_s", "end_t_s", "peak"), "float64"),
+        "reason": "string",
+    },
 }
-EVENTS: Mapping[str, str] = {
-    "file": "string",
-    "id": "string",
-    "phase": "string",
-    "kind": "string",
-    "t_s": "float64",
-    "time": "string",
-    "start_t_s": "float64",
-    "end_t_s": "float64",
-    "peak": "float64",
-    "reason": "string",
-}
-COLUMNS = {"decisions": DECISIONS, "events": EVENTS}  # types as pyarrow names them
+"""Columns of a table by its rows; types as pyarrow names them."""
 _BATCH = 4096  # rows of a Parquet row group: about a megabyte
 
 

@@ -7,7 +7,7 @@ import reprlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import UnionType
-from typing import Annotated, Any, Union, get_args, get_origin
+from typing import Any, Union, get_args, get_origin
 
 import yaml
 from pydantic import BaseModel
@@ -142,12 +142,8 @@ def _texts_in(node: yaml.Node | None) -> Any:
 
 
 def _kinds(annotation: Any) -> tuple[Any, ...]:
-    origin, of = get_origin(annotation), get_args(annotation)
-    if origin is Annotated:
-        return _kinds(of[0])
-    if origin in {Union, UnionType}:
-        return tuple(kind for each in of for kind in _kinds(each))
-    return (annotation,)
+    is_union = get_origin(annotation) in {Union, UnionType}
+    return get_args(annotation) if is_union else (annotation,)
 
 
 def _places(node: Any, path: Path, above: Where = ()) -> Iterator[tuple[Where, str]]:

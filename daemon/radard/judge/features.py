@@ -131,8 +131,7 @@ class FeatureSettings:
 Features = Mapping[str, NDArray[np.float32]]
 """What is known of one dwell: what was asked for, by its name in `FEATURES`."""
 THESIS_FEATURES = ("thesis_type1", "thesis_type2")
-VELOCITY_FEATURES = ("velocity_time", "velocity_time_medium", "velocity_time_long")
-MAP_FEATURES = (*VELOCITY_FEATURES, "range_time")
+MAP_FEATURES = ("velocity_time", "velocity_time_medium", "velocity_time_long", "range_time")
 FEATURES = (*THESIS_FEATURES, *MAP_FEATURES, INSTALLATION)
 """Every feature that a network may ask for."""
 PLUGGED = "radard.features"  # the group of entry points with further ones (`FeatureMaker`)
