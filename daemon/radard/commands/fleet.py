@@ -5,8 +5,8 @@ import queue
 import sys
 import time
 import uuid
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
@@ -91,10 +91,9 @@ def run(argv: Sequence[str]) -> int:
         raise UsageError(msg)
     if not args.wait > 0:
         raise UsageError(f"--wait {args.wait:g}: must be above 0, in seconds")
-    with _watched(url, config) as (fleet, listen):
-        listen(args.wait)
+    with closing(_looks(url, config, args.wait)) as looks:
         while True:
-            rows = fleet.rows(time.monotonic())
+            rows = next(looks)
             lines = [json.dumps(row) for row in rows] if args.json else list(table(rows))
             if not args.once and sys.stdout.isatty():
                 # To the top left, and nothing below.
@@ -102,7 +101,6 @@ def run(argv: Sequence[str]) -> int:
             print(*lines, sep="\n", flush=True)
             if args.once:
                 return 0 if rows and all(_is_well(row) for row in rows) else 1
-            listen(_EVERY_S)
 
 
 def make_parser() -> Parser:
@@ -142,9 +140,8 @@ def table(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
         yield f"{line}  {text}".rstrip()
 
 
-@contextmanager
-def _watched(url: str, config: Config) -> Iterator[tuple[Fleet, Callable[[float], None]]]:
-    """Connect to a broker; lend its fleet, and what listens for so long; or OutputError."""
+def _looks(url: str, config: Config, wait_s: float) -> Generator[list[dict[str, Any]], None, None]:
+    """Connect to a broker, listen and yield rows, again and again; OutputError if it goes."""
     # Late: the help must not wait for it, and it may not be installed.
     from radard.outputs.mqtt.link import MqttLink  # noqa: PLC0415
     from radard.outputs.mqtt.sink import parse_url  # noqa: PLC0415
@@ -174,16 +171,16 @@ def _watched(url: str, config: Config) -> Iterator[tuple[Fleet, Callable[[float]
         if item is not None:
             fleet.take(*item, time.monotonic())
 
-    def listen(seconds: float) -> None:
-        end_s = time.monotonic() + seconds
-        with suppress(queue.Empty):
-            while (left_s := end_s - time.monotonic()) > 0:
-                take(messages.get(timeout=left_s))
-
     link.start()
     try:
         take(messages.get())
-        yield fleet, listen
+        while True:
+            end_s = time.monotonic() + wait_s
+            with suppress(queue.Empty):
+                while (left_s := end_s - time.monotonic()) > 0:
+                    take(messages.get(timeout=left_s))
+            yield fleet.rows(time.monotonic())
+            wait_s = _EVERY_S
     finally:
         link.close(0.5)
 

@@ -111,22 +111,12 @@ class VelocityGrid:
     def read(self, transform: VelocityTransform) -> NDArray[np.float32]:
         """Return the map, 0 to 1, of the dwell that ends with the last column; 0 where unknown."""
         rate_hz = transform.column_rate_hz
-        n = min(transform.n_columns, self._n_columns(rate_hz))
-        return self.picture(transform.columns(n), transform.columns_valid(n), rate_hz)
-
-    def picture(
-        self, columns: NDArray[np.float64], valid: NDArray[np.bool_], column_rate_hz: float
-    ) -> NDArray[np.float32]:
-        """Return the map of columns of linear power, shape (n_rows, n_columns), 0 to 1."""
-        n = min(len(valid), self._n_columns(column_rate_hz))
+        n = min(transform.n_columns, math.ceil(self.n_cells * self.cell_s * rate_hz) + 1)
         power, known = time_cells(
-            columns[:, len(valid) - n :],
-            valid[len(valid) - n :],
-            column_rate_hz,
+            transform.columns(n),
+            transform.columns_valid(n),
+            rate_hz,
             cell_s=self.cell_s,
             n_cells=self.n_cells,
         )
         return shown(power, known, self.depth_db)
-
-    def _n_columns(self, column_rate_hz: float) -> int:
-        return math.ceil(self.n_cells * self.cell_s * column_rate_hz) + 1
