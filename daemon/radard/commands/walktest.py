@@ -242,8 +242,17 @@ def _cell(
     cell: int, visits: list[list[int]], steps: Sequence[WalkDecision], where_m: NDArray[np.float64]
 ) -> RangeCell:
     inside = [steps[k] for visit in visits for k in visit]
-    firsts = [_first_seen(cell, visit, steps, where_m) for visit in visits]
-    delays = [delay for delay in firsts if delay is not None]
+    missed, delays = 0, []
+    for visit in visits:
+        k, seen = visit[0], [k for k in visit if steps[k].range_m is not None]
+        missed += not seen
+        if seen and k > 0 and not math.isnan(where_m[k - 1]):
+            # The walker came in over an edge, somewhere between two decisions.
+            edge_m = CELL_M * (cell if where_m[k - 1] < where_m[k] else cell + 1)
+            share = (edge_m - where_m[k - 1]) / (where_m[k] - where_m[k - 1])
+            between_s = steps[k].t_s - steps[k - 1].t_s
+            came_s = steps[k - 1].t_s + float(np.clip(share, 0, 1)) * between_s
+            delays.append(steps[seen[0]].t_s - came_s)
     return RangeCell(
         near_m=cell * CELL_M,
         far_m=(cell + 1) * CELL_M,
@@ -251,23 +260,9 @@ def _cell(
         seen=sum(step.range_m is not None for step in inside),
         alarms=sum(step.alarm for step in inside),
         visits=len(visits),
-        missed=sum(all(steps[k].range_m is None for k in visit) for visit in visits),
+        missed=missed,
         first_seen_s=round(max(delays), 2) if delays else None,
     )
-
-
-def _first_seen(
-    cell: int, visit: list[int], steps: Sequence[WalkDecision], where_m: NDArray[np.float64]
-) -> float | None:
-    """Return the time from the walker's coming in to the first sighting of a visit."""
-    seen = next((k for k in visit if steps[k].range_m is not None), None)
-    k = visit[0]
-    if seen is None or k == 0 or math.isnan(where_m[k - 1]):
-        return None
-    edge_m = CELL_M * (cell if where_m[k - 1] < where_m[k] else cell + 1)
-    share = (edge_m - where_m[k - 1]) / (where_m[k] - where_m[k - 1])
-    came_s = steps[k - 1].t_s + float(np.clip(share, 0, 1)) * (steps[k].t_s - steps[k - 1].t_s)
-    return steps[seen].t_s - came_s
 
 
 def report(steps: Sequence[WalkDecision], cells: Sequence[RangeCell]) -> Iterator[str]:
