@@ -20,7 +20,6 @@ from x2radar.frame import Frame, StreamInfo
 
 Rgb = NDArray[np.uint8]
 _MAGIC = b"\x89PNG\r\n\x1a\n"
-
 _DECIMATION = 4  # of the range bins: twice as many as the picture has rows
 _MAX_LOST = 32  # frames of a gap that are shown: half a second
 _WIDE = 2  # pixels a column

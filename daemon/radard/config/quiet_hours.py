@@ -15,7 +15,6 @@ from zoneinfo import ZoneInfo
 from x2radar import wall_clock as clock
 
 Now = Callable[[float], datetime | None]
-
 _DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
 _FORM = re.compile(r"(?:([a-z,\- ]+) )?(\d\d?):([0-5]\d) ?- ?(\d\d?):([0-5]\d)")
 _DAY = 24 * 60

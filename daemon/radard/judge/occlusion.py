@@ -96,7 +96,7 @@ def _thesis_views(name: str, settings: FeatureSettings, size: int) -> Iterator[M
     doppler = np.arange(m, dtype=np.float64) - m // 2
     cadence = np.arange(n_cadence, dtype=np.float64) / settings.dwell_s
     at, shape = slice(n_profile, size), (m, n_cadence)
-    yield MapView(name, name, at, shape, "F", doppler, "Doppler bin", cadence, "Hz")
+    yield MapView("cadence-velocity", name, at, shape, "F", doppler, "Doppler bin", cadence, "Hz")
 
 
 def occluded(

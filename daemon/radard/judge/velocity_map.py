@@ -20,7 +20,6 @@ from radard.stream.ring import Dwell
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 
 WEAKEST_COLUMN_DB = 25.0  # weaker columns stay dark: the maps' own depth
-
 Map = NDArray[np.float32]
 _MAX_SHARE = 0.75  # of a dwell, for a CPI: the rest is what its columns move over
 
