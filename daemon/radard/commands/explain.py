@@ -89,9 +89,8 @@ def make_parser() -> Parser:
     )
     add_options(parser)
     parser.add_argument("--sensor", metavar="NAME", help="one of the configuration's sensors")
-    parser.add_argument(
-        "--pass-time", type=float, default=5.0, metavar="S", help="how long a body is in sight (5)"
-    )
+    text = "how long a body is in sight (5)"
+    parser.add_argument("--pass-time", type=float, default=5.0, metavar="S", help=text)
     return parser
 
 

@@ -182,8 +182,7 @@ class FeatureStream:
         self._settings, self._names = settings, names
         self._grids = settings.velocity_grids()
         self._end_frame: int | None = None
-        own = (name for name in names if name not in FEATURES)
-        found = ((name, find_plugin(PLUGGED, name)) for name in own)
+        found = ((name, find_plugin(PLUGGED, name)) for name in names if name not in FEATURES)
         self._plugged = {name: plugin for name, plugin in found if plugin is not None}
 
     def _begin(self, dwell: Dwell) -> None:

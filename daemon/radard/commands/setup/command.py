@@ -175,8 +175,8 @@ class Record(BaseModel, extra="forbid"):
 def _install(root: Path, program: Path, port: str, name: str | None) -> Iterator[str]:
     """Install all that is not there yet; yield what was done, and what is left to do.
 
-    `root` is the machine's root folder, or that of an image, `program` the radard to start, as the
-    machine itself sees it, `name` that of radard@NAME.service, None for radard.service.
+    `program` is the radard to start, as the machine below `root` sees it; `name` is that of
+    radard@NAME.service, None for radard.service.
     """
     _check(root, program, port, name)
     record = Record.read(root)
