@@ -289,8 +289,6 @@ def test_a_png_holds_the_picture():
 
 
 PNG = encode_png(np.zeros((2, 2, 3), np.uint8), {})
-
-
 DAMAGED = [b"", b"GIF89a", PNG[:40], PNG.replace(b"IDAT", b"IDOT"), PNG.replace(b"\0{}", b"\0{{")]
 DAMAGED += [PNG.replace(b"\x02\x08\x02", b"\x02\x08\x03")]
 DAMAGED += [PNG.replace(b"\0\0\0\x02\0\0\0\x02", b"\xff" * 8)]
