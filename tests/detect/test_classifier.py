@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from radard.errors import BundleError, ModelMismatch
-from radard.judge.bundle import bundle_names, load_bundle
+from radard.judge.bundle import bundle_names, load_bundle, sidecar_path
 from radard.judge.classifier import Classifier, softmax
 from tests.sim_helpers import axis_with
 
@@ -22,9 +22,7 @@ def copy(tmp_path):
     """The shipped bundle as files, with a sidecar to spoil."""
     bundle = load_bundle("thesis")
     (tmp_path / "mine.onnx").write_bytes(bundle.onnx)
-    from importlib import resources
-
-    sidecar = json.loads((resources.files("radard.models") / "thesis.json").read_text())
+    sidecar = json.loads(sidecar_path("thesis").read_text())
 
     def write(**changes):
         path = tmp_path / "mine.json"

@@ -12,7 +12,7 @@ import pytest
 from pyarrow import parquet
 
 from radard.cli import main as radard_main
-from radard.commands.detect_tables import COLUMNS
+from radard.commands.detect import COLUMNS
 from tests.processes import hears_sigterm, started
 from tests.radar_helpers import run_radard, stable
 from tests.recording_helpers import record_scene, run

@@ -24,6 +24,7 @@ from radard.pipeline import Pipeline
 from tests.clutter_helpers import body
 from tests.radar_helpers import (
     BASEBAND,
+    decisions,
     dwell_of,
     dwells_in,
     frames_of,
@@ -34,10 +35,6 @@ from tests.radar_helpers import (
 )
 from x2radar.command import run_command
 from x2radar.frame import StreamInfo
-
-
-def decisions_of(records):
-    return [r for r in stable(records) if r["type"] == "decision"]
 
 
 @pytest.mark.parametrize("hop_s", [0.5, 2.0])
@@ -51,13 +48,14 @@ def test_live_replayed_and_in_a_table_they_are_the_same(hop_s, tmp_path, monkeyp
     assert live[0]["hop_s"] == hop_s
     assert said.count(f"decision.hop_s {hop_s:g}: model 'accurate' learned from windows 1 s") == 1
     assert f"spans {max(1.0, hop_s):g} s" in said
-    made = decisions_of(live)
+    made = decisions(stable(live))
     assert np.diff([r["t_s"] for r in made]) == pytest.approx(hop_s, abs=0.02)
     assert any(r["alarm"] for r in made)
     _, replayed, _ = run_radard("--port", f"replay:{path}", "-o", "json")
-    assert decisions_of(replayed) == made
+    assert decisions(stable(replayed)) == made
     _, table, _ = run_radard("detect", str(path), "--to", "jsonl", "--jobs", "1")
-    assert [{k: v for k, v in r.items() if k != "file"} for r in decisions_of(table)] == made
+    rows = decisions(stable(table))
+    assert [{k: v for k, v in r.items() if k != "file"} for r in rows] == made
 
 
 def test_decisions_come_no_oftener_than_frames():

@@ -69,16 +69,6 @@ def test_shapes_hold_the_columns_of_a_dwell_and_no_more():
     for name, made in extract(dwell, SETTINGS, tuple(GRIDS)).items():
         assert made.shape == GRIDS[name].shape
         assert made.any(axis=0).all()
-    # A picture takes the newest columns.
-    grid = GRIDS["velocity_time_long"]
-    rng = np.random.default_rng(0)
-    columns = rng.random((81, 40))
-    valid = np.ones(40, np.bool_)
-    whole = grid.picture(columns, valid, 10.0)
-    assert np.array_equal(whole, grid.picture(columns[:, -12:], valid[-12:], 10.0))
-    few = grid.picture(columns[:, -4:], valid[-4:], 10.0)
-    assert not few[:, :5].any()
-    assert few[:, 5:].any(axis=0).all()
 
 
 @pytest.mark.parametrize("carrier_hz", [3.9e9, 6.8e9, 8.7e9])

@@ -113,10 +113,11 @@ def test_the_thesis_network_has_a_profile_and_a_diagram(person, capsys, tmp_path
     out_file = tmp_path / "why.png"
     code, out, _ = why(capsys, person, "--at", "3.4", "--model", "thesis", "--out", out_file)
     assert code == 0
-    assert "range profile" in out
+    assert "cadence-velocity, " in out
     assert out_file.read_bytes().startswith(b"\x89PNG")
     moment = moment_of(person, 3.4, Config(model={"name": "thesis"}))
     profile, diagram = map_views(moment.settings, moment.seen)
+    assert (profile.name, diagram.name) == ("range profile", "cadence-velocity")
     vector = moment.seen.features["thesis_type2"]
     assert np.array_equal(profile.of(vector)[0], vector[:392])
     assert np.array_equal(diagram.of(vector)[:, 0], vector[392 : 392 + 28])

@@ -1,9 +1,11 @@
 """Clips: the frames around an alarm, kept whole, replayed alike, and never too many."""
 
+import contextlib
 import fcntl
 import io
 import json
 import os
+import shutil
 import threading
 from pathlib import Path
 
@@ -13,8 +15,10 @@ import numpy as np
 import pytest
 
 from radard.clips.keeper import ClipKeeper
+from radard.clips.room import date_last, limit_size, prepare_folder
 from radard.clips.spectrogram_png import PictureMaker, decode_png, encode_png
 from radard.config.sections import ClipsSection
+from radard.errors import OutputError
 from tests.alarm_helpers import begun_clip
 from tests.processes import ran
 from tests.radar_helpers import BASEBAND, decisions, events, noise, run_radard
@@ -285,8 +289,6 @@ def test_a_png_holds_the_picture():
 
 
 PNG = encode_png(np.zeros((2, 2, 3), np.uint8), {})
-
-
 DAMAGED = [b"", b"GIF89a", PNG[:40], PNG.replace(b"IDAT", b"IDOT"), PNG.replace(b"\0{}", b"\0{{")]
 DAMAGED += [PNG.replace(b"\x02\x08\x02", b"\x02\x08\x03")]
 DAMAGED += [PNG.replace(b"\0\0\0\x02\0\0\0\x02", b"\xff" * 8)]
@@ -364,3 +366,74 @@ def test_a_clip_that_is_late_does_not_hang_the_end_of_the_process(tmp_path, clos
     """
     done = ran("-c", _LATE, tmp_path, closer)
     assert (done.returncode, done.stdout) == (0, "False\n"), done.stderr
+
+
+def clip_of(folder, k, at_s=None):
+    """The two files of a clip, of a thousand bytes each."""
+    for suffix in ("h5", "png"):
+        path = folder / f"{str(k) * 26}.{suffix}"
+        path.write_bytes(b"x" * 1000)
+        if at_s is not None:
+            os.utime(path, (at_s, at_s))
+    return path
+
+
+def left_in(folder):
+    return "".join(sorted({path.name[0] for path in folder.iterdir()}))
+
+
+def test_retention_takes_the_oldest_clips_and_nothing_else(tmp_path):
+    for k in range(5):
+        clip_of(tmp_path, k, 1000 + k)
+    (tmp_path / "holiday.h5").write_bytes(b"x" * 10_000)
+    limit_size(tmp_path, keep_bytes=6000)
+    assert left_in(tmp_path) == "234h"
+    limit_size(tmp_path, keep_bytes=0)
+    assert left_in(tmp_path) == "4h"
+
+
+@pytest.mark.parametrize(
+    ("free", "floor", "left"), [(5000, 5000, "012"), (5000, 7000, "12"), (0, 6001, "012")]
+)
+def test_nothing_is_deleted_unless_that_makes_the_room(tmp_path, monkeypatch, free, floor, left):
+    for k in range(3):
+        clip_of(tmp_path, k, 1000 + k)
+    whole = 6000 + free
+
+    def usage(folder):
+        used = sum(path.stat().st_size for path in folder.iterdir())
+        return shutil._ntuple_diskusage(whole, used, whole - used)
+
+    monkeypatch.setattr("radard.clips.room.shutil.disk_usage", usage)
+    with contextlib.nullcontext() if left != "012" or free else pytest.raises(OutputError):
+        prepare_folder(tmp_path, free_bytes=floor)
+    assert left_in(tmp_path) == left
+
+
+def test_a_clip_that_a_backup_has_too_makes_no_room_and_stays(tmp_path, monkeypatch):
+    folder = tmp_path / "clips"
+    folder.mkdir()
+    for k in range(3):
+        clip_of(folder, k, 1e9 + k)
+    for path in folder.iterdir():
+        (tmp_path / path.name).hardlink_to(path)
+    monkeypatch.setattr(
+        "radard.clips.room.shutil.disk_usage", lambda _: shutil._ntuple_diskusage(9000, 9000, 0)
+    )
+    with pytest.raises(OutputError, match="are free"):
+        prepare_folder(folder, free_bytes=1000)
+    assert left_in(folder) == "012"
+
+
+@pytest.mark.parametrize("grain_ns", [1, 2 * 10**9], ids=["ext4", "FAT"])
+def test_a_clock_that_was_ahead_takes_no_later_clip(tmp_path, grain_ns):
+    """Names tell nothing of the order, and a card may keep times to 2 s."""
+    for k in (9, 8, 7):
+        clip_of(tmp_path, k, 4e9 - 2 * k)
+    for k in (6, 5, 4):
+        date_last(clip_of(tmp_path, k))
+        for path in tmp_path.iterdir():
+            kept_ns = path.stat().st_mtime_ns // grain_ns * grain_ns
+            os.utime(path, ns=(kept_ns, kept_ns))
+        limit_size(tmp_path, keep_bytes=6000)
+    assert left_in(tmp_path) == "456"

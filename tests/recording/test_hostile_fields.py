@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from radard.commands.detect_tables import time_of
+from radard.commands.detect import time_of
 from radard.config.quiet_hours import recorded_clock
 from tests.recording_helpers import make, run
 from x2radar.commands.convert import convert

@@ -8,7 +8,7 @@ import pytest
 from radard.alarm.panel import AlarmPanel, AlarmPolicy, Sight
 from radard.alarm.sensitivity import alarm_policy, sensitivity_choices
 from radard.cli import main
-from radard.commands.explain_rates import alarm_probability
+from radard.commands.explain import alarm_probability
 from radard.config.quiet_hours import (
     QuietHours,
     parse_quiet,
@@ -85,6 +85,7 @@ NIGHT = "22:00-06:30"
         ("Sat,Sun 00:00-24:00", "2026-11-21T23:59:59", True),
         ("Fri 22:00-02:00", "2026-11-21T01:00:00", True),  # began on Friday
         ("Sat 22:00-02:00", "2026-11-21T01:00:00", False),
+        ("Sun 22:00-02:00", "2026-11-23T01:59:00", True),
         ("Sat-Mon 10:00-11:00", "2026-11-22T10:30:00", True),
         ("Sat-Mon 10:00-11:00", "2026-11-20T10:30:00", False),
     ],

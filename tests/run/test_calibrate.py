@@ -137,11 +137,8 @@ def test_usage(arguments, word, capsys):
 
 def test_it_replaces_a_calibration_and_nothing_else(made, tmp_path, capsys):
     listen = ("--port", "sim:empty", "--duration", 25, "--out")
-    for name, content in (
-        ("a.npz", b"PK frames"),
-        ("config.yaml", b"sensor: {}"),
-        ("b.json", b"{}"),
-    ):
+    others = {"a.npz": b"PK frames", "config.yaml": b"sensor: {}", "b.json": b"{}"}
+    for name, content in others.items():
         (tmp_path / name).write_bytes(content)
         assert command(*listen, tmp_path / name) == 78
         assert "not a calibration" in capsys.readouterr().err
@@ -178,14 +175,8 @@ def pipeline_of(port="sim:empty"):
 
 
 def config_of(calibration, port, state_dir):
-    return load_config(
-        environ={},
-        options={
-            "gate": {"calibration": str(calibration)},
-            "sensor": {"port": port},
-            "service": {"state_dir": state_dir},
-        },
-    )
+    options = {"sensor": {"port": port}, "service": {"state_dir": state_dir}}
+    return load_config(environ={}, options={**options, "gate": {"calibration": str(calibration)}})
 
 
 @pytest.mark.parametrize(

@@ -77,16 +77,9 @@ def test_order_file_environment_options():
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (
-            "gate:\n  false_alarm_per_day: 3\n",
-            "config.yaml:2: unknown key 'gate.false_alarm_per_day'; "
-            "did you mean 'false_alarms_per_day'",
-        ),
+        ("gate:\n  adapt: 3", "config.yaml:2: unknown key 'gate.adapt'; did you mean 'adapt_db'"),
         ("gates: {}\n", "config.yaml:1: unknown key 'gates'; did you mean 'gate'"),
-        (
-            "\nmodel:\n  xyzzy: 1\n",
-            "config.yaml:3: unknown key 'model.xyzzy'; known: name, profile",
-        ),
+        ("\nmodel: {xyzzy: 1}", "config.yaml:2: unknown key 'model.xyzzy'; known: name, profile"),
         ("gate: {false_alarms_per_day: high}", "config.yaml:1: gate.false_alarms_per_day"),
         ("gate: {false_alarms_per_day: -1}", "greater than 0"),
         ("decision: {pet_limit: 0.2}", "decision.pet_limit"),
@@ -95,10 +88,7 @@ def test_order_file_environment_options():
         ("output: json", "config.yaml:1: output: must be a list, as [a, b] (got 'json')"),
         ("Gate:\n", "config.yaml:1: unknown key 'Gate'; did you mean 'gate'"),
         ("alarm: {latch_s: }", "config.yaml:1: alarm.latch_s"),
-        (
-            "sensors: {a: {port: /dev/ttyX}, b: {port: '/dev/ttyX?rate=60'}}",
-            "sensors.a and sensors.b have the same port, /dev/ttyX",
-        ),
+        ("sensors: {a: {port: /x}, b: {port: '/x?rate=6'}}", "sensors.b have the same port, /x"),
         ("clips: {keep_mb: inf}", "config.yaml:1: clips.keep_mb: input should be a finite number"),
         ("web: {sensors: {attic: 'javascript:x'}}", "config.yaml:1: web.sensors.attic"),
         ("- 1", "mapping of sections"),
@@ -107,7 +97,6 @@ def test_order_file_environment_options():
             "sensors:\n  hall: {port: sim:dog}\n  hall: {port: sim:cat}\n",
             "config.yaml:3: not YAML: the key 'hall' stands twice, in lines 2 and 3",
         ),
-        ("outbox:\n  attempts: 3\n", "config.yaml:1: outbox: is the section 'log' now"),
         ("alarm: {}\ngate: {}\nalarm: {}\n", "the key 'alarm' stands twice, in lines 1 and 3"),
         ("sensors: {a: {port: x, gate: {adapt: 3}}}", "did you mean 'adapt_db'"),
         ("sensors: {a: {port: x, prt: y}}", "unknown key 'sensors.a.prt'; did you mean 'port'"),

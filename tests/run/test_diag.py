@@ -12,6 +12,8 @@ from radard.health.health import Status
 from radard.health.heartbeat import status_path, write_status
 from x2radar.device.discovery import PortRow
 
+pytestmark = pytest.mark.integration  # the name of the platform is asked of a program, once
+
 SECRETS = ("hunter2hunter2", "t0psecret-token", "0urbroker-pw", "pathofthehook")
 CONFIG = """\
 sensor: {{name: hall, port: 'socket://me:hunter2hunter2@host:7000'}}

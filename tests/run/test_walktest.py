@@ -6,8 +6,8 @@ from importlib import resources
 import pytest
 
 from radard.cli import main
-from radard.commands import walk_report
-from radard.commands.walk_report import RangeCell, WalkDecision, by_range, report, verdict
+from radard.commands import walktest
+from radard.commands.walktest import RangeCell, WalkDecision, by_range, report, verdict
 from radard.config.config import load_config
 from tests.device_helpers import plugged
 from tests.processes import environ, started
@@ -157,7 +157,7 @@ def test_one_rule_says_whether_a_walk_is_good_enough(cells, words):
 def test_the_page_has_the_same_rule():
     page = resources.files("radard.web").joinpath("static/pages/walk.js").read_text()
     for name in ("CELL_M", "MIN_SEEN", "MIN_HUMAN", "MIN_CELLS"):
-        assert f"const {name} = {getattr(walk_report, name):g};" in page
+        assert f"const {name} = {getattr(walktest, name):g};" in page
 
 
 @pytest.mark.integration

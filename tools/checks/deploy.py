@@ -236,9 +236,10 @@ def units_of_systemd(folder: Path) -> Iterator[str]:
     """Where it is, systemd finds no fault in units, and the first is as tight as told."""
     if (program := shutil.which("systemd-analyze")) is None:
         return
+    radard = Path(sys.prefix, "bin/radard")
     units = {
-        "radard.service": files.systemd_unit(),
-        "radard@attic.service": files.systemd_instance_unit(),
+        "radard.service": files.systemd_unit(radard),
+        "radard@attic.service": files.systemd_instance_unit(radard),
         "radard-failed@attic.service": files.shipped("radard-failed@.service"),
     }
     for name, text in units.items():

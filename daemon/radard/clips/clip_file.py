@@ -17,7 +17,7 @@ import numpy as np
 
 from radard.clips.room import date_last
 from radard.clips.spectrogram_png import PictureMaker, Rgb, encode_png
-from radard.errors import OutputError
+from radard.errors import FeatureError, OutputError
 from radard.judge.bundle import PROBABILITIES
 from x2radar.atomic import write_atomically
 from x2radar.errors import RecordingError
@@ -57,13 +57,15 @@ class ClipFile:
             raise OutputError(str(err)) from err
 
     def write(self, frames: list[Frame]) -> None:
-        """Keep frames; raises OutputError if the disk does not take them."""
+        """Keep frames; OutputError if that cannot be done: then the file is left as it is."""
         try:
             for frame in frames:
                 self._writer.write(frame)
-        except RecordingError as err:
+            self._picture.push(frames)
+        except (RecordingError, FeatureError) as err:
+            with contextlib.suppress(RecordingError, OSError, RuntimeError):
+                self._writer.close()
             raise OutputError(str(err)) from err
-        self._picture.push(frames)
 
     def preview(self) -> None:
         """Draw what there is up to now, for those who are told of the alarm while it is on."""
@@ -100,11 +102,6 @@ class ClipFile:
         except (RecordingError, OSError, RuntimeError) as err:
             msg = f"{self.path}: the clip lacks its decisions: {' '.join(str(err).split())}"
             raise OutputError(msg) from err
-
-    def abandon(self) -> None:
-        """Let go of the file as it is."""
-        with contextlib.suppress(RecordingError, OSError, RuntimeError):
-            self._writer.close()
 
 
 def _write_decisions(

@@ -114,9 +114,8 @@ class ClipKeeper:
         event = {**event, "clip": str(path)}
         self._running = _Running(event, first, last, t_s, [record for _, record in past])
         began = wall_clock.now() - timedelta(seconds=(end - first) / self._rate_hz)
-        utc = wall_clock.utc_text(began)
         about = self._attributes
-        self._do(lambda: self._open(path, first, utc, about))
+        self._do(lambda: self._open(path, first, wall_clock.utc_text(began), about))
         self._take(self._running, end)
         self._do(self._preview)
         return self.named_of(event["id"])
@@ -220,11 +219,7 @@ class ClipKeeper:
         """Add frames; what is still told of a clip that cannot go on is dropped."""
         file, self._file = self._file, None
         if file is not None:
-            try:
-                file.write(frames)
-            except (OutputError, FeatureError):
-                file.abandon()
-                raise
+            file.write(frames)
         self._file = file
 
     def _preview(self) -> None:

@@ -20,7 +20,6 @@ from x2radar.frame import Frame, StreamInfo
 
 Rgb = NDArray[np.uint8]
 _MAGIC = b"\x89PNG\r\n\x1a\n"
-
 _DECIMATION = 4  # of the range bins: twice as many as the picture has rows
 _MAX_LOST = 32  # frames of a gap that are shown: half a second
 _WIDE = 2  # pixels a column
@@ -97,9 +96,7 @@ class PictureMaker:
 def encode_png(picture: Rgb, axes: dict[str, Any] | None = None) -> bytes:
     """Return a picture, shape (height, width, 3), uint8, as a PNG file (RFC 2083)."""
     height, width = picture.shape[:2]
-    lines = np.concatenate(
-        [np.zeros((height, 1), np.uint8), picture.reshape(height, 3 * width)], axis=1
-    )
+    lines = np.pad(picture.reshape(height, 3 * width), ((0, 0), (1, 0)))
     head = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
     text = () if axes is None else ((b"tEXt", _AXES + b"\0" + json.dumps(axes).encode()),)
     parts = ((b"IHDR", head), *text, (b"IDAT", zlib.compress(lines.tobytes())), (b"IEND", b""))

@@ -15,11 +15,10 @@ from statistics import median
 
 import numpy as np
 
-from radard.commands.explain import basis
-from radard.commands.explain_rates import percent
+from radard.commands.explain import basis, percent
 from radard.config.config import Config
 from radard.config.options import LISTENING, add_options, check_seconds, listening_config
-from radard.config.profiles import Three, front
+from radard.config.profiles import front
 from radard.detect.gate import DAY_S
 from radard.errors import RadardError, UsageError
 from radard.pipeline import Pipeline
@@ -75,12 +74,11 @@ def run(argv: Sequence[str]) -> int:
         print(f"{stage.stage:<34}{spent_ms:12.1f}{share:>9}{stage.times_reference:11.2f}")
     print(f"\nreference: {_REFERENCE}")
     print("worst case: a gate that is always open; outputs, clips and the port are not in it")
-    cores = "1 core" if n_cores == 1 else f"{n_cores} cores"
-    if n_radars:
-        print(f"this machine ({cores}) carries {n_radars} such radars, with 30 % to spare")
-    else:
+    does = f"carries {n_radars} such radars, with 30 % to spare"
+    if not n_radars:
         need = f"{100 * cost.all_s:.0f} % of a core each"
-        print(f"this machine ({cores}) does not carry one radar with 30 % to spare: {need}")
+        does = f"does not carry one radar with 30 % to spare: {need}"
+    print(f"this machine ({_cores(n_cores)}) {does}")
     return 0
 
 
@@ -97,54 +95,42 @@ def make_parser() -> Parser:
     return parser
 
 
-@dataclass(frozen=True, slots=True)
-class Fit:
-    """One profile on this computer, and the errors that it makes."""
-
-    profile: str
-    cpu_s_per_stream_s: float  # of one radar, at the worst
-    load: float  # share of the computer that all the radars take then
-    missed: Three
-    visits_with_alarm: Three
-
-
 def _fit(args: argparse.Namespace) -> int:
     """Say which profile fits `args.radars` radars, errors beside it."""
     if args.model or args.profile:
         raise UsageError("--radars measures every profile; leave out --model and --profile")
     if not 1 <= args.radars <= _MAX_RADARS:
         raise UsageError(f"--radars {args.radars}: must be 1 to {_MAX_RADARS}")
-    n_cores = len(os.sched_getaffinity(0))
-    fits = []
+    n, n_cores = args.radars, len(os.sched_getaffinity(0))
+    fits = []  # each with CPU seconds of one radar, and the share of the computer that all take
     for profile in front().profiles:
         own = argparse.Namespace(**{**vars(args), "profile": profile.name})
         cost = measure(listening_config(own, default_port="sim:human"), args.duration, args.rounds)
-        load = args.radars * cost.all_s / n_cores
-        fits.append(Fit(profile.name, cost.all_s, load, profile.missed, profile.pets))
-    name = next((f.profile for f in reversed(fits) if f.load <= _SPARE), None)
+        fits.append((profile, cost.all_s, n * cost.all_s / n_cores))
+    name = next((profile.name for profile, _, load in reversed(fits) if load <= _SPARE), None)
     if args.json:
-        about = {"radars": args.radars, "cores": n_cores, "fits": name}
-        print(json.dumps({**about, "profiles": list(map(asdict, fits))}))
+        keys = ("profile", "cpu_s_per_stream_s", "load", "missed", "visits_with_alarm")
+        rows = [(p.name, cpu_s, load, p.missed, p.pets) for p, cpu_s, load in fits]
+        profiles = [dict(zip(keys, row, strict=True)) for row in rows]
+        print(json.dumps({"radars": n, "cores": n_cores, "fits": name, "profiles": profiles}))
         return 0
-    print("\n".join(_fit_lines(fits, args.radars, n_cores, name)))
+    print(f"{'profile':<11}{'CPU ms':>7}{f'{n} radars':>12}   {'people missed':<22}pets' visits")
+    print(f"{'':<11}{'a second':>8}{'take':>10}{'':<27}with an alarm")
+    for p, cpu_s, load in fits:
+        head = f"{p.name:<11}{1e3 * cpu_s:7.1f}{100 * load:10.0f} %"
+        print(f"{head}   {percent(p.missed):<22}{percent(p.pets)}")
+    print(
+        f"\nof this computer, {_cores(n_cores)}, with gates that are always open; "
+        "errors, at least of"
+    )
+    print(basis(min(profile.passages for profile in front().profiles)))
+    which = f"--profile {name}" if name else "no profile"
+    print(f"{which} lets it carry {n} radars with 30 % to spare")
     return 0
 
 
-def _fit_lines(fits: Sequence[Fit], n: int, n_cores: int, name: str | None) -> Iterator[str]:
-    cores = "1 core" if n_cores == 1 else f"{n_cores} cores"
-    yield f"{'profile':<11}{'CPU ms':>7}{f'{n} radars':>12}   {'people missed':<22}pets' visits"
-    yield f"{'':<11}{'a second':>8}{'take':>10}{'':<27}with an alarm"
-    for f in fits:
-        missed, pets = percent(f.missed), percent(f.visits_with_alarm)
-        spent_ms = 1e3 * f.cpu_s_per_stream_s
-        yield f"{f.profile:<11}{spent_ms:7.1f}{100 * f.load:10.0f} %   {missed:<22}{pets}"
-    yield ""
-    yield f"of this computer, {cores}, with gates that are always open; errors, at least of"
-    yield basis(min(profile.passages for profile in front().profiles))
-    if name is None:
-        yield f"no profile lets it carry {n} radars with 30 % to spare"
-    else:
-        yield f"--profile {name} lets it carry {n} radars with 30 % to spare"
+def _cores(n: int) -> str:
+    return "1 core" if n == 1 else f"{n} cores"
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +142,7 @@ class Stage:
     times_reference: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Cost:
     """What was measured: the parts along the way, the last one all of it at its worst."""
 
@@ -174,28 +160,25 @@ class Cost:
 def measure(config: Config, duration_s: float, rounds: int) -> Cost:
     """Measure every part `rounds` times, on `duration_s` of the configuration's port."""
     heard = listen(config.sensor.port or "", duration_s)
-    rate_hz, heard_s = heard.stream.frame_rate_hz, heard.length_s
+    heard_s = heard.length_s
     classifier = classifier_for(heard.stream, config, make_classifier(config))
     open_gate = config.gate.model_copy(update={"false_alarms_per_day": DAY_S})
     always_open = config.model_copy(update={"gate": open_gate})
-    if next(heard.dwells(Pipeline(heard.stream, config, classifier)), None) is None:
+
+    def cut(settings: Config = config, *, decides: bool = False) -> Sequence[object]:
+        pipeline = Pipeline(heard.stream, settings, classifier)
+        dwells = heard.dwells(pipeline)
+        return [pipeline.decide(dwell) for dwell in dwells] if decides else list(dwells)
+
+    if not cut():
         msg = f"{heard_s:.1f} s of stream are too short for one window; take a longer --duration"
         raise RadardError(msg)
 
-    def decide(settings: Config) -> None:
-        pipeline = Pipeline(heard.stream, settings, classifier)
-        for dwell in heard.dwells(pipeline):
-            pipeline.decide(dwell)
-
-    work: dict[str, Callable[[], object]] = (
-        {} if heard.decode is None else {"bytes to frames": heard.decode}
-    )
-    work |= {
-        "frames to windows": lambda: list(
-            heard.dwells(Pipeline(heard.stream, config, classifier))
-        ),
-        "... and decisions, as heard": lambda: decide(config),
-        "... and decisions, always open": lambda: decide(always_open),
+    work: dict[str, Callable[[], object]] = {
+        **({} if heard.decode is None else {"bytes to frames": heard.decode}),
+        "frames to windows": cut,
+        "... and decisions, as heard": lambda: cut(decides=True),
+        "... and decisions, always open": lambda: cut(always_open, decides=True),
     }
     spent: dict[str, list[tuple[float, float]]] = {name: [] for name in work}
     for _ in range(rounds):
@@ -208,12 +191,8 @@ def measure(config: Config, duration_s: float, rounds: int) -> Cost:
     parts = stages[-1:] if heard.decode is None else [stages[0], stages[-1]]
     sums = (sum(s.cpu_s_per_stream_s for s in parts), sum(s.times_reference for s in parts))
     worst = Stage("all, at its worst", *sums)
-    return Cost(
-        stages=(*stages, worst),
-        frame_rate_hz=rate_hz,
-        duration_s=heard_s,
-        model=classifier.bundle.name if classifier else "none",
-    )
+    model = classifier.bundle.name if classifier else "none"
+    return Cost((*stages, worst), heard.stream.frame_rate_hz, heard_s, model)
 
 
 @dataclass(frozen=True, slots=True)

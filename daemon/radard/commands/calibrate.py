@@ -113,15 +113,9 @@ def make_parser() -> Parser:
     add("--duration", type=float, default=60.0, metavar="S", help="seconds to listen (60)")
     add("--delay", type=float, default=0.0, metavar="S", help="seconds to leave the room (0)")
     add("--out", type=Path, metavar="FILE", help="instead of the state directory")
-    add(
-        "--false-gates",
-        type=float,
-        default=1.0,
-        metavar="N",
-        help="windows a day that may open the gate (1)",
-    )
-    add(
-        "--with-machines", action="store_true", help="what stays in one place is no reason to stop"
-    )
+    text = "windows a day that may open the gate (1)"
+    add("--false-gates", type=float, default=1.0, metavar="N", help=text)
+    text = "what stays in one place is no reason to stop"
+    add("--with-machines", action="store_true", help=text)
     add("--json", action="store_true", help="the calibration as one JSON object")
     return parser

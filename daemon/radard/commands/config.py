@@ -67,35 +67,21 @@ def make_parser() -> Parser:
 
 def shown(loaded: Loaded) -> Iterator[str]:
     """Yield the lines of a YAML file for reading, with origins; secrets are masked."""
-    tree = loaded.config.model_dump(mode="json")
-    for section, values in tree.items():
-        if not isinstance(values, dict):
-            yield _line("", section, values, loaded.origin(section))
-            continue
-        yield f"{section}:" + ("" if values else " {}")
-        for key, value in values.items():
-            if section == "sensors":
-                yield from _nested("  ", (section, key), value, loaded)
-            else:
-                yield _line("  ", key, value, loaded.origin(section, key))
+    for section, values in loaded.config.model_dump(mode="json").items():
+        yield from _lines(loaded, (section,), values)
 
 
-def _nested(indent: str, where: tuple[str, ...], value: Any, loaded: Loaded) -> Iterator[str]:
-    """Yield the lines of an entry of `sensors`; a section that it has not is the common one."""
-    if not isinstance(value, dict):
-        if value is not None:
-            yield _line(indent, where[-1], value, loaded.origin(*where))
-        return
-    yield f"{indent}{where[-1]}:"
-    for key, inner in value.items():
-        yield from _nested(indent + "  ", (*where, key), inner, loaded)
-
-
-def _line(indent: str, key: str, value: Any, origin: str) -> str:
-    text = yaml.safe_dump(
-        redact_value(key, value), default_flow_style=True, width=10_000, allow_unicode=True
-    )
-    # A bare value is followed by the end of its document.
-    text = text.removesuffix("...\n").strip()
-    left = f"{indent}{key}: {text}"
-    return f"{left:<40} # {origin}"
+def _lines(loaded: Loaded, where: tuple[str, ...], value: Any) -> Iterator[str]:
+    """Yield the lines of a value; a section that an entry of `sensors` lacks is the common one."""
+    indent, is_entry = "  " * (len(where) - 1), where[0] == "sensors" and len(where) > 1
+    if isinstance(value, dict) and (is_entry or not indent):
+        yield f"{indent}{where[-1]}:" + ("" if value else " {}")
+        for key, inner in value.items():
+            yield from _lines(loaded, (*where, key), inner)
+    elif value is not None or not is_entry:
+        told = redact_value(where[-1], value)
+        text = yaml.safe_dump(told, default_flow_style=True, width=10_000, allow_unicode=True)
+        # A bare value is followed by the end of its document.
+        text = text.removesuffix("...\n").strip()
+        left = f"{indent}{where[-1]}: {text}"
+        yield f"{left:<40} # {loaded.origin(*where)}"

@@ -17,21 +17,17 @@ from radard.run.control import ask, control_path
 from x2radar.command import Parser, new_parser
 from x2radar.errors import BriefError
 
-_ASKS = {
-    "health": (
-        "Ask after the daemon that runs here.",
-        "exit code 0: decisions are made from fresh frames",
-    ),
-    "status": (
-        "Tell what the daemon that runs here is doing.",
-        "online, armed, nobody there, a decision 0.4 s ago",
-    ),
-}
 _WORDS = {
+    "health": "Ask after the daemon that runs here.",
+    "status": "Tell what the daemon that runs here is doing.",
     "arm": "Arm the daemon that runs here.",
     "disarm": "Disarm the daemon that runs here; an alarm ends.",
     "ack": "Acknowledge an alarm of the daemon that runs here; it ends, the sensor stays armed.",
     "test-alarm": "Send a marked event through every output; say what each made of it.",
+}
+_ASKS = {
+    "health": "exit code 0: decisions are made from fresh frames",
+    "status": "online, armed, nobody there, a decision 0.4 s ago",
 }
 _ASK_EXAMPLES = """\
 examples:
@@ -45,11 +41,7 @@ examples:
 
 The daemon's own user and root may do that: sudo -u radard radard {0}
 """
-
-_SAYS = {
-    "look": {"status", "panel", "records", "outputs", "picture"},
-    "test-alarm": {"outputs"},
-}
+_SAYS = {"look": {"status", "panel", "records", "outputs", "picture"}, "test-alarm": {"outputs"}}
 _TOLD = {"armed", "mode", "panel", "delay_left_s", "ended"}
 """What an answer to a command has, and to all others; one of another version may not."""
 
@@ -57,16 +49,13 @@ _TOLD = {"armed", "mode", "panel", "delay_left_s", "ended"}
 class NoDaemon(RadardError):
     """No running daemon answers on the control socket."""
 
-    exit_code = 1
-
 
 def make_parser(name: str) -> Parser:
+    examples = _ASK_EXAMPLES if name in _ASKS else _EXAMPLES
+    examples = examples.format(name, _ASKS.get(name))
+    parser = new_parser(f"radard {name}", _WORDS[name], examples)
     if name in _ASKS:
-        text, example = _ASKS[name]
-        parser = new_parser(f"radard {name}", text, _ASK_EXAMPLES.format(name, example))
         parser.add_argument("--json", action="store_true", help="all that the status file says")
-    else:
-        parser = new_parser(f"radard {name}", _WORDS[name], _EXAMPLES.format(name))
     if name == "arm":
         text = "leave out zones.away: people are at home"
         parser.add_argument("--home", action="store_true", help=text)

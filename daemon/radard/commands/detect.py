@@ -1,19 +1,31 @@
-"""`radard detect`: many recordings judged as the daemon would, into one table."""
+"""`radard detect`: many recordings judged as the daemon would, into one table.
+
+`time` is by the recording's own start, empty where that is not known; nothing of the replay's own
+clock is in it, so the same recordings give the same table, byte for byte.
+"""
 
 import contextlib
+import csv
+import json
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from datetime import timedelta
+from itertools import islice
 from pathlib import Path
+from typing import Any
 
-from radard.commands.detect_tables import COLUMNS, FORMATS, Add, open_table
 from radard.config.options import JUDGING, add_options, judging_config
 from radard.errors import OutputError, RadardError, UsageError
+from radard.judge.bundle import PROBABILITIES
+from radard.outputs.records import Record
 from radard.run.components import make_classifier
 from radard.run.replays import Judged, judge_all
 from x2radar.atomic import whole_file
 from x2radar.command import Parser, StatusLine, bar, legible, new_parser
+from x2radar.extras import needed
 from x2radar.recording.registry import check_no_recording
+from x2radar.wall_clock import parse_utc, utc_text
 
 _EXAMPLES = """\
 examples:
@@ -23,6 +35,32 @@ examples:
   radard detect a.h5 b.h5 --to jsonl --model mine.onnx | jq .label
 """
 _MAX_JOBS = 1024  # beyond the cores of any machine that this runs on
+
+
+FORMATS = ("csv", "parquet", "jsonl")
+COLUMNS = {
+    "decisions": {
+        "file": "string",
+        "seq": "int64",
+        "t_s": "float64",
+        "time": "string",
+        "gate": "string",
+        **dict.fromkeys(("power_db", "noise_floor_db", "threshold_db", *PROBABILITIES), "float64"),
+        "label": "string",
+        "alarm": "bool_",
+        "range_m": "float64",
+        **dict.fromkeys(("n_tracks", "frames", "dropped"), "int64"),
+    },
+    "events": {
+        **dict.fromkeys(("file", "id", "phase", "kind"), "string"),
+        "t_s": "float64",
+        "time": "string",
+        **dict.fromkeys(("start_t_s", "end_t_s", "peak"), "float64"),
+        "reason": "string",
+    },
+}
+"""Columns of a table by its rows; types as pyarrow names them."""
+_BATCH = 4096  # rows of a Parquet row group: about a megabyte
 
 
 def run(argv: Sequence[str]) -> int:
@@ -96,21 +134,85 @@ def _format(to: str | None, out: Path | None) -> str:
 
 
 @contextlib.contextmanager
-def _table(kind: str, rows: str, out: Path | None) -> Iterator[Add]:
-    """Lend a table; what it replaces stays until all of it is written."""
-    if out is None:
-        with open_table(kind, rows, sys.stdout, None) as add:
-            yield add
-        return
-    check_no_recording(out)
+def _table(kind: str, rows: str, out: Path | None) -> Iterator[Callable[[Judged], int]]:
+    """Lend what writes the rows of a recording and counts them; or MissingExtra, OutputError.
+
+    What `out` replaces stays until all of it is written.
+    """
+    if out is not None:
+        check_no_recording(out)
     try:
         with contextlib.ExitStack() as opened:
-            part = opened.enter_context(whole_file(out))
-            is_text = kind != "parquet"
-            file = opened.enter_context(part.open("w", encoding="utf-8")) if is_text else None
-            yield opened.enter_context(open_table(kind, rows, file, part))
+            part = None if out is None else opened.enter_context(whole_file(out))
+            write = _writer(kind, rows, part, opened)
+
+            def add(judged: Judged) -> int:
+                n, made = 0, _records(judged, "" if kind == "jsonl" else rows)
+                while batch := list(islice(made, _BATCH)):
+                    write(batch)
+                    n += len(batch)
+                return n
+
+            yield add
+            sys.stdout.flush()
     except OSError as err:
+        if out is None:
+            raise
         raise OutputError(f"--out {out}: cannot write: {err.strerror or err}") from err
+
+
+def _writer(
+    kind: str, rows: str, part: Path | None, opened: contextlib.ExitStack
+) -> Callable[[list[Record]], object]:
+    """Return what writes records into a file, or on stdout where `part` is None."""
+    if kind == "parquet":
+        pa: Any = needed("pyarrow", what="Parquet files")
+        parquet: Any = needed("pyarrow.parquet", what="Parquet files")
+        schema = pa.schema([(name, getattr(pa, t)()) for name, t in COLUMNS[rows].items()])
+        assert part is not None  # noqa: S101 - a table of its own
+        # Opened here: pyarrow takes no name that is not UTF-8.
+        whole = opened.enter_context(part.open("wb"))
+        to = opened.enter_context(parquet.ParquetWriter(whole, schema, compression="zstd"))
+        return lambda batch: to.write_table(pa.Table.from_pylist(batch, schema=schema))
+    file = sys.stdout
+    if part is not None:
+        file = opened.enter_context(part.open("w", encoding="utf-8"))
+    if kind == "jsonl":
+        encode = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode
+        return lambda batch: file.writelines(f"{encode(record)}\n" for record in batch)
+    lines = csv.DictWriter(file, list(COLUMNS[rows]), lineterminator="\n")
+    lines.writeheader()
+    if rows == "events":
+        return lines.writerows
+    return lambda batch: lines.writerows(
+        {**row, "alarm": str(row["alarm"]).lower()} for row in batch
+    )
+
+
+def _records(judged: Judged, rows: str) -> Iterator[Record]:
+    """Yield what is told of a recording: the columns of `rows`, or all there is without."""
+    for record in judged.read():
+        told = {"file": legible(judged.path), **record}
+        told.pop("time", None)
+        told.pop("latency_ms", None)
+        if "t_s" in record:
+            told["time"] = time_of(judged.started_utc, record["t_s"])
+        if not rows:
+            yield told
+        elif record["type"] == rows.removesuffix("s"):
+            told["n_tracks"] = len(record.get("tracks", ()))
+            yield {name: told[name] for name in COLUMNS[rows]}
+
+
+def time_of(started_utc: str, t_s: float) -> str | None:
+    """Return a moment of a recording in ISO 8601; None if its start is not known.
+
+    >>> time_of("2026-03-01T12:30:00.250Z", 61.5)
+    '2026-03-01T12:31:01.750Z'
+    >>> time_of("", 61.5)
+    """
+    started = parse_utc(started_utc)
+    return utc_text(started + timedelta(seconds=t_s)) if started else None
 
 
 def _error(faulty: Sequence[Judged], n: int) -> RadardError:

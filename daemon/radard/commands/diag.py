@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from radard.commands.config import shown
-from radard.config.config import DEFAULT_FILES, Config, load_with_origins
+from radard.config.config import Config, found_file, load_with_origins
 from radard.config.credentials import MASK, redact, redact_value
 from radard.config.directories import calibration_file, state_dir, status_dirs
 from radard.config.sources import ENV_PREFIX
@@ -185,38 +185,31 @@ def _versions(config: Config) -> dict[str, Any]:
 
 
 def _status(config: Config) -> dict[str, Any]:
-    reports = {}
-    for folder in status_dirs(config):
-        for each in config.each():
-            path = status_path(folder, each.sensor.name)
-            report = read_status(path)
-            reports[str(path)] = {"line": report.line, **report.content}
-    return reports
+    names = [each.sensor.name for each in config.each()]
+    paths = [status_path(folder, name) for folder in status_dirs(config) for name in names]
+    reports = {str(path): read_status(path) for path in paths}
+    return {path: {"line": each.line, **each.content} for path, each in reports.items()}
 
 
 def _decisions(config: Config) -> Iterator[str]:
     """Yield the last decisions, states and events that files or stores of this machine hold."""
-    for output in config.output:
-        kind, _, name = output.partition(":")
-        if kind in {"json", "store"} and name:
+    for kind, _, name in (output.partition(":") for output in config.output):
+        if kind == "json" and name:
             yield f"---- {name}"
-            if kind == "store":
-                yield from _stored(Path(name))
-                continue
             with Path(name).open(encoding="utf-8", errors="replace") as lines:
                 yield from (line.rstrip("\n") for line in deque(lines, _LAST))
+        elif kind == "store" and name:
+            yield f"---- {name}"
+            yield from _stored(Path(name))
 
 
 def _stored(path: Path) -> Iterator[str]:
     with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as db:
+        db.row_factory = sqlite3.Row
         for table in ("events", "statuses", "decisions"):
-            cursor = db.execute(
-                f"SELECT * FROM {table} ORDER BY rowid DESC LIMIT ?",  # noqa: S608 - our own names
-                (_LAST,),
-            )
-            names = [column[0] for column in cursor.description]
-            for row in reversed(cursor.fetchall()):
-                yield json.dumps({"table": table, **dict(zip(names, row, strict=True))})
+            last = f"SELECT * FROM {table} ORDER BY rowid DESC LIMIT {_LAST}"  # noqa: S608 - ours
+            for row in reversed(db.execute(last).fetchall()):
+                yield json.dumps({"table": table, **row})
 
 
 def _port(row: PortRow) -> dict[str, str]:
@@ -278,7 +271,7 @@ def _group(number: int) -> str:
 def _secrets(file: Path | None, config: Config, environ: Mapping[str, str]) -> set[str]:
     """Return every value that is known to be secret: of the file, the environment, URLs, files."""
     found: set[str] = set()
-    path = file or next((p for p in DEFAULT_FILES if p.is_file()), None)
+    path = file or found_file()
     own = {name: value for name, value in environ.items() if name.startswith(ENV_PREFIX)}
     trees: list[Any] = [config.model_dump(mode="json"), own]
     # A file that cannot be read is told of elsewhere.

@@ -5,8 +5,8 @@ import queue
 import sys
 import time
 import uuid
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
@@ -57,14 +57,18 @@ class Fleet:
     def rows(self, now_s: float) -> list[dict[str, Any]]:
         """Return a row for each radar: alarms first, then those in trouble, then by name."""
         rows = [self._row(name, told, now_s) for name, told in self._told.items()]
-        return sorted(rows, key=lambda row: (_rank(row), row["sensor"]))
+
+        def rank(row: dict[str, Any]) -> tuple[int, str]:
+            is_bad = not _is_well(row) or row["tamper"] or row["fault"]
+            return 0 if row["alarm"] else 1 if is_bad else 2, row["sensor"]
+
+        return sorted(rows, key=rank)
 
     def _row(self, name: str, told: Mapping[str, Any], now_s: float) -> dict[str, Any]:
         """Return what is shown; a radar that is not available is offline whatever it said."""
         health, state = told.get("health", {}), told.get("state", {})
         is_on, armed = told.get("availability") == "online", state.get("armed")
         sees = "nobody" if state.get("gate") == "closed" else _plain(state.get("label")) or None
-        age_s = round(now_s - self._stated_s[name], 1) if "state" in told else None
         return {
             "sensor": name,
             "state": (_plain(health.get("state")) if is_on else "") or "offline",
@@ -74,7 +78,7 @@ class Fleet:
             "fault": _plain(health.get("fault")) or None,
             "tamper": _plain(health.get("tamper")) or None,
             "reason": _plain(health.get("reason")),
-            "age_s": age_s,
+            "age_s": round(now_s - self._stated_s[name], 1) if "state" in told else None,
         }
 
 
@@ -83,23 +87,20 @@ def run(argv: Sequence[str]) -> int:
     config = load_config(args.config)
     url = args.url or config.named_output("mqtt", "mqtts")
     if url is None:
-        text = "no broker: give mqtt://HOST, or an output mqtt://HOST in the configuration"
-        raise UsageError(text)
+        msg = "no broker: give mqtt://HOST, or an output mqtt://HOST in the configuration"
+        raise UsageError(msg)
     if not args.wait > 0:
         raise UsageError(f"--wait {args.wait:g}: must be above 0, in seconds")
-    with _watched(url, config) as (fleet, listen):
-        listen(args.wait)
+    with closing(_looks(url, config, args.wait)) as looks:
         while True:
-            rows = fleet.rows(time.monotonic())
+            rows = next(looks)
             lines = [json.dumps(row) for row in rows] if args.json else list(table(rows))
-
             if not args.once and sys.stdout.isatty():
                 # To the top left, and nothing below.
                 print("\x1b[H\x1b[2J", end="")
             print(*lines, sep="\n", flush=True)
             if args.once:
                 return 0 if rows and all(_is_well(row) for row in rows) else 1
-            listen(_EVERY_S)
 
 
 def make_parser() -> Parser:
@@ -131,17 +132,16 @@ def table(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
         armed = {True: "armed", False: "disarmed", None: "-"}[row["armed"]]
         age = "-" if row["age_s"] is None else f"{row['age_s']:.0f} s"
         sees = "ALARM" if row["alarm"] else row["sees"] or "-"
-        remarks = [f"tamper: {row['tamper']}"] if row["tamper"] else []
-        remarks += [f"fault: {row['fault']}"] if row["fault"] else []
-        remarks += [] if remarks or _is_well(row) else [row["reason"] or "no connection"]
+        remarks = [f"{kind}: {row[kind]}" for kind in ("tamper", "fault") if row[kind]]
+        if not remarks and not _is_well(row):
+            remarks = [row["reason"] or "no connection"]
         text = "; ".join(remarks)[:_MAX_SHOWN]
         line = f"{row['sensor']:<{width}}  {row['state']:<8}  {armed:<8}  {sees:<8}  {age:>5}"
         yield f"{line}  {text}".rstrip()
 
 
-@contextmanager
-def _watched(url: str, config: Config) -> Iterator[tuple[Fleet, Callable[[float], None]]]:
-    """Connect to a broker; lend its fleet, and what listens for so long; or OutputError."""
+def _looks(url: str, config: Config, wait_s: float) -> Generator[list[dict[str, Any]], None, None]:
+    """Connect to a broker, listen and yield rows, again and again; OutputError if it goes."""
     # Late: the help must not wait for it, and it may not be installed.
     from radard.outputs.mqtt.link import MqttLink  # noqa: PLC0415
     from radard.outputs.mqtt.sink import parse_url  # noqa: PLC0415
@@ -171,16 +171,16 @@ def _watched(url: str, config: Config) -> Iterator[tuple[Fleet, Callable[[float]
         if item is not None:
             fleet.take(*item, time.monotonic())
 
-    def listen(seconds: float) -> None:
-        end_s = time.monotonic() + seconds
-        with suppress(queue.Empty):
-            while (left_s := end_s - time.monotonic()) > 0:
-                take(messages.get(timeout=left_s))
-
     link.start()
     try:
         take(messages.get())
-        yield fleet, listen
+        while True:
+            end_s = time.monotonic() + wait_s
+            with suppress(queue.Empty):
+                while (left_s := end_s - time.monotonic()) > 0:
+                    take(messages.get(timeout=left_s))
+            yield fleet.rows(time.monotonic())
+            wait_s = _EVERY_S
     finally:
         link.close(0.5)
 
@@ -193,7 +193,3 @@ def _plain(value: object) -> str:
 
 def _is_well(row: Mapping[str, Any]) -> bool:
     return bool(row["state"] == "online")
-
-
-def _rank(row: Mapping[str, Any]) -> int:
-    return 0 if row["alarm"] else 1 if not _is_well(row) or row["tamper"] or row["fault"] else 2

@@ -33,6 +33,7 @@ _SHADES = " ░▒▓█"
 _MAX_COLUMNS = 60  # of range-time: a quarter of a minute
 _MAX_DECISIONS = 8
 _BAR = 24
+_FUSED = ("fused_p_human", "fused_p_pet")
 Answer = Mapping[str, Any]
 
 
@@ -115,15 +116,14 @@ class View:
     def _several(self) -> Table:
         table = _table("sensor", "sees", "person", "pet", "outputs", "state")
         for name, answer in self._answers.items():
-            last = _decisions(answer)[-1:] or [{}]
-            line = _line(answer) if name not in self._faults else self._faults[name]
+            last = (_decisions(answer) or [{}])[-1]
+            line = self._faults.get(name) or _line(answer)
             waiting = sum(each["n_waiting"] for each in answer["outputs"])
             is_well = all(each["status"] == "ok" for each in answer["outputs"])
             table.add_row(
                 name,
-                _sees(last[0]),
-                _bar(last[0].get("fused_p_human"), 10),
-                _bar(last[0].get("fused_p_pet"), 10),
+                _sees(last),
+                *(_bar(last.get(key), 10) for key in _FUSED),
                 f"{waiting} wait" if waiting else "ok" if is_well else "in trouble",
                 _styled(line, no_wrap=True, overflow="ellipsis"),
             )
@@ -135,18 +135,23 @@ class View:
         for kind, reason in (answer["panel"] or {}).get("open", {}).items():
             yield _styled(f"{kind.upper()}: {reason}")
         decisions = _decisions(answer)
-        last = decisions[-1] if decisions else {}
-        yield f"person {_bar(last.get('fused_p_human'), _BAR)}"
-        yield f"pet    {_bar(last.get('fused_p_pet'), _BAR)}"
+        last = (decisions or [{}])[-1]
+        for who, key in zip(("person", "pet"), _FUSED, strict=True):
+            yield f"{who:<6} {_bar(last.get(key), _BAR)}"
         yield ""
         yield from self._range_time(answer["picture"])
         table = _table("t", "gate", "range", "person", "pet", "sees")
         for each in decisions[-_MAX_DECISIONS:]:
-            cells = (_percent(each[key]) for key in ("fused_p_human", "fused_p_pet"))
+            cells = (_percent(each[key]) for key in _FUSED)
             range_m = "" if each["range_m"] is None else f"{each['range_m']:.1f} m"
             table.add_row(f"{each['t_s']:.1f} s", each["gate"], range_m, *cells, _sees(each))
         yield table
-        yield _outputs(answer)
+        outputs = _table("output", "state", "sent", "wait", "dropped", "")
+        for each in answer["outputs"]:
+            counts = (str(each[f"n_{key}"]) for key in ("sent", "waiting", "dropped"))
+            why = Text(each["reason"] or each["remark"])
+            outputs.add_row(Text(each["name"]), each["status"], *counts, why)
+        yield outputs
 
     def _range_time(self, picture: Mapping[str, Any] | None) -> Iterator[str]:
         if picture is None or not self._columns:
@@ -195,12 +200,3 @@ def _percent(p: float | None) -> str:
 def _bar(p: float | None, width: int) -> str:
     n = round((p or 0.0) * width)
     return f"{'█' * n}{'░' * (width - n)} {_percent(p):>5}"
-
-
-def _outputs(answer: Answer) -> Table:
-    table = _table("output", "state", "sent", "wait", "dropped", "")
-    for each in answer["outputs"]:
-        counts = (str(each[f"n_{key}"]) for key in ("sent", "waiting", "dropped"))
-        why = Text(each["reason"] or each["remark"])
-        table.add_row(Text(each["name"]), each["status"], *counts, why)
-    return table

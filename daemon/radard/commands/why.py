@@ -6,10 +6,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from radard.config.options import JUDGING, add_options, judging_config
 from radard.errors import UsageError
+from radard.judge.bundle import PROBABILITIES
 from radard.judge.occlusion import MapView, Part, effects, map_views, occluded
 from radard.run.moment import Moment, moment_of
 from x2radar.atomic import write_picture
@@ -72,27 +71,20 @@ def lines(moment: Moment, parts: Sequence[Part]) -> Iterator[str]:
         yield f"{mark} {stage['name']:<14}{body[0]}"
         yield from (f"{'':<16}{line}" for line in body[1:])
     yield "  * decided"
+    yield ""
     if moment.seen is None:
-        yield ""
         yield "No network was asked, so there are no maps to look into."
         return
-    yield ""
-    yield from _windows(moment)
-    yield ""
-    yield from _told_parts(moment, parts)
-
-
-def _windows(moment: Moment) -> Iterator[str]:
     yield "window by window: this window alone, and fused with those before it"
     yield f"  {'t_s':>7} {'human':>7} {'pet':>7} {'other':>7}   {'human':>7} {'pet':>7}  label"
     for r in moment.records[-_MAX_WINDOWS:]:
-        cells = [r["p_human"], r["p_pet"], r["p_other"]]
-        fused = [r["fused_p_human"], r["fused_p_pet"]]
         own, both = (
-            " ".join(f"{'-':>7}" if p is None else f"{p:7.3f}" for p in values)
-            for values in (cells, fused)
+            " ".join(f"{'-':>7}" if r[key] is None else f"{r[key]:7.3f}" for key in keys)
+            for keys in (PROBABILITIES[:3], PROBABILITIES[3:5])
         )
         yield f"  {r['t_s']:7.2f} {own}   {both}  {r['label']}"
+    yield ""
+    yield from _told_parts(moment, parts)
 
 
 def _told_parts(moment: Moment, parts: Sequence[Part]) -> Iterator[str]:
@@ -113,19 +105,15 @@ def _told_parts(moment: Moment, parts: Sequence[Part]) -> Iterator[str]:
 def place(part: Part) -> str:
     """Return where a part lies, in the units of its map."""
     view = part.view
-    rows = _span(view.rows[part.rows], view.row_unit)
-    columns = _span(view.columns[part.columns], view.column_unit)
-    return f"{view.name}, {', '.join(text for text in (rows, columns) if text)}"
-
-
-def _span(values: np.ndarray[Any, np.dtype[np.float64]], unit: str) -> str:
-    if not unit:
-        return ""
-    return f"{_number(values[0])} to {_number(values[-1])} {unit}"
-
-
-def _number(value: float) -> str:
-    return f"{value:.4g}".replace("-", "\N{MINUS SIGN}")
+    spans = (
+        f"{values[0]:.4g} to {values[-1]:.4g} {unit}".replace("-", "\N{MINUS SIGN}")
+        for values, unit in (
+            (view.rows[part.rows], view.row_unit),
+            (view.columns[part.columns], view.column_unit),
+        )
+        if unit
+    )
+    return f"{view.name}, {', '.join(spans)}"
 
 
 def figure(moment: Moment, parts: Sequence[Part]) -> Any:
@@ -145,9 +133,8 @@ def figure(moment: Moment, parts: Sequence[Part]) -> Any:
         _image(shown, values, view, cmap="magma")
         shown.set_title(view.name, fontsize=9)
         moved = fig.add_subplot(grid[1, k])
-        image = _image(
-            moved, effects(list(parts), view), view, cmap="RdBu_r", vmin=-most, vmax=most
-        )
+        moves = effects(parts, view)
+        image = _image(moved, moves, view, cmap="RdBu_r", vmin=-most, vmax=most)
         moved.set_title("red speaks for a person", fontsize=8)
         if k == n - 1:
             fig.colorbar(image, ax=moved, label="log-odds of a person (nats)")

@@ -25,8 +25,6 @@ from radard.config.sources import Places, Where, explain, put, read_environment,
 from radard.errors import ConfigError, UsageError
 
 DEFAULT_FILES = (Path("config.yaml"), Path("/etc/radard/config.yaml"))
-
-
 _PROFILE = ("model", "profile")
 SensorName = Annotated[str, StringConstraints(pattern=NAME)]
 
@@ -44,10 +42,10 @@ class Config(SinkOptions, RadarSections):
     @classmethod
     def _fill_entries(cls, tree: Any) -> Any:
         """Complete the sections of every entry of `sensors` by the common ones."""
-        entries = tree.get("sensors") if isinstance(tree, Mapping) else None
-        if not isinstance(entries, Mapping):
+        if not (isinstance(tree, Mapping) and isinstance(tree.get("sensors"), Mapping)):
             return tree
-        return {**tree, "sensors": {name: _filled(e, tree) for name, e in entries.items()}}
+        filled = {name: _filled(entry, tree) for name, entry in tree["sensors"].items()}
+        return {**tree, "sensors": filled}
 
     @model_validator(mode="after")
     def _check_sensors(self) -> "Config":
@@ -147,13 +145,23 @@ def load_with_origins(
         tree, places = read_yaml(path)
         profiles.lay_over_all(tree, places)
     environment = sorted(read_environment(environ, Config), key=lambda e: e[0] != _PROFILE)
-    for (section, key), value, place in environment:
-        _take((section, key), value, place, tree, places)
-    for name, values in (options or {}).items():
-        keys = values if isinstance(values, Mapping) else {None: values}
-        for key, value in keys.items():
-            _take((name, key), value, "command line", tree, places)
-    if ("sensor", "port") in places and places["sensor", "port"] == "command line":
+    given = [
+        ((section, key), value, "command line")
+        for section, values in (options or {}).items()
+        for key, value in (values if isinstance(values, Mapping) else {None: values}).items()
+    ]
+    for (section, key), value, place in (*environment, *given):
+        put(tree, section, key, value)
+        where: Where = (section, key) if key else (section,)
+        # A whole section takes those of its keys along.
+        for old in [each for each in places if each[: len(where)] == where]:
+            del places[old]
+        places[where] = place
+        if isinstance(value, Mapping):
+            places.update({(*where, str(inner)): place for inner in value})
+        if where == _PROFILE:
+            profiles.lay_over(tree, places)
+    if places.get(("sensor", "port")) == "command line":
         # One radar was asked for by hand: that is the whole run.
         tree.pop("sensors", None)
     config = _checked(tree, places)
@@ -161,8 +169,7 @@ def load_with_origins(
     is_changed = lay_over(partial(at, config), tree, places)
     for name in config.sensors:
         own: Places = {}
-        radar: dict[str, Any] = dict(tree["sensors"][name])
-        tree["sensors"][name] = radar
+        radar = tree["sensors"][name] = dict(tree["sensors"][name])
         is_changed |= lay_over(partial(at, config.of_sensor(name)), radar, own)
         places.update({("sensors", name, *where): place for where, place in own.items()})
     if is_changed:
@@ -174,60 +181,33 @@ def load_with_origins(
 def _taken(config: Config, places: Places, found: Path | None) -> tuple[str, ...]:
     """Return what nobody named: keys of a file that was `found`, and those saved on the page."""
     keys: dict[str, list[str]] = {}
+    built_in = Config()
     for where, place in places.items():
         file = place.rpartition(":")[0] or place
-        is_found = found is not None and file == str(found)
-        is_saved = place.endswith(SAVED)
-        if is_saved or (is_found and len(where) > 1 and not _is_built_in(config, where)):
+        now: Any = config
+        usual: Any = built_in
+        for key in where:
+            now, usual = getattr(now, key, now), getattr(usual, key, usual)
+        is_found = file == str(found) and len(where) > 1 and now != usual
+        if is_found or place.endswith(SAVED):
             keys.setdefault(file, []).append(".".join(where))
     return tuple(f"{file}: {', '.join(sorted(names))}" for file, names in keys.items())
 
 
-def _is_built_in(config: Config, where: Where) -> bool:
-    now: Any = config
-    default: Any = Config()
-    for key in where:
-        now, default = getattr(now, key, now), getattr(default, key, default)
-    return bool(now == default)
-
-
 def _checked(tree: Mapping[str, Any], places: Places) -> Config:
+    """Return a configuration whose ports ask for the frame rates of their radars' profiles."""
     try:
-        return _at_rates(Config.model_validate(tree))
+        config = Config.model_validate(tree)
     except ValidationError as err:
         lines = [explain(fault, places, Config) for fault in err.errors()]
         raise ConfigError("; ".join(lines)) from err
-
-
-def _at_rates(config: Config) -> Config:
-    """Let every port ask for the frame rate of its radar's profile."""
-    port = profiles.rated(config.sensor.port, config.model.profile)
     sensors = {}
     for name, entry in config.sensors.items():
         own = profiles.rated(entry.port, (entry.model or config.model).profile)
         sensors[name] = entry.model_copy(update={"port": own})
+    port = profiles.rated(config.sensor.port, config.model.profile)
     sensor = config.sensor.model_copy(update={"port": port})
     return config.model_copy(update={"sensor": sensor, "sensors": sensors})
-
-
-def _take(
-    where: tuple[str, str | None], value: Any, place: str, tree: dict[str, Any], places: Places
-) -> None:
-    """Put a value that came from a place; a profile brings its settings along."""
-    section, key = where
-    put(tree, section, key, value)
-    _came_from(place, (section, key) if key else (section,), value, places)
-    if where == _PROFILE:
-        profiles.lay_over(tree, places)
-
-
-def _came_from(place: str, where: tuple[str, ...], value: Any, places: Places) -> None:
-    """Note where a value came from; a whole section takes those of its keys along."""
-    for old in [w for w in places if w[: len(where)] == where]:
-        del places[old]
-    places[where] = place
-    if isinstance(value, Mapping):
-        places.update({(*where, str(key)): place for key in value})
 
 
 def _filled(entry: Any, tree: Mapping[str, Any]) -> Any:
@@ -242,4 +222,4 @@ def _filled(entry: Any, tree: Mapping[str, Any]) -> Any:
     }
     sensor = tree.get("sensor")
     speed = sensor.get("speed") if isinstance(sensor, Mapping) else None
-    return {**({"speed": speed} if speed is not None else {}), **entry, **sections}
+    return {**({} if speed is None else {"speed": speed}), **entry, **sections}

@@ -81,9 +81,9 @@ def saved_file(
     return state_dir(config, environ) / f"{sensor.name}.{kind}.yaml"
 
 
-def calibration_file(config: "Config", environ: Mapping[str, str] = os.environ) -> Path:
+def calibration_file(config: "Config") -> Path:
     """Return where the calibration of the sensor's room is kept."""
-    return state_dir(config, environ) / f"{config.sensor.name}.calibration.json"
+    return state_dir(config) / f"{config.sensor.name}.calibration.json"
 
 
 def for_service(config: "Config", own: Path) -> Path:

@@ -20,8 +20,8 @@ LOOSE = ConfigDict(extra="ignore", strict=True, allow_inf_nan=False)
 _MAX_LOC = 6  # keys of a path that are told: no file of ours lies deeper
 _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = 60
-
 T = TypeVar("T")
+_adapter: Any = lru_cache(maxsize=16)(TypeAdapter)
 
 
 class NotJson(ValueError):
@@ -30,31 +30,21 @@ class NotJson(ValueError):
 
 def parse_json(kind: type[T], text: str | bytes, within: str = "") -> T:
     """Return a dataclass made of JSON; ValueError names key, behind `within`, and value."""
-    key: Any = kind
     try:
         data = text.encode() if isinstance(text, str) else text
-        made: T = _adapter(key).validate_json(data.removeprefix(BOM_UTF8))
+        made: T = _adapter(kind).validate_json(data.removeprefix(BOM_UTF8))
         # pydantic takes the last of two keys that are the same, without a word.
         json.loads(data.decode("utf-8-sig"), object_pairs_hook=unrepeated)
     except ValidationError as err:
         fault = err.errors()[0]
         kind_of = NotJson if fault["type"] == "json_invalid" else ValueError
-        raise kind_of(_said(fault, within)) from err
+        path = [str(part)[:60] for part in fault["loc"][:_MAX_LOC]]
+        where = ".".join([within, *path] if within else path)
+        message = str(fault["msg"]).removeprefix("Value error, ")[:200]
+        text = f"{message[:1].lower()}{message[1:]}"
+        if fault["type"] == "unexpected_keyword_argument":
+            text = "unknown key"
+        elif fault["type"] not in {"missing", "json_invalid", "missing_keyword_only_argument"}:
+            text = f"{text} (got {_SHORT.repr(fault['input'])})"
+        raise kind_of(f"{where}: {text}" if where else text) from err
     return made
-
-
-def _said(fault: Any, within: str) -> str:
-    path = [str(part)[:60] for part in fault["loc"][:_MAX_LOC]]
-    where = ".".join([within, *path] if within else path)
-    if fault["type"] == "unexpected_keyword_argument":
-        return f"{where}: unknown key"
-    message = str(fault["msg"]).removeprefix("Value error, ")[:200]
-    text = f"{message[:1].lower()}{message[1:]}"
-    if fault["type"] in {"missing", "json_invalid", "missing_keyword_only_argument"}:
-        return f"{where}: {text}" if where else text
-    return f"{where}: {text} (got {_SHORT.repr(fault['input'])})"
-
-
-@lru_cache(maxsize=16)
-def _adapter(kind: Any) -> TypeAdapter[Any]:
-    return TypeAdapter(kind)

@@ -97,15 +97,12 @@ def lay_over(tree: dict[str, Any], places: _Places, at: _Where = ()) -> None:
 def lay_over_all(tree: dict[str, Any], places: _Places) -> None:
     """Do so for the common sections and for every entry of `sensors`."""
     lay_over(tree, places)
-    entries = {
-        name: dict(entry) if isinstance(entry, Mapping) else entry
-        for name, entry in _section(tree, "sensors").items()
-    }
-    for name, entry in entries.items():
-        if isinstance(entry, dict):
-            lay_over(entry, places, ("sensors", name))
-    if entries:
+    if entries := dict(_section(tree, "sensors")):
         tree["sensors"] = entries
+    for name, entry in entries.items():
+        if isinstance(entry, Mapping):
+            entries[name] = own = dict(entry)
+            lay_over(own, places, ("sensors", name))
 
 
 def rated(port: str | None, name: str | None) -> str | None:

@@ -9,33 +9,16 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta, tzinfo
+from itertools import chain
 from zoneinfo import ZoneInfo
 
 from x2radar import wall_clock as clock
 
 Now = Callable[[float], datetime | None]
-
 _DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
 _FORM = re.compile(r"(?:([a-z,\- ]+) )?(\d\d?):([0-5]\d) ?- ?(\d\d?):([0-5]\d)")
-_DAY_MINUTES = 24 * 60
-
-
-@dataclass(frozen=True, slots=True)
-class QuietPeriod:
-    """Hours of some days; minutes count from midnight, `days` from Monday as 0."""
-
-    days: frozenset[int]
-    from_min: int
-    to_min: int
-
-    def covers(self, local: datetime) -> bool:
-        """Return whether a local time lies in it."""
-        minute = local.hour * 60 + local.minute
-        today, yesterday = local.weekday(), (local - timedelta(days=1)).weekday()
-        if self.from_min < self.to_min:
-            return today in self.days and self.from_min <= minute < self.to_min
-        before_midnight = today in self.days and minute >= self.from_min
-        return before_midnight or (yesterday in self.days and minute < self.to_min)
+_DAY = 24 * 60
+QuietPeriod = tuple[range, ...]  # minutes since Monday, 00:00; those of a Sunday's night go on
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,8 +31,11 @@ class QuietHours:
 
     def holds(self, t_s: float) -> bool:
         """Return whether it is quiet at a stream time, in seconds."""
-        now = self.now(t_s) if self.periods else None
-        return now is not None and any(p.covers(now.astimezone(self.zone)) for p in self.periods)
+        if not self.periods or (now := self.now(t_s)) is None:
+            return False
+        local = now.astimezone(self.zone)
+        minute = (local.weekday() * 24 + local.hour) * 60 + local.minute
+        return any(m in each for m in (minute, minute + 7 * _DAY) for each in chain(*self.periods))
 
 
 def wall_clock(t_s: float) -> datetime | None:  # noqa: ARG001 - a live stream's time is now
@@ -68,10 +54,11 @@ def parse_quiet(text: str) -> QuietPeriod:
     match = _FORM.fullmatch(text.strip().lower())
     if match is not None:
         days, from_h, from_m, to_h, to_m = match.groups()
-        found = set(range(7)) if days is None else _days_of(days)
+        found = range(7) if days is None else _days_of(days)
         start, end = int(from_h) * 60 + int(from_m), int(to_h) * 60 + int(to_m)
-        if found and start < _DAY_MINUTES and end <= _DAY_MINUTES and start != end:
-            return QuietPeriod(frozenset(found), start, end)
+        if found and start < _DAY and end <= _DAY and start != end:
+            end += _DAY if end < start else 0
+            return tuple(range(day * _DAY + start, day * _DAY + end) for day in found)
     msg = f"quiet period '{text}': write 22:00-06:30, Mon-Fri 08:00-17:00 or Sun 00:00-24:00"
     raise ValueError(msg)
 

@@ -15,7 +15,7 @@ from typing import Any, Literal
 from pydantic import ValidationError, model_validator
 
 from radard.config.sections import AlarmChoices, MountSection, Section, Span, ZonesSection
-from radard.config.sources import ENV_PREFIX, Places, Where, explain, put, read_yaml, texts_of
+from radard.config.sources import ENV_PREFIX, Places, explain, put, read_yaml, texts_of
 from radard.errors import ConfigError, OutputError
 from x2radar import wall_clock
 from x2radar.atomic import write_atomically
@@ -66,14 +66,13 @@ def lay_over(path_of: Callable[[Kind], Path], tree: dict[str, Any], places: Plac
     """Put what was saved into sections and places; return whether that changed them."""
     is_changed = False
     for kind in KINDS:
-        path = path_of(kind)
-        for (section, key), value, place in _read(path, kind):
-            where: Where = (section, key)
-            if places.get(where, "").startswith(_STRONGER):
-                continue
-            put(tree, section, key, value)
-            places[where] = f"{place}{SAVED}"
-            is_changed = True
+        saved, lines = _read(path_of(kind), kind)
+        for section, values in saved.items():
+            for key, value in values.items():
+                if not places.get((section, key), "").startswith(_STRONGER):
+                    put(tree, section, key, value)
+                    places[section, key] = f"{lines[section, key]}{SAVED}"
+                    is_changed = True
     return is_changed
 
 
@@ -92,9 +91,7 @@ def change(path: Path, kind: Kind, sections: Sections) -> None:
     given = check_saved(kind, texts_of(json.dumps(sections)))
     now = wall_clock.utc_text()
     with _lock:
-        tree: dict[str, Any] = {}
-        for (section, key), value, _ in _read(path, kind):
-            put(tree, section, key, value)
+        tree, _ = _read(path, kind)
         lines = [f"# Saved on the dashboard, {now}; goes before these keys of files."]
         for name in {**tree, **given}:
             values = {**tree.get(name, {}), **given.get(name, {})}
@@ -124,19 +121,14 @@ def _text(value: Any) -> str:
     return json.dumps(value)
 
 
-def _read(path: Path, kind: Kind) -> list[tuple[Where, Any, str]]:
-    """Return the keys of a file, their values and lines; none if it is not there."""
+def _read(path: Path, kind: Kind) -> tuple[dict[str, dict[str, Any]], Places]:
+    """Return the sections of a file, and the lines of their keys; none if it is not there."""
     with contextlib.suppress(OSError):
         if path.is_file():
             raw, lines = read_yaml(path)
             try:
-                found = check_saved(kind, raw)
+                return check_saved(kind, raw), lines
             except ValueError as err:
                 msg = f"{path}: not the {kind} that the dashboard saves; take it away ({err})"
                 raise ConfigError(msg) from err
-            return [
-                ((section, key), value, lines[section, key])
-                for section, values in found.items()
-                for key, value in values.items()
-            ]
-    return []
+    return {}, {}

@@ -153,9 +153,7 @@ class SinkRow:
     """What help, configuration, redaction and reload know of one output."""
 
     form: str  # the value of -o; the scheme is the word before the colon
-    module: (
-        str  # imported when it is named; has `open_from_url` (`radard.outputs.registry.Opener`)
-    )
+    module: str  # imported when named; has `open_from_url` (`radard.outputs.registry.Opener`)
     value: Literal["none", "optional", "required"] = "required"  # none: not even a colon
     sections: tuple[str, ...] = ()  # of `SinkOptions`: a reload that changes one reopens it
     is_per_sensor: bool = False  # of several radars in one process each has its own
@@ -177,13 +175,7 @@ SINKS = (
         SinkRow(form, "radard.outputs.mqtt.sink", sections=("mqtt", "log"), is_per_sensor=True)
         for form in ("mqtt://HOST", "mqtts://HOST")
     ),
-    SinkRow(
-        "webhook:URL",
-        "radard.outputs.webhook",
-        value="optional",
-        sections=("webhook", "log"),
-        shows="host",
-    ),
+    SinkRow("webhook:URL", "radard.outputs.webhook", "optional", ("webhook", "log"), shows="host"),
     SinkRow("apprise:URL", "radard.outputs.apprise", sections=("apprise", "log"), shows="service"),
     SinkRow("exec:COMMAND", "radard.outputs.exec", sections=("exec", "log"), shows="program"),
     SinkRow("syslog:", "radard.outputs.syslog", value="optional", sections=("syslog", "log")),

@@ -7,7 +7,7 @@ import reprlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import UnionType
-from typing import Annotated, Any, Union, get_args, get_origin
+from typing import Any, Union, get_args, get_origin
 
 import yaml
 from pydantic import BaseModel
@@ -27,7 +27,6 @@ _PLAIN = {
 }
 """What pydantic says with names of Python's."""
 Where = tuple[str, ...]
-_GONE: dict[Where, str] = {("outbox",): "is the section 'log' now"}
 Places = dict[Where, str]
 
 
@@ -43,13 +42,11 @@ def put(tree: dict[str, Any], section: str, key: str | None, value: Any) -> None
 def read_yaml(path: Path) -> tuple[dict[str, Any], Places]:
     """Return a file's sections, in texts, and the place of every key; ConfigError if it cannot."""
     try:
-        text = read_document(path)
+        node = compose_yaml(read_document(path))
+        raw = _texts_in(node)
     except (OSError, UnicodeDecodeError) as err:
         why = (isinstance(err, OSError) and err.strerror) or "it is not UTF-8"
         raise ConfigError(f"{path}: cannot read the configuration: {why}") from err
-    try:
-        node = compose_yaml(text)
-        raw = _texts_in(node)
     except YamlError as err:
         where = f"{path}:{err.line}" if err.line else str(path)
         raise ConfigError(f"{where}: not YAML: {err.problem}") from err
@@ -101,8 +98,6 @@ def explain(fault: Any, places: Mapping[Where, str], root: type[BaseModel]) -> s
             return message
         got = redact_value(where[-1], fault["input"])
         return f"{head}{'.'.join(where)}: {message} (got {_SHORT.repr(got)})"
-    if where in _GONE:
-        return f"{head}{'.'.join(where)}: {_GONE[where]}"
     known = _section_of(where, root).model_fields
     close = difflib.get_close_matches(where[-1], known, 1, 0.4)
     hint = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(known)}"
@@ -147,12 +142,8 @@ def _texts_in(node: yaml.Node | None) -> Any:
 
 
 def _kinds(annotation: Any) -> tuple[Any, ...]:
-    origin, of = get_origin(annotation), get_args(annotation)
-    if origin is Annotated:
-        return _kinds(of[0])
-    if origin in {Union, UnionType}:
-        return tuple(kind for each in of for kind in _kinds(each))
-    return (annotation,)
+    is_union = get_origin(annotation) in {Union, UnionType}
+    return get_args(annotation) if is_union else (annotation,)
 
 
 def _places(node: Any, path: Path, above: Where = ()) -> Iterator[tuple[Where, str]]:

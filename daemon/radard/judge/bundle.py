@@ -114,12 +114,8 @@ class Bundle:
 
     def _misfits(self, axis: FastTimeAxis, frame_rate_hz: float) -> list[str]:
         """Say what does not fit; a bandwidth that is not known (0) is not held against it."""
-        values = {
-            "frame_rate_hz": frame_rate_hz,
-            "bin_length_m": axis.bin_length_m,
-            "carrier_hz": axis.carrier_hz,
-            "bandwidth_hz": axis.bandwidth_hz,
-        }
+        of_axis = {key: getattr(axis, key) for key in _STREAM_KEYS[1:]}
+        values = {"frame_rate_hz": frame_rate_hz, **of_axis}
         return [
             f"{key} is {values[key]:.4g}, it takes {low:.4g} to {high:.4g}"
             for key, (low, high) in self.stream.items()

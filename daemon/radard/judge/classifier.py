@@ -51,9 +51,8 @@ class Classifier:
         options.add_session_config_entry("session.intra_op.allow_spinning", "0")
         options.log_severity_level = 3
         try:
-            self._session = ort.InferenceSession(
-                bundle.onnx, options, providers=["CPUExecutionProvider"]
-            )
+            own = ["CPUExecutionProvider"]
+            self._session = ort.InferenceSession(bundle.onnx, options, providers=own)
         except Exception as err:
             msg = f"model '{bundle.name}': onnxruntime cannot load it: {err}"
             raise ModelMismatch(msg) from err

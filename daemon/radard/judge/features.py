@@ -19,7 +19,7 @@ from radard.dsp.cadence import cadence_velocity_diagram, extent_profile, type1_v
 from radard.dsp.columns import SharedSteps
 from radard.dsp.doppler import StreamingDoppler
 from radard.dsp.range_time import RangeTimeMap
-from radard.dsp.velocity import CPI_S, VelocityTransform
+from radard.dsp.velocity import CPI_S
 from radard.errors import FeatureError, ModelMismatch
 from radard.judge.installation import INSTALLATION, N_INSTALLATION, installation
 from radard.judge.velocity_map import VelocityGrid, busiest_rows, shown
@@ -131,8 +131,7 @@ class FeatureSettings:
 Features = Mapping[str, NDArray[np.float32]]
 """What is known of one dwell: what was asked for, by its name in `FEATURES`."""
 THESIS_FEATURES = ("thesis_type1", "thesis_type2")
-VELOCITY_FEATURES = ("velocity_time", "velocity_time_medium", "velocity_time_long")
-MAP_FEATURES = (*VELOCITY_FEATURES, "range_time")
+MAP_FEATURES = ("velocity_time", "velocity_time_medium", "velocity_time_long", "range_time")
 FEATURES = (*THESIS_FEATURES, *MAP_FEATURES, INSTALLATION)
 """Every feature that a network may ask for."""
 PLUGGED = "radard.features"  # the group of entry points with further ones (`FeatureMaker`)
@@ -180,13 +179,36 @@ class FeatureStream:
     """
 
     def __init__(self, settings: FeatureSettings, names: tuple[str, ...]) -> None:
-        self._settings = settings
-        self._names = names
-        self._streams: _Streams | None = None
-        self._end_frame = 0
-        own = (name for name in names if name not in FEATURES)
-        found = ((name, find_plugin(PLUGGED, name)) for name in own)
+        self._settings, self._names = settings, names
+        self._grids = settings.velocity_grids()
+        self._end_frame: int | None = None
+        found = ((name, find_plugin(PLUGGED, name)) for name in names if name not in FEATURES)
         self._plugged = {name: plugin for name, plugin in found if plugin is not None}
+
+    def _begin(self, dwell: Dwell) -> None:
+        """Make the maps that some features need, which are fed together."""
+        settings, n_keep = self._settings, len(dwell.frames)
+        for name in self._names:
+            feature_shape(name, settings)
+        wanted = (name for name in self._names if name in self._grids)
+        self._velocity = {name: self._grids[name].transform(dwell) for name in wanted}
+        self._doppler = self._ranges = None
+        if not set(THESIS_FEATURES).isdisjoint(self._names):
+            self._doppler = StreamingDoppler(settings.n_cpi, n_keep=n_keep)
+        if "range_time" in self._names:
+            is_fixed = settings.range_window == "fixed"
+            self._ranges = RangeTimeMap(
+                dwell.axis,
+                max(4, round(CPI_S * dwell.frame_rate_hz)),
+                cell_m=settings.cell_m,
+                near_m=settings.near_m if is_fixed else None,
+                far_m=settings.far_m if is_fixed else None,
+                n_keep=n_keep,
+            )
+        made = (self._doppler, self._ranges, *self._velocity.values())
+        fed = [each for each in made if each is not None]
+        # Plug-ins alone share nothing.
+        self._shared = SharedSteps(*fed) if fed else None
 
     def extract(self, dwell: Dwell, known: NDArray[np.float32] | None = None) -> Features:
         """Return one dwell's features, `known` of the installation; FeatureError if too short."""
@@ -195,25 +217,24 @@ class FeatureStream:
         n_columns = n_slow - settings.n_cpi + 1
         if n_columns < 1:
             raise FeatureError(f"{n_slow} frames cannot fill a CPI of {settings.n_cpi}")
-        n_new = dwell.end_frame - self._end_frame
-        streams = self._streams
-        if streams is None or not 0 < n_new < n_slow:
-            self._streams = streams = _Streams(settings, self._names, dwell)
+        n_new = 0 if self._end_frame is None else dwell.end_frame - self._end_frame
+        if not 0 < n_new < n_slow:
+            self._begin(dwell)
             n_new = n_slow
-        if streams.shared is not None:
-            streams.shared.push(dwell.frames[-n_new:], dwell.valid[-n_new:])
+        if self._shared is not None:
+            self._shared.push(dwell.frames[-n_new:], dwell.valid[-n_new:])
         self._end_frame = dwell.end_frame
         inputs = {INSTALLATION: installation(dwell.frame_rate_hz) if known is None else known}
-        if streams.doppler is not None:
-            diagram = cadence_velocity_diagram(_spectrogram(streams.doppler, n_columns))
+        if self._doppler is not None:
+            diagram = cadence_velocity_diagram(_spectrogram(self._doppler, n_columns))
             inputs["thesis_type1"] = type1 = type1_vector(diagram, settings.n_cadence)
             if "thesis_type2" in self._names:
                 profile = extent_profile(dwell.frames, settings.n_cpi, settings.n_profile)
                 inputs["thesis_type2"] = np.concatenate([profile, type1])
-        for name, transform in streams.velocity.items():
-            inputs[name] = streams.grids[name].read(transform)
-        if streams.ranges is not None:
-            power, valid = streams.ranges.cells(
+        for name, transform in self._velocity.items():
+            inputs[name] = self._grids[name].read(transform)
+        if self._ranges is not None:
+            power, valid = self._ranges.cells(
                 dwell.frame_rate_hz, cell_s=settings.cell_s, n_cells=settings.n_cells
             )
             if settings.range_window == "target":
@@ -233,37 +254,6 @@ def _plugged_feature(
         has = f"{made.dtype} {made.shape}" if isinstance(made, np.ndarray) else type(made).__name__
         raise FeatureError(f"{plugin.about}: gives {has}, not float32 {shape}")
     return made
-
-
-class _Streams:
-    """The maps that some features need, fed together."""
-
-    def __init__(self, settings: FeatureSettings, names: tuple[str, ...], dwell: Dwell) -> None:
-        n_keep = len(dwell.frames)
-        rate_hz = dwell.frame_rate_hz
-        self.doppler: StreamingDoppler | None = None
-        self.grids = settings.velocity_grids()
-        self.velocity: dict[str, VelocityTransform] = {
-            name: self.grids[name].transform(dwell) for name in names if name in self.grids
-        }
-        self.ranges: RangeTimeMap | None = None
-        for name in names:
-            feature_shape(name, settings)
-        if not set(THESIS_FEATURES).isdisjoint(names):
-            self.doppler = StreamingDoppler(settings.n_cpi, n_keep=n_keep)
-        if "range_time" in names:
-            self.ranges = RangeTimeMap(
-                dwell.axis,
-                max(4, round(CPI_S * rate_hz)),
-                cell_m=settings.cell_m,
-                near_m=settings.near_m if settings.range_window == "fixed" else None,
-                far_m=settings.far_m if settings.range_window == "fixed" else None,
-                n_keep=n_keep,
-            )
-        others = (s for s in (self.doppler, self.ranges) if s is not None)
-        made = (*others, *self.velocity.values())
-        # Plug-ins alone share nothing.
-        self.shared = SharedSteps(*made) if made else None
 
 
 def _spectrogram(doppler: StreamingDoppler, n_columns: int) -> NDArray[np.float32]:

@@ -5,8 +5,10 @@ that changes is what the part stood for. M. D. Zeiler and R. Fergus, "Visualizin
 Understanding Convolutional Networks", ECCV 2014, section 4.2.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise, product
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,24 +34,21 @@ class Seen:
 
 @dataclass(frozen=True, slots=True)
 class MapView:
-    """A map at `at` in the flat input `feature`, down columns or rows, with its axes."""
+    """A map at `at` in the flat input `feature`, with its axes."""
 
     name: str
     feature: str
     at: slice
     shape: tuple[int, int]
-    is_by_column: bool
+    order: Literal["C", "F"]  # by rows or down columns
     rows: NDArray[np.float64]
     row_unit: str
     columns: NDArray[np.float64]
     column_unit: str
 
     def of(self, inputs: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the map, a view where the values lie by row."""
-        flat = inputs.reshape(-1)[self.at]
-        if self.is_by_column:
-            return flat.reshape(self.shape[::-1]).T
-        return flat.reshape(self.shape)
+        """Return the map, a view of the input."""
+        return inputs.reshape(-1)[self.at].reshape(self.shape, order=self.order)
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,49 +67,36 @@ def map_views(settings: FeatureSettings, seen: Seen) -> Iterator[MapView]:
     """Yield the maps among the inputs of a network; a plug-in's feature has bins for axes."""
     grids = settings.velocity_grids()
     for name, values in seen.features.items():
-        whole = slice(0, values.size)
+        if name.startswith("thesis_type"):
+            yield from _thesis_views(name, settings, values.size)
+        if values.ndim != 2:
+            continue
+        rows, columns = (np.arange(n, dtype=np.float64) for n in values.shape)
+        row_unit, column_unit, cell_s = "row", "column", 0.0
         if name in grids:
-            grid = grids[name]
-            n_rows = len(values)
-            v = (np.arange(n_rows, dtype=np.float64) - n_rows // 2) * grid.step_mps
-            yield _timed(name, values.shape, (v, "m/s"), grid.cell_s)
+            rows = (rows - len(rows) // 2) * grids[name].step_mps
+            row_unit, cell_s = "m/s", grids[name].cell_s
         elif name == "range_time":
             is_fixed = settings.range_window == "fixed"
-            near_m = settings.near_m if is_fixed else 0.0
-            r = near_m + np.arange(len(values), dtype=np.float64) * settings.cell_m
-            unit = "m" if is_fixed else "m into the window"
-            yield _timed(name, values.shape, (r, unit), settings.cell_s)
-        elif name.startswith("thesis_type"):
-            yield from _thesis_views(name, settings, values.size)
-        elif values.ndim == 2:
-            axes = (np.arange(n, dtype=np.float64) for n in values.shape)
-            yield MapView(
-                name, name, whole, values.shape, False, next(axes), "row", next(axes), "column"
-            )
-
-
-def _timed(
-    name: str, shape: tuple[int, ...], axis: tuple[NDArray[np.float64], str], cell_s: float
-) -> MapView:
-    n_rows, n_columns = shape
-    ends_s = (np.arange(n_columns, dtype=np.float64) + 1 - n_columns) * cell_s
-    whole = slice(0, n_rows * n_columns)
-    return MapView(name, name, whole, (n_rows, n_columns), False, *axis, ends_s, "s")
+            rows = (settings.near_m if is_fixed else 0.0) + rows * settings.cell_m
+            row_unit, cell_s = "m" if is_fixed else "m into the window", settings.cell_s
+        if cell_s:
+            columns, column_unit = (columns + 1 - len(columns)) * cell_s, "s"
+        at = slice(0, values.size)
+        yield MapView(name, name, at, values.shape, "C", rows, row_unit, columns, column_unit)
 
 
 def _thesis_views(name: str, settings: FeatureSettings, size: int) -> Iterator[MapView]:
     m, n_cadence = settings.n_cpi, settings.n_cadence
     n_profile = size - m * n_cadence
     if n_profile:
-        row = np.zeros(1, np.float64)
-        bins = np.arange(n_profile, dtype=np.float64)
+        row, bins = np.zeros(1, np.float64), np.arange(n_profile, dtype=np.float64)
         at = slice(0, n_profile)
-        yield MapView("range profile", name, at, (1, n_profile), False, row, "", bins, "bin")
+        yield MapView("range profile", name, at, (1, n_profile), "C", row, "", bins, "bin")
     doppler = np.arange(m, dtype=np.float64) - m // 2
     cadence = np.arange(n_cadence, dtype=np.float64) / settings.dwell_s
-    at = slice(n_profile, size)
-    shape = (m, n_cadence)
-    yield MapView("cadence-velocity", name, at, shape, True, doppler, "Doppler bin", cadence, "Hz")
+    at, shape = slice(n_profile, size), (m, n_cadence)
+    yield MapView("cadence-velocity", name, at, shape, "F", doppler, "Doppler bin", cadence, "Hz")
 
 
 def occluded(
@@ -132,7 +118,7 @@ def occluded(
     return sorted(parts, key=lambda part: -abs(part.effect))
 
 
-def effects(parts: list[Part], view: MapView) -> NDArray[np.float64]:
+def effects(parts: Sequence[Part], view: MapView) -> NDArray[np.float64]:
     """Return the effect of every cell of a map, shape (n_rows, n_columns), float64."""
     out = np.zeros(view.shape)
     for part in parts:
@@ -142,13 +128,12 @@ def effects(parts: list[Part], view: MapView) -> NDArray[np.float64]:
 
 
 def _patches(shape: tuple[int, int]) -> Iterator[tuple[slice, slice]]:
-    edges = [
+    rows, columns = (
         np.linspace(0, n, min(n, most) + 1).round().astype(int).tolist()
         for n, most in zip(shape, _PATCHES, strict=True)
-    ]
-    for top, bottom in zip(edges[0], edges[0][1:], strict=False):
-        for left, right in zip(edges[1], edges[1][1:], strict=False):
-            yield slice(top, bottom), slice(left, right)
+    )
+    for row, column in product(pairwise(rows), pairwise(columns)):
+        yield slice(*row), slice(*column)
 
 
 def _log_odds(p: float) -> float:

@@ -20,7 +20,6 @@ from radard.stream.ring import Dwell
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 
 WEAKEST_COLUMN_DB = 25.0  # weaker columns stay dark: the maps' own depth
-
 Map = NDArray[np.float32]
 _MAX_SHARE = 0.75  # of a dwell, for a CPI: the rest is what its columns move over
 
@@ -88,15 +87,17 @@ class VelocityGrid:
 
     def transform(self, dwell: Dwell, column_rate_hz: float | None = None) -> VelocityTransform:
         """Return what makes the columns of a stream; FeatureError for bad settings."""
-        n_slow, n_mean = len(dwell.frames), self._n_mean(dwell)
+        axis, n_slow, n_mean, cpi_s = dwell.axis, len(dwell.frames), 1, self.cpi_s
+        if self.sampling:
+            enough_hz = self.sampling * 4 * axis.carrier_hz * self.max_mps / SPEED_OF_LIGHT_MPS
+            n_mean = max(1, int(dwell.frame_rate_hz / enough_hz))
         rate_hz = dwell.frame_rate_hz / n_mean
-        cpi_s = self.cpi_s
         if self.carrier_hz:
-            cpi_s *= self.carrier_hz / dwell.axis.carrier_hz
+            cpi_s *= self.carrier_hz / axis.carrier_hz
         most_s = _MAX_SHARE * n_slow / dwell.frame_rate_hz
         cpi_s = max(min(cpi_s, most_s), self.least_frames / rate_hz)
         return VelocityTransform(
-            dwell.axis,
+            axis,
             dwell.frame_rate_hz,
             max_mps=self.max_mps,
             step_mps=self.step_mps,
@@ -109,28 +110,12 @@ class VelocityGrid:
     def read(self, transform: VelocityTransform) -> NDArray[np.float32]:
         """Return the map, 0 to 1, of the dwell that ends with the last column; 0 where unknown."""
         rate_hz = transform.column_rate_hz
-        n = min(transform.n_columns, self._n_columns(rate_hz))
-        return self.picture(transform.columns(n), transform.columns_valid(n), rate_hz)
-
-    def picture(
-        self, columns: NDArray[np.float64], valid: NDArray[np.bool_], column_rate_hz: float
-    ) -> NDArray[np.float32]:
-        """Return the map of columns of linear power, shape (n_rows, n_columns), 0 to 1."""
-        n = min(len(valid), self._n_columns(column_rate_hz))
+        n = min(transform.n_columns, math.ceil(self.n_cells * self.cell_s * rate_hz) + 1)
         power, known = time_cells(
-            columns[:, len(valid) - n :],
-            valid[len(valid) - n :],
-            column_rate_hz,
+            transform.columns(n),
+            transform.columns_valid(n),
+            rate_hz,
             cell_s=self.cell_s,
             n_cells=self.n_cells,
         )
         return shown(power, known, self.depth_db)
-
-    def _n_mean(self, dwell: Dwell) -> int:
-        if not self.sampling:
-            return 1
-        enough_hz = self.sampling * 4 * dwell.axis.carrier_hz * self.max_mps / SPEED_OF_LIGHT_MPS
-        return max(1, int(dwell.frame_rate_hz / enough_hz))
-
-    def _n_columns(self, column_rate_hz: float) -> int:
-        return math.ceil(self.n_cells * self.cell_s * column_rate_hz) + 1

@@ -1,15 +1,31 @@
-"""`radard setup`: the whole installation, one file of it, or the coverage of a mount."""
+"""`radard setup`: the whole installation, one file of it, or the coverage of a mount.
+
+What was written is recorded in etc/radard/installed.json: each file with its SHA-256, each link
+and each folder that was not there. Uninstalling takes away exactly that; a file that was changed
+since stays, unless all is to go.
+"""
 
 import argparse
+import contextlib
+import hashlib
+import os
+import shutil
+import subprocess
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
+from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, BaseModel
 
 from radard.commands.setup import files
 from radard.commands.setup.coverage import CoverageOptions, coverage_table
-from radard.commands.setup.system import Installation, install_system, uninstall_system, write_file
+from radard.errors import ConfigError, NotAllowed, RadardError, UsageError
 from x2radar.command import Parser, new_parser
+from x2radar.errors import MissingExtra
+from x2radar.manual import completion, man_page
 
 _EXAMPLES = """\
 examples:
@@ -27,6 +43,15 @@ _AFTER = {
     "user": ("systemd-sysusers radard.conf",),
     "config": ("radard config check",),
 }
+RECORD_FILE = files.CONFIG_FOLDER / "installed.json"
+COMMANDS = {"radard": "radard", "x2radar": "x2radar", "train-export": "x2train"}
+"""The commands and the module behind each."""
+_COMPLETIONS = {
+    "bash": "usr/local/share/bash-completion/completions/{0}",
+    "zsh": "usr/local/share/zsh/site-functions/_{0}",
+}
+_PACKAGED = Path("usr/lib/systemd/system/radard.service")
+_CLOSED_HOMES = ("/home", "/root", "/run/user")  # what ProtectHome= hides (systemd.exec(5))
 
 
 def run(argv: Sequence[str]) -> int:
@@ -34,46 +59,37 @@ def run(argv: Sequence[str]) -> int:
     args = parser.parse_args(argv)
     if args.what is None and args.install == args.uninstall:
         parser.error(f"give --install, --uninstall, or one of {', '.join((*_AFTER, 'coverage'))}")
-    if args.what is None:
-        lines = _whole(args)
+    if args.uninstall and args.what is None:
+        lines = _uninstall(Path(args.root).resolve(), purge=args.purge)
+    elif args.what is None:
+        lines = _install(Path(args.root).resolve(), args.exec, args.port, args.name)
     elif args.what == "coverage":
         mount = CoverageOptions(**{f.name: getattr(args, f.name) for f in fields(CoverageOptions)})
         lines = iter(coverage_table(mount))
     else:
-        lines = _one(args, *_file_of(args))
+        lines = _one(args)
     for line in lines:
         print(line, flush=True)
     return 0
 
 
-def _whole(args: argparse.Namespace) -> Iterator[str]:
-    root = Path(args.root).resolve()
-    if args.uninstall:
-        return uninstall_system(root, purge=args.purge)
-    program = args.exec or files.own_program()
-    return install_system(Installation(root, program, args.port, args.name))
-
-
-def _file_of(args: argparse.Namespace) -> tuple[Path, str]:
+def _one(args: argparse.Namespace) -> Iterator[str]:
     match args.what:
         case "udev":
-            return files.UDEV_FILE, files.udev_rules(args.usb, args.serial)
+            path, text = files.UDEV_FILE, files.udev_rules(args.usb, args.serial)
         case "user":
-            return files.USER_FILE, files.shipped("radard.sysusers")
+            path, text = files.USER_FILE, files.shipped("radard.sysusers")
         case "systemd" if args.name:
-            return files.INSTANCE_FILE, files.systemd_instance_unit(args.exec)
+            path, text = files.INSTANCE_FILE, files.systemd_instance_unit(args.exec)
         case "systemd":
-            return files.UNIT_FILE, files.systemd_unit(args.exec, args.port)
+            path, text = files.UNIT_FILE, files.systemd_unit(args.exec, args.port)
         case _:
             path = files.CONFIG_FOLDER / f"{args.name or 'config'}.yaml"
-            return path, files.first_config(args.name, args.port)
-
-
-def _one(args: argparse.Namespace, path: Path, text: str) -> Iterator[str]:
+            text = files.first_config(args.name, args.port)
     if not args.install:
         yield text.removesuffix("\n")
         return
-    yield from write_file(Path(args.root) / path, text)
+    yield from _write(Path(args.root) / path, text)
     yield "now:"
     yield from (f"  {line}" for line in _AFTER[args.what])
 
@@ -86,7 +102,8 @@ def make_parser() -> Parser:
     add("--uninstall", action="store_true", help="undo it; settings that were changed stay")
     add("--purge", action="store_true", help="with --uninstall: settings, state and user go too")
     add("--root", default="/", metavar="DIR", help="root of the machine or image (/)")
-    add("--exec", type=Path, metavar="FILE", help="the radard to start (this one)")
+    own = Path(sys.prefix) / "bin" / "radard"
+    add("--exec", type=Path, default=own, metavar="FILE", help="the radard to start (this one)")
     add("--port", default=files.PORT, help=f"as for radard ({files.PORT})")
     add("--name", metavar="NAME", help="one more radar: radard@NAME, /etc/radard/NAME.yaml")
     whats = parser.add_subparsers(dest="what", metavar="udev|systemd|user|config|coverage")
@@ -121,3 +138,282 @@ def _sub(subs: "argparse._SubParsersAction[Parser]", name: str, text: str) -> Pa
         epilog=f"example:\n  radard setup {name}\n",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+
+
+def _is_live(root: Path) -> bool:
+    """Return whether this is the machine that runs now, under systemd."""
+    return root == Path("/") and Path("/run/systemd/system").is_dir()
+
+
+def _check_below(name: str) -> str:
+    if Path(name).is_absolute() or ".." in Path(name).parts:
+        raise ValueError("leaves the root folder")
+    return name
+
+
+Below = Annotated[str, AfterValidator(_check_below)]  # a path below the root
+
+
+class Record(BaseModel, extra="forbid"):
+    """What an installation has written, below its root."""
+
+    files: dict[Below, str] = {}  # SHA-256 of each file as it was written
+    links: dict[Below, str] = {}  # target of each link
+    folders: list[Below] = []  # made by us, outer before inner
+    units: list[str] = []  # switched on
+
+    @classmethod
+    def read(cls, root: Path) -> "Record":
+        """Return what is recorded below a root, empty if nothing is; ConfigError if damaged."""
+        path = root / RECORD_FILE
+        try:
+            return cls.model_validate_json(path.read_bytes()) if path.exists() else cls()
+        except (OSError, ValueError) as err:
+            raise ConfigError(f"{path}: is no record of an installation: {err}") from err
+
+
+def _install(root: Path, program: Path, port: str, name: str | None) -> Iterator[str]:
+    """Install all that is not there yet; yield what was done, and what is left to do.
+
+    `program` is the radard to start, as the machine below `root` sees it; `name` is that of
+    radard@NAME.service, None for radard.service.
+    """
+    _check(root, program, port, name)
+    record = Record.read(root)
+    left: list[str] = []
+    texts = {
+        files.UDEV_FILE: files.udev_rules(),
+        files.UNIT_FILE: files.systemd_unit(program, files.PORT if name else port),
+        files.INSTANCE_FILE: files.systemd_instance_unit(program),
+        files.FAILED_FILE: files.shipped("radard-failed@.service"),
+    }
+    if name and (root / files.UNIT_FILE).exists():
+        # A second radar must not put the first one's port back.
+        del texts[files.UNIT_FILE]
+    config = files.CONFIG_FOLDER / f"{name or 'config'}.yaml"
+    try:
+        with _refusals(root):
+            yield from _put(root, record, files.USER_FILE, files.shipped("radard.sysusers"))
+            yield from _make_user(root, left)
+            for path, text in texts.items():
+                yield from _put(root, record, path, text)
+            if (root / config).exists():
+                yield f"{root / config}: stays as it is"
+            else:
+                yield from _put(root, record, config, files.first_config(name, port))
+            yield from _make_state(root, record, name)
+            yield from _put_commands(root, record, program)
+            yield from _switch_on(root, record, name, left)
+    finally:
+        with contextlib.suppress(OSError):
+            (root / files.CONFIG_FOLDER).mkdir(parents=True, exist_ok=True)
+            text = record.model_dump_json(indent=1) + "\n"
+            (root / RECORD_FILE).write_text(text, encoding="utf-8")
+    if left:
+        yield "left to do:"
+        yield from (f"  {line}" for line in left)
+
+
+def _uninstall(root: Path, *, purge: bool) -> Iterator[str]:
+    """Take away what `_install` wrote; UsageError if nothing is recorded there."""
+    if not (root / RECORD_FILE).exists():
+        msg = f"{root / RECORD_FILE}: not there: nothing that radard setup --install has made"
+        raise UsageError(msg)
+    record = Record.read(root)
+    is_live = _is_live(root)
+    with _refusals(root):
+        for unit in record.units:
+            now = ("--now",) if is_live else ()
+            yield from _ran([*_systemctl(root), "disable", *now, unit], needed=False)
+        kept = yield from _remove_files(root, record, purge=purge)
+        if purge:
+            yield from _remove_state(root, record)
+        (root / RECORD_FILE).unlink()
+        for folder in reversed(record.folders):
+            with contextlib.suppress(OSError):  # somebody else's files are in it
+                (root / folder).rmdir()
+        if is_live:
+            yield from _ran(["systemctl", "daemon-reload"], needed=False)
+            yield from _ran(["udevadm", "control", "--reload"], needed=False)
+    for path in kept:
+        yield f"{path}: kept, because it was changed since; --purge takes it away"
+    if not purge:
+        yield f"{root / files.STATE_FOLDER}, the user radard: kept; --purge takes them away"
+
+
+def _check(root: Path, program: Path, port: str, name: str | None) -> None:
+    if (root / _PACKAGED).exists():
+        msg = f"{root / _PACKAGED}: radard is installed as a package; nothing is left to do"
+        raise UsageError(msg)
+    # Refuse them before anything is written.
+    files.systemd_unit(program, port)
+    files.first_config(name, port)
+    here = root / program.relative_to("/")
+    if not os.access(here, os.X_OK):
+        raise UsageError(f"{here}: no such program; name the radard to start with --exec")
+    seen = [program]
+    if root == Path("/"):
+        seen += [here.resolve(), Path(sys.executable).resolve()]
+    for path in seen:
+        if any(path.is_relative_to(home) for home in _CLOSED_HOMES):
+            msg = f"{path}: a service does not see home folders; install radard below /opt "
+            msg += "(docs/install.md)"
+            raise UsageError(msg)
+
+
+def _put(root: Path, record: Record, path: Path, text: str) -> Iterator[str]:
+    """Write a file and record it; one of somebody else's is kept beside it."""
+    _make_folder(root, record, path.parent)
+    yield from _write(root / path, text, keep=str(path) not in record.files)
+    record.files[str(path)] = hashlib.sha256(text.encode()).hexdigest()
+
+
+def _write(path: Path, text: str, *, keep: bool = True) -> Iterator[str]:
+    """Write a file of the system, and yield what was done; an older one is kept beside it."""
+    with _refusals(path):
+        old = path.read_text(encoding="utf-8") if path.exists() else None
+        if old == text:
+            yield f"{path}: is there already"
+            return
+        if old is not None and keep:
+            kept = path.with_name(path.name + ".old")
+            path.replace(kept)
+            yield f"{kept}: the file that was there"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+        path.chmod(0o644)
+    yield f"{path}: written"
+
+
+@contextlib.contextmanager
+def _refusals(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except PermissionError as err:
+        raise NotAllowed(f"{err.filename or path}: only root may write it; use sudo") from err
+    except OSError as err:
+        msg = f"{err.filename or path}: cannot be written: {err.strerror or err}"
+        raise RadardError(msg) from err
+
+
+def _make_folder(root: Path, record: Record, folder: Path, mode: int = 0o755) -> None:
+    for each in reversed((folder, *folder.parents)):
+        if each.parts and not (root / each).is_dir():
+            (root / each).mkdir(mode=mode if each == folder else 0o755)
+            record.folders.append(str(each))
+
+
+def _make_user(root: Path, left: list[str]) -> Iterator[str]:
+    if _user_id(root) is not None:
+        yield "user radard: is there already"
+    elif shutil.which("systemd-sysusers"):
+        yield from _ran(["systemd-sysusers", f"--root={root}", "radard.conf"])
+    else:
+        left.append("systemd-sysusers radard.conf        on the machine itself: makes the user")
+
+
+def _user_id(root: Path) -> tuple[int, int] | None:
+    """Return user and group id of radard on the machine below a root; None without a user."""
+    with contextlib.suppress(OSError):
+        for line in (root / "etc/passwd").read_text(encoding="utf-8").splitlines():
+            name, *parts = line.split(":")
+            if name == "radard":
+                return int(parts[1]), int(parts[2])
+    return None
+
+
+def _make_state(root: Path, record: Record, name: str | None) -> Iterator[str]:
+    folder = files.STATE_FOLDER.with_name(f"radard-{name}" if name else "radard")
+    path = root / folder
+    if path.is_dir():
+        yield f"{path}: is there already"
+        return
+    _make_folder(root, record, folder, 0o700)
+    if (ids := _user_id(root)) and os.geteuid() == 0:
+        os.chown(path, *ids)
+    yield f"{path}: made"
+
+
+def _put_commands(root: Path, record: Record, radard: Path) -> Iterator[str]:
+    """Put each command that works where shells find it, with its man page and completion."""
+    for command, module in COMMANDS.items():
+        program = radard.with_name(command)
+        try:
+            parser: Parser = import_module(f"{module}.cli").whole_parser()
+        except (ModuleNotFoundError, SystemExit):
+            continue  # for want of an extra
+        if not os.access(root / program.relative_to("/"), os.X_OK):
+            continue
+        page = Path(f"usr/local/share/man/man1/{command}.1")
+        yield from _put(root, record, page, man_page(parser))
+        for shell, place in _COMPLETIONS.items():
+            with contextlib.suppress(MissingExtra):
+                script = completion(parser, shell)
+                yield from _put(root, record, Path(place.format(command)), script)
+        link = Path("usr/local/bin", command)
+        if program == Path("/") / link or os.path.lexists(root / link):
+            continue
+        _make_folder(root, record, link.parent)
+        (root / link).symlink_to(program)
+        record.links[str(link)] = str(program)
+        yield f"{root / link}: link to {program}"
+
+
+def _switch_on(root: Path, record: Record, name: str | None, left: list[str]) -> Iterator[str]:
+    unit = f"radard@{name}.service" if name else files.UNIT_FILE.name
+    if unit not in record.units:
+        record.units.append(unit)
+    if not shutil.which("systemctl"):
+        left.append(f"systemctl enable {unit}")
+        return
+    if _is_live(root):
+        yield from _ran(["udevadm", "control", "--reload"], needed=False)
+        yield from _ran(["udevadm", "trigger", "--subsystem-match=tty"], needed=False)
+        yield from _ran(["systemctl", "daemon-reload"])
+        yield from _ran(["systemctl", "enable", "--now", unit])
+    else:
+        yield from _ran([*_systemctl(root), "enable", unit])
+        left.append(f"start the machine, or: systemctl daemon-reload; systemctl start {unit}")
+
+
+def _systemctl(root: Path) -> list[str]:
+    return ["systemctl"] if root == Path("/") else ["systemctl", f"--root={root}"]
+
+
+def _ran(argv: Sequence[str], *, needed: bool = True) -> Iterator[str]:
+    """Run a command of the system; raises RadardError if one that is needed fails."""
+    if shutil.which(argv[0]) is None and not needed:
+        return
+    done = subprocess.run(argv, capture_output=True, text=True, check=False)  # noqa: S603 - ours
+    line = " ".join(argv)
+    if done.returncode != 0 and needed:
+        msg = f"{line}: {' '.join(done.stderr.split()) or f'exit code {done.returncode}'}"
+        raise RadardError(msg)
+    yield f"ran: {line}" + ("" if done.returncode == 0 else " (failed)")
+
+
+def _remove_files(root: Path, record: Record, *, purge: bool) -> Any:
+    """Remove files and links, yielding each; return those that stay."""
+    links = ((root / name, target) for name, target in record.links.items())
+    ours = [path for path, to in links if path.is_symlink() and str(path.readlink()) == to]
+    kept: list[Path] = []
+    for name, digest in record.files.items():
+        if (path := root / name).is_file():
+            is_same = hashlib.sha256(path.read_bytes()).hexdigest() == digest
+            (ours if is_same or purge else kept).append(path)
+    for path in ours:
+        path.unlink()
+        yield f"{path}: removed"
+    return kept
+
+
+def _remove_state(root: Path, record: Record) -> Iterator[str]:
+    names = [unit.partition("@")[2].removesuffix(".service") for unit in record.units]
+    for name in ["radard", *(f"radard-{name}" for name in names if name)]:
+        folder = root / files.STATE_FOLDER.with_name(name)
+        if folder.is_dir():
+            shutil.rmtree(folder)
+            yield f"{folder}: removed"
+    if _user_id(root) is not None:
+        where = () if root == Path("/") else ("--prefix", str(root))
+        yield from _ran(["userdel", *where, "radard"], needed=False)

@@ -2,7 +2,6 @@
 
 import json
 import re
-import sys
 from importlib import resources
 from pathlib import Path
 
@@ -16,7 +15,6 @@ USER_FILE = Path("etc/sysusers.d/radard.conf")
 CONFIG_FOLDER = Path("etc/radard")
 STATE_FOLDER = Path("var/lib/radard")
 PORT = "/dev/x2radar"  # the name that the udev rules give a module
-_CONFIG = "/etc/radard/config.yaml"
 _USB_ID = re.compile(r"[0-9a-f]{4}:[0-9a-f]{4}")
 _SERIAL = re.compile(r"[A-Za-z0-9._-]{1,64}")
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
@@ -43,36 +41,28 @@ def udev_rules(usb_id: str | None = None, serial: str | None = None) -> str:
     return text.replace(mark, f"# The adapter that was named.\n{rule}\n{mark}", 1)
 
 
-def own_program() -> Path:
-    """Return the `radard` of the installation that runs."""
-    return Path(sys.prefix) / "bin" / "radard"
-
-
-def systemd_unit(program: Path | None = None, port: str = PORT) -> str:
+def systemd_unit(program: Path, port: str = PORT) -> str:
     """Return the systemd unit for a program and a port."""
-    return _with_start(_program_words(program), "--port", port, "--wait", "--config", _CONFIG)
+    return _with_start(program, "--port", port, "--wait", "--config", "/etc/radard/config.yaml")
 
 
-def systemd_instance_unit(program: Path | None = None) -> str:
+def systemd_instance_unit(program: Path) -> str:
     """Return the unit radard@.service: one process for each /etc/radard/NAME.yaml."""
-    text = _with_start(_program_words(program), "--wait", "--config", "/etc/radard/%i.yaml")
+    text = _with_start(program, "--wait", "--config", "/etc/radard/%i.yaml")
     text = text.replace("Description=radard radar alarm", "Description=radard radar alarm: %i", 1)
     return re.sub(r"(?m)^(State|Runtime)Directory=radard$", r"\1Directory=radard-%i", text)
 
 
 def first_config(name: str | None = None, port: str = PORT) -> str:
     """Return a configuration to begin with; for `name`, that of radard@name.service."""
-    if name is None:
-        head = _HEAD.format(what="the service radard.service", keys="")
-    else:
+    unit, keys, out = "the service radard.service", "", "http://127.0.0.1:8434"
+    if name is not None:
         if not _NAME.fullmatch(name):
             raise UsageError(f"--name '{name}': must be letters, digits, - and _ only")
-        quoted = json.dumps(port, ensure_ascii=False)
-        head = _HEAD.format(
-            what=f"radard@{name}.service", keys=_KEYS.format(name=name, port=quoted)
-        )
-    out = "http://127.0.0.1:8434" if name is None else f"store:/var/lib/radard-{name}/radard.db"
+        unit, out = f"radard@{name}.service", f"store:/var/lib/radard-{name}/radard.db"
+        keys = _KEYS.format(name=name, port=json.dumps(port, ensure_ascii=False))
     built_in = re.sub(r"(?m)^(?=[^#\n])", "#", shipped("config.yaml"))
+    head = _HEAD.format(what=unit, keys=keys)
     return f'{head}output: ["{out}"]\n\n# What can be set, as it is built in:\n\n{built_in}'
 
 
@@ -92,19 +82,13 @@ def shipped(name: str) -> str:
     return (resources.files("radard.units") / name).read_text(encoding="utf-8")
 
 
-def _program_words(program: Path | None) -> str:
-    program = program or own_program()
+def _with_start(program: Path, *words: str) -> str:
+    """Return the shipped unit with another command to start; %i stands for itself."""
     if not program.is_absolute():
         raise UsageError(f"--exec '{program}': must be a whole path, as systemd wants it")
-    return str(program)
-
-
-def _with_start(*words: str) -> str:
-    """Return the shipped unit with another command to start; %i stands for itself."""
-    line = "ExecStart=" + " ".join(_unit_word(word) for word in words)
+    line = "ExecStart=" + " ".join(map(_unit_word, (str(program), *words)))
     line = line.replace("%%i.yaml", "%i.yaml")
-    text = shipped("radard.service")
-    return re.sub(r"^ExecStart=.*$", lambda _: line, text, count=1, flags=re.MULTILINE)
+    return re.sub(r"(?m)^ExecStart=.*$", lambda _: line, shipped("radard.service"), count=1)
 
 
 def _unit_word(word: str) -> str:

@@ -6,7 +6,7 @@ import { card, download, fixed, h, replace, setText } from "../ui.js";
 const CELL_M = 0.5;
 // As `radard walktest`: between sightings so far apart, nobody knows where the walker was.
 const LONGEST_GAP_S = 10;
-// The rule of radard/commands/walk_report.py: so many of the decisions in a stretch see the walker
+// The rule of radard/commands/walktest.py: so many of the decisions in a stretch see the walker
 // and take them for a person, and nobody passes through it unseen.
 const MIN_SEEN = 0.9;
 const MIN_HUMAN = 0.5;
