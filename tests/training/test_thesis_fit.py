@@ -71,22 +71,23 @@ def test_errors_against_their_formulas():
     assert output_error(one, y, "cross-entropy") == pytest.approx(entropy)
 
 
-def test_scalings():
+def test_scalings(monkeypatch):
+    monkeypatch.setattr("x2train.thesis.fit._TYPE1", 6)
     x = np.random.default_rng(0).random((300, 10)).astype(np.float32) * 0.01
     x[:, 9] = 0.5  # never changes
-    mean, scale = scaling_of(x, "none", 6)
+    mean, scale = scaling_of(x, "none")
     assert not mean.any()
     assert (scale == 1).all()
-    mean, scale = scaling_of(x, "each", 6)
+    mean, scale = scaling_of(x, "each")
     z = (x - mean) * scale
     assert np.abs(z[:, :9].std(axis=0) - 1).max() < 1e-3
     assert not z[:, 9].any()
-    mean, scale = scaling_of(x, "block", 6)
+    mean, scale = scaling_of(x, "block")
     assert np.mean((x * scale)[:, :4] ** 2) == pytest.approx(1, rel=1e-5)
     assert np.mean((x * scale)[:, 4:] ** 2) == pytest.approx(1, rel=1e-5)
     assert np.unique(scale).size == 2
     for how in ("each", "block"):
-        assert np.isfinite(scaling_of(np.zeros((4, 8), np.float32), how, 3)[1]).all()
+        assert np.isfinite(scaling_of(np.zeros((4, 8), np.float32), how)[1]).all()
 
 
 @pytest.mark.parametrize(
@@ -161,5 +162,3 @@ def test_settings_that_make_no_sense_are_all_named_in_one_line(wrong, says):
     with pytest.raises(UsageError, match=says) as caught:
         fit_settings("sigmoid", **wrong)
     assert "\n" not in str(caught.value)
-    with pytest.raises(UsageError, match="all must be 1 or more"):
-        RepeatedMlp(1, (3, -1, 2), "relu", seed=0)

@@ -99,26 +99,16 @@ def _classifier(model: str) -> Classifier:
     return Classifier(load_bundle(model))
 
 
-def decisions(
-    played: Passage, model: str, policy: str = "", *, judges_tracks: bool = True
-) -> list[Decision]:
+def decisions(played: Passage, model: str, policy: str = "") -> list[Decision]:
     """Return what radard decides on a passage, by a bundle's name or path."""
     radar = played.site.radar
-    pipeline = pipeline_for(radar, model, policy, judges_tracks=judges_tracks)
+    pipeline = pipeline_for(radar, model, with_policy(Config(), policy))
     return [pipeline.decide(each) for each in dwells(pipeline, played.frames, radar.axis())]
 
 
-def pipeline_for(
-    radar: Radar,
-    model: str,
-    policy: str = "",
-    *,
-    judges_tracks: bool = False,
-    config: Config | None = None,
-) -> Pipeline:
-    """Return the daemon's pipeline for a radar's frames."""
-    config = with_policy(config or Config(), policy)
-    return Pipeline(radar.stream(), config, _classifier(model), judges_tracks=judges_tracks)
+def pipeline_for(radar: Radar, model: str, config: Config) -> Pipeline:
+    """Return the daemon's pipeline for a radar's frames, without tracks: a quarter of its time."""
+    return Pipeline(radar.stream(), config, _classifier(model), judges_tracks=False)
 
 
 def with_policy(config: Config, policy: str) -> Config:
@@ -142,18 +132,14 @@ def judged(
     played: Passage, suite: Suite, model: str, policy: str = "", build: str = ""
 ) -> Columns:
     """Return a passage with its truth and all decisions on it."""
-    # A table has no columns of tracks, and they take a quarter of the time.
-    made = decisions(played, model, policy, judges_tracks=False)
-    rate_hz = played.site.radar.frame_rate_hz
-    label = played.cast[0].label if played.cast else "empty"
     return from_decisions(
-        made,
+        decisions(played, model, policy),
         family=" with ".join(f.name for f in played.cast) or "empty room",
-        label=label,
+        label=played.cast[0].label if played.cast else "empty",
         split=suite.split,
         suite=suite.name,
         build=build,
-        duration_s=len(played.frames) / rate_hz,
+        duration_s=len(played.frames) / played.site.radar.frame_rate_hz,
         **in_view(played),
     )
 
@@ -161,22 +147,20 @@ def judged(
 def in_view(played: Passage) -> dict[str, float]:
     """Return when the first body is in view, and what it is like then; empty if it never is."""
     rate_hz, truth = played.site.radar.frame_rate_hz, played.truth
-    facts: dict[str, float] = {}
-    if played.cast:
-        seen = truth.snr_db[:, 0] > _IN_VIEW_DB
-        if seen.sum() >= _MIN_S * rate_hz:
-            first, last = np.flatnonzero(seen)[[0, -1]]
-            speed = truth.speed_mps[seen, 0]
-            share = np.abs(truth.velocity_mps[seen, 0]) / np.maximum(speed, 0.05)
-            facts = {
-                "enters_s": float(first / rate_hz),
-                "leaves_s": float(last / rate_hz),
-                "speed_mps": float(speed.mean()),
-                "range_m": float(truth.range_m[seen, 0].mean()),
-                "aspect_deg": float(np.degrees(np.arccos(np.clip(share.mean(), 0, 1)))),
-                "snr_db": float(truth.snr_db[seen, 0].mean()),
-            }
-    return facts
+    seen = truth.snr_db[:, :1].ravel() > _IN_VIEW_DB
+    if seen.sum() < _MIN_S * rate_hz:
+        return {}
+    first, last = np.flatnonzero(seen)[[0, -1]]
+    speed = truth.speed_mps[seen, 0]
+    share = np.abs(truth.velocity_mps[seen, 0]) / np.maximum(speed, 0.05)
+    return {
+        "enters_s": float(first / rate_hz),
+        "leaves_s": float(last / rate_hz),
+        "speed_mps": float(speed.mean()),
+        "range_m": float(truth.range_m[seen, 0].mean()),
+        "aspect_deg": float(np.degrees(np.arccos(np.clip(share.mean(), 0, 1)))),
+        "snr_db": float(truth.snr_db[seen, 0].mean()),
+    }
 
 
 def replayed(reader: BlockReader, pipeline: Pipeline) -> Iterator[Decision]:

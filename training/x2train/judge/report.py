@@ -69,16 +69,15 @@ def write(
         "worst": _plain(here.worst),
         "other": None,
     }
-    there: Figures | None = None
+    against: tuple[PassageTable, Figures] | None = None
     if other is not None:
         _check_same(table, other)
         there = figures(other, seed)
+        against = other, there
         made["other"] = _plain({**there.content, "pairings": pairings(table, here, there, seed)})
         made["other"].pop("groups")
     text = json.dumps(made, indent=1, allow_nan=False) + "\n"
-    html = page(
-        made, table, here, None if other is None or there is None else (other, there), render
-    )
+    html = page(made, table, here, against, render)
     write_files(out_dir, {"report.json": text, "report.html": html})
     return made
 

@@ -31,6 +31,7 @@ _TRIAL = {"share": 0.01, "animal": "dog", "frame_rate": 60, "parts": "networks,o
 """What the page has beside its command: a minute of one core."""
 _ONE = {"animal": "dog", "frame_rate": 60, "vector": 2, "parts": "networks", "finetune": None}
 """One set whole: ten minutes."""
+_ELEMENTS = ("elements", "fresh")
 _MIN_ELEMENTS = 60  # of a share: three of each class evaluate
 
 
@@ -126,7 +127,7 @@ def _run(args: argparse.Namespace) -> int:
         workers=args.workers,
     )
     if args.bundle:
-        return _bundle(args, recipe, _command(given, "--bundle", f"models/{args.bundle.name}"))
+        return _bundle(args, recipe, given)
     jobs = list(_jobs(args, recipe, parts))
     results: list[CellResult] = []
     with progress() as bar:
@@ -148,8 +149,7 @@ def _run(args: argparse.Namespace) -> int:
     if args.publish:
         from x2train.thesis.pictures import publish  # noqa: PLC0415
 
-        trial = argparse.Namespace(**{**vars(given), **_TRIAL})
-        one = argparse.Namespace(**{**vars(given), **_ONE})
+        trial, one = (argparse.Namespace(**{**vars(given), **more}) for more in (_TRIAL, _ONE))
         commands = (
             _command(given, "--publish", f"docs/{args.publish.name}"),
             _command(trial, "--folder", "build/trial", "--publish", "build/trial.md"),
@@ -166,31 +166,28 @@ def _small(args: argparse.Namespace) -> argparse.Namespace:
     if args.share == 1:
         return args
     made = argparse.Namespace(**vars(args))
-    for names, least in (
-        (("elements", "fresh"), _MIN_ELEMENTS),
-        (("repeats", "epochs", "output_epochs", "own_epochs", "own_repeats"), 1),
-    ):
-        for name in names:
-            setattr(made, name, max(least, round(args.share * getattr(args, name))))
+    for name in (*_ELEMENTS, "repeats", "epochs", "output_epochs", "own_epochs", "own_repeats"):
+        least = _MIN_ELEMENTS if name in _ELEMENTS else 1
+        setattr(made, name, max(least, round(args.share * getattr(args, name))))
     epochs = _whole_numbers("--pretrain", args.pretrain)
     made.pretrain = ",".join(str(max(1, round(args.share * n))) for n in epochs)
     made.look_every = min(args.look_every, made.epochs)
     return made
 
 
-def _bundle(args: argparse.Namespace, recipe: "StudyRecipe", command: str) -> int:
+def _bundle(args: argparse.Namespace, recipe: "StudyRecipe", given: argparse.Namespace) -> int:
     """Write a bundle: of the type 2 vector of dogs and cats at 60 Hz, unless told otherwise."""
     from x2train.thesis.bundle import write_thesis_bundle  # noqa: PLC0415
-    from x2train.thesis.cells import Cell  # noqa: PLC0415
+    from x2train.thesis.sets import Cell  # noqa: PLC0415
 
     if args.rectified:
         raise UsageError("--rectified: the daemon makes no such profiles for a bundle")
     cell = Cell(args.vector or 2, args.animal or "pet", args.frame_rate or 60)
     variant = _variant(args, args.activation or "relu")
+    command = _command(given, "--bundle", f"models/{args.bundle.name}")
     with progress() as bar:
-        metrics = write_thesis_bundle(
-            args.bundle, recipe, cell, variant, stages(bar), command=command
-        )
+        tell = stages(bar)
+        metrics = write_thesis_bundle(args.bundle, recipe, cell, variant, tell, command=command)
     tell_bundle(args.bundle, metrics)
     return 0
 
@@ -209,19 +206,13 @@ def _jobs(
     args: argparse.Namespace, recipe: "StudyRecipe", parts: tuple[str, ...]
 ) -> Iterator["KeptJob"]:
     from x2train.thesis.fit import fit_settings  # noqa: PLC0415
-    from x2train.thesis.own import (  # noqa: PLC0415
-        RAW,
-        OwnJob,
-        OwnSettings,
-        RawJob,
-    )
+    from x2train.thesis.own import RAW, OwnJob, OwnSettings, RawJob  # noqa: PLC0415
     from x2train.thesis.recipe import Job, variants, wanted_cells  # noqa: PLC0415
     from x2train.thesis.sets import load_recordings  # noqa: PLC0415
 
     cells = tuple(wanted_cells(vector=args.vector, animal=args.animal, rate_hz=args.frame_rate))
     names = (args.activation,) if args.activation else ("relu", "sigmoid")
     plain = {name: _variant(args, name) for name in names}
-    first = next(iter(plain.values()))
     for cell in cells:
         # Validates the settings before anything is simulated.
         recipe.spec(cell.frame_rate_hz)
@@ -247,7 +238,7 @@ def _jobs(
         wanted = cells if "networks" in parts and not args.publish else (tried,)
         for cell in wanted:
             spec = recipe.spec(cell.frame_rate_hz)
-            named = replace(first, label=f"{first.label} retrained")
+            named = replace(plain[names[0]], label=f"{names[0]} retrained")
             yield Job(recipe, cell, named, load_recordings(args.finetune, spec, cell.vector))
 
 
@@ -266,20 +257,17 @@ def _variant(args: argparse.Namespace, activation: str) -> "Variant":
 
 
 def _fit_changes(args: argparse.Namespace) -> dict[str, Any]:
-    changes = {
+    names = (
+        *("error", "optimiser", "momentum", "batch", "decay", "averaging", "sparsity"),
+        *("scaling", "output_epochs", "epochs", "look_every", "patience", "repeats", "seed"),
+    )
+    return {
         "layers": _whole_numbers("--layers", args.layers),
         "pretrain_epochs": _whole_numbers("--pretrain", args.pretrain),
         "n_outputs": args.outputs,
         "learning_rate": args.rate,
+        **{name: value for name in names if (value := getattr(args, name)) is not None},
     }
-    for name in (
-        *("error", "optimiser", "momentum", "batch", "decay", "averaging", "sparsity"),
-        *("scaling", "output_epochs", "epochs", "look_every", "patience", "repeats", "seed"),
-    ):
-        value = getattr(args, name)
-        if value is not None:
-            changes[name] = value
-    return changes
 
 
 def _whole_numbers(option: str, text: str) -> tuple[int, ...]:

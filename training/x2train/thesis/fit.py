@@ -4,7 +4,8 @@ The version with the best score at any look is kept, repeat by repeat. The thesi
 larger cross-entropy, which is worse; we keep the smaller.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,7 +16,6 @@ from torch import nn
 
 from radard.errors import UsageError
 from x2train.thesis.mlp import (
-    ACTIVATIONS,
     RepeatedMlp,
     affine,
     code_penalty,
@@ -93,16 +93,12 @@ class FitSettings:
             raise UsageError("; ".join(faults))
 
 
-_LESS: Mapping[str, Mapping[str, Any]] = {
-    "sigmoid": {"scaling": "block", "decay": 0.1},
-    "tanh": {"scaling": "block", "decay": 0.1},
-}
-"""Where inputs of unit norm would leave every unit in the middle of its curve."""
-
-
 def fit_settings(activation: str, **changes: Any) -> FitSettings:
     """Return the settings that suit an activation, with changes; raises as `FitSettings`."""
-    return FitSettings(**{"activation": activation, **_LESS.get(activation, {}), **changes})
+    if activation != "relu":
+        # Inputs of unit norm would leave every unit in the middle of its curve.
+        changes = {"scaling": "block", "decay": 0.1, **changes}
+    return FitSettings(activation=activation, **changes)
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,26 +152,22 @@ def fit(
     L-BFGS trains repeat by repeat: its line search would tie them together. With `start` a
     training goes on from there, without the autoencoders (retraining on recordings).
     """
-    if settings.optimiser != "lbfgs" or settings.repeats == 1 or start is not None:
-        run = _Run(train, stop, settings, start)
+    each = [settings]
+    if settings.optimiser == "lbfgs" and start is None:
+        seeds = (settings.seed + _SEED_STRIDE * k for k in range(settings.repeats))
+        each = [replace(settings, repeats=1, seed=seed) for seed in seeds]
+    parts = []
+    for own in each:
+        run = _Run(train, stop, own, start)
         if start is None:
             yield from run.pretrain()
         yield from run.tune()
-        yield run.result()
-        return
-    parts: list[Fitted] = []
-    for k in range(settings.repeats):
-        own = replace(settings, repeats=1, seed=settings.seed + _SEED_STRIDE * k)
-        for step in fit(train, stop, own):
-            if isinstance(step, Fitted):
-                parts.append(step)
-            else:
-                yield step
-    yield _joined(parts)
+        parts.append(run.result())
+    yield _joined(parts, settings.repeats)
 
 
 def scaling_of(
-    x: NDArray[np.float32], how: str, n_type1: int = _TYPE1
+    x: NDArray[np.float32], how: str
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return what is taken from every input, and the factor on it; see `FitSettings`."""
     mean, scale = np.zeros(x.shape[1]), np.ones(x.shape[1])
@@ -185,15 +177,15 @@ def scaling_of(
         floor = 0.1 * np.median(sd[sd > 0]) if (sd > 0).any() else 1.0
         scale = np.where(sd > 0, 1 / np.maximum(sd, floor), 0.0)
     elif how == "block":
-        for part in (slice(0, -n_type1), slice(-n_type1, None)):
+        for part in (slice(0, -_TYPE1), slice(-_TYPE1, None)):
             power = np.mean(np.square(x[:, part], dtype=np.float64)) if x[:, part].size else 0.0
             scale[part] = power**-0.5 if power > 0 else 1.0
     return mean.astype(np.float32), scale.astype(np.float32)
 
 
-def _joined(parts: list[Fitted]) -> Fitted:
+def _joined(parts: list[Fitted], n_repeats: int) -> Fitted:
     first = parts[0]
-    net = RepeatedMlp(len(parts), first.net.sizes, first.net.activation, seed=0)
+    net = RepeatedMlp(n_repeats, first.net.sizes, first.net.activation, seed=0)
     states = [part.net.state_dict() for part in parts]
     net.load_state_dict({key: torch.cat([s[key] for s in states]) for key in states[0]})
     n_looks = max(len(part.scores) for part in parts)
@@ -229,8 +221,8 @@ class _Run:
             self.net.load_state_dict(start.net.state_dict())
         self.net.to(device)
         self.order = torch.Generator().manual_seed(s.seed + 1)
-        self.mean_net = RepeatedMlp(s.repeats, sizes, s.activation, seed=s.seed).to(device)
-        self.best = self._copy()
+        self.mean_net = deepcopy(self.net)
+        self.best = deepcopy(self.mean_net.state_dict())
         self.best_score = np.full(s.repeats, np.inf)
         self.steps = 0
         self.scores: list[list[float]] = []
@@ -239,30 +231,9 @@ class _Run:
     def pretrain(self) -> Iterator[Look]:
         """Train the autoencoders, then the output layer on their codes."""
         s, net = self.s, self.net
-        act = ACTIVATIONS[s.activation]()
         generator = torch.Generator().manual_seed(s.seed + 2)
         for k, epochs in enumerate(s.pretrain_epochs):
-            with torch.no_grad():
-                inputs = net.codes(self.x, k)
-            n_in, n_out = net.sizes[k], net.sizes[k + 1]
-            back = nn.Parameter(xavier((s.repeats, n_out, n_in), generator).to(self.x.device))
-            bias = nn.Parameter(torch.zeros(s.repeats, 1, n_in, device=self.x.device))
-            weights = [net.weights[k], net.biases[k], back, bias]
-
-            def loss(
-                part: torch.Tensor,
-                inputs: torch.Tensor = inputs,
-                k: int = k,
-                back: nn.Parameter = back,
-                bias: nn.Parameter = bias,
-            ) -> torch.Tensor:
-                given = inputs[..., part, :]
-                codes = act(affine(given, net.weights[k], net.biases[k]))
-                # The sum over inputs, not their mean: vectors have unit norm.
-                error = (affine(codes, back, bias) - given).square().sum(dim=2).mean(dim=1)
-                return error.sum() + s.sparsity * code_penalty(codes, s.activation)
-
-            yield from self._train(f"autoencoder {k + 1}", weights, loss, epochs)
+            yield from self._autoencode(k, epochs, generator)
         with torch.no_grad():
             codes = net.codes(self.x, len(s.layers))
 
@@ -273,6 +244,24 @@ class _Run:
         last = [net.weights[-1], net.biases[-1]]
         yield from self._train("output", last, output_loss, s.output_epochs)
 
+    def _autoencode(self, k: int, epochs: int, generator: torch.Generator) -> Iterator[Look]:
+        s, net = self.s, self.net
+        with torch.no_grad():
+            inputs = net.codes(self.x, k)
+        n_in, n_out = net.sizes[k], net.sizes[k + 1]
+        back = nn.Parameter(xavier((s.repeats, n_out, n_in), generator).to(self.x.device))
+        bias = nn.Parameter(torch.zeros(s.repeats, 1, n_in, device=self.x.device))
+        coder = (net.weights[k], net.biases[k])
+
+        def loss(part: torch.Tensor) -> torch.Tensor:
+            given = inputs[..., part, :]
+            codes = net.act(affine(given, *coder))
+            # The sum over inputs, not their mean: vectors have unit norm.
+            error = (affine(codes, back, bias) - given).square().sum(dim=2).mean(dim=1)
+            return error.sum() + s.sparsity * code_penalty(codes, s.activation)
+
+        yield from self._train(f"autoencoder {k + 1}", [*coder, back, bias], loss, epochs)
+
     def tune(self) -> Iterator[Look]:
         """Train the whole network, from look to look."""
         s = self.s
@@ -281,7 +270,12 @@ class _Run:
         for epoch in range(s.look_every, s.epochs + 1, s.look_every):
             if self._idle() >= s.patience:
                 return
-            self._tune(s.look_every)
+            if s.optimiser == "lbfgs":
+                self._line_search()
+            else:
+                weights = list(self.net.parameters())
+                for _ in self._train("whole", weights, self._loss, s.look_every, mean=True):
+                    pass
             yield self._look(epoch)
 
     def result(self) -> Fitted:
@@ -291,37 +285,27 @@ class _Run:
         scores, confidence = np.array(self.scores), np.array(self.confidence)
         return Fitted(self.net, self.mean, self.scale, scores, confidence)
 
-    def _tune(self, epochs: int) -> None:
-        def loss(part: torch.Tensor) -> torch.Tensor:
-            return output_error(self.net(self.x[part]), self.y[part], self.s.error)
+    def _loss(self, part: torch.Tensor) -> torch.Tensor:
+        return output_error(self.net(self.x[part]), self.y[part], self.s.error)
 
-        weights = list(self.net.parameters())
-        if self.s.optimiser == "lbfgs":
-            self._line_search(weights, loss, epochs)
-            self.mean_net.load_state_dict(self.net.state_dict())
-            return
-        for _ in self._train("whole", weights, loss, epochs, mean=True):
-            pass
-
-    def _line_search(
-        self,
-        weights: list[nn.Parameter],
-        loss: Callable[[torch.Tensor], torch.Tensor],
-        epochs: int,
-    ) -> None:
+    def _line_search(self) -> None:
         optimiser = torch.optim.LBFGS(
-            weights, max_iter=epochs, history_size=_LBFGS_MEMORY, line_search_fn="strong_wolfe"
+            self.net.parameters(),
+            max_iter=self.s.look_every,
+            history_size=_LBFGS_MEMORY,
+            line_search_fn="strong_wolfe",
         )
         everything = torch.arange(len(self.x))
 
         def closure() -> torch.Tensor:
             optimiser.zero_grad()
             penalty = torch.stack([w.square().sum() for w in self.net.weights]).sum()
-            value = loss(everything) + self.s.decay / 2 * penalty
+            value = self._loss(everything) + self.s.decay / 2 * penalty
             value.backward()  # type: ignore[no-untyped-call]
             return value
 
         optimiser.step(closure)  # type: ignore[no-untyped-call]
+        self.mean_net.load_state_dict(self.net.state_dict())
 
     def _train(
         self,
@@ -378,7 +362,7 @@ class _Run:
             gained = scores < self.best_score
             self.best_score = np.where(gained, scores, self.best_score)
             which = torch.from_numpy(np.flatnonzero(gained))
-            for name, value in self._copy().items():
+            for name, value in self.mean_net.state_dict().items():
                 self.best[name][which] = value[which]
         return Look("whole", epoch, self.s.epochs, tuple(self.scores[-1]))
 
@@ -386,6 +370,3 @@ class _Run:
         """Return how many looks have passed since any repeat was at its best."""
         trained = np.array(self.scores[1:])
         return 0 if not len(trained) else len(trained) - 1 - int(trained.argmin(axis=0).max())
-
-    def _copy(self) -> dict[str, torch.Tensor]:
-        return {k: v.detach().clone() for k, v in self.mean_net.state_dict().items()}

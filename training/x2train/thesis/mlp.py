@@ -10,8 +10,6 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from radard.errors import UsageError
-
 _SPARSE_TO = 0.05  # as usual for sparse autoencoders
 ACTIVATIONS: dict[str, type[nn.Module]] = {"relu": nn.ReLU, "sigmoid": nn.Sigmoid, "tanh": nn.Tanh}
 
@@ -19,8 +17,7 @@ ACTIVATIONS: dict[str, type[nn.Module]] = {"relu": nn.ReLU, "sigmoid": nn.Sigmoi
 def xavier(shape: tuple[int, ...], generator: torch.Generator) -> torch.Tensor:
     """Return weights of shape (..., n_in, n_out), uniform within sqrt(6 / (n_in + n_out))."""
     bound = (6.0 / (shape[-2] + shape[-1])) ** 0.5
-    drawn: torch.Tensor = torch.rand(shape, generator=generator)
-    weights: torch.Tensor = (drawn * 2 - 1) * bound
+    weights: torch.Tensor = (torch.rand(shape, generator=generator) * 2 - 1) * bound
     return weights
 
 
@@ -31,9 +28,8 @@ class RepeatedMlp(nn.Module):
         self, n_repeats: int, sizes: tuple[int, ...], activation: str, *, seed: int
     ) -> None:
         super().__init__()
-        if n_repeats < 1 or len(sizes) < 2 or min(sizes) < 1:
-            raise UsageError(f"layers {sizes} in {n_repeats} repeats: all must be 1 or more")
         self.activation = activation
+        self.act = ACTIVATIONS[activation]()
         self.sizes = sizes
         generator = torch.Generator().manual_seed(seed)
         pairs = list(pairwise(sizes))
@@ -46,9 +42,8 @@ class RepeatedMlp(nn.Module):
 
     def codes(self, x: torch.Tensor, depth: int) -> torch.Tensor:
         """Return the activations of hidden layer `depth`, shape (n_repeats, n, size)."""
-        act = ACTIVATIONS[self.activation]()
         for k in range(depth):
-            x = act(affine(x, self.weights[k], self.biases[k]))
+            x = self.act(affine(x, self.weights[k], self.biases[k]))
         return x
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:

@@ -19,12 +19,11 @@ from numpy.typing import NDArray
 from torch import nn
 from torch.nn import functional
 
-from x2train.thesis.cells import Cell
 from x2train.thesis.elements import ElementSpec, dwell
 from x2train.thesis.fit import FitSettings, fit
-from x2train.thesis.recipe import FRESH_FROM, KeptJob, Tell, last_of, with_stop
-from x2train.thesis.results import CellResult, judged, seen
-from x2train.thesis.sets import CellData, load_maps
+from x2train.thesis.recipe import FRESH_FROM, KeptJob, Tell, last_of, reached, with_stop
+from x2train.thesis.results import judged, seen
+from x2train.thesis.sets import Cell, CellData, load_maps
 
 Maps = dict[str, NDArray[np.float32]]
 OWN = "own"
@@ -141,37 +140,32 @@ class OwnJob(KeptJob):
         }
         return self.cell.name[2:], OWN, settings  # without its vector: D60
 
-    def _train(self, tell: Tell) -> CellResult:
+    def _train(self, tell: Tell) -> dict[str, Any]:
         recipe, s = self.recipe, self.settings
         spec = recipe.spec(self.cell.frame_rate_hz)
         recipe.make(spec, self.cell, tell)
         maps, data = load_maps(recipe.data, spec, self.cell, 0, recipe.n_elements)
         fresh_maps, fresh = load_maps(recipe.data, spec, self.cell, FRESH_FROM, recipe.n_fresh)
-        n_train = recipe.n_elements - recipe.n_evaluate
+        n_train = recipe.n_train
+        part = {name: values[:n_train] for name, values in maps.items()}
+        rest = {name: values[n_train:] for name, values in maps.items()}
         p_evaluate, p_fresh = [], []
         for k in range(s.repeats):
 
             def done(epochs: int, what: str = f"{self.cell.name[2:]} map network {k + 1}") -> None:
                 tell(what, epochs, s.epochs)
 
-            own = replace(s, seed=s.seed + k)
-            part = {name: values[:n_train] for name, values in maps.items()}
-            net = train_maps(part, data.y[:n_train], own, done)
-            rest = {name: values[n_train:] for name, values in maps.items()}
+            net = train_maps(part, data.y[:n_train], replace(s, seed=s.seed + k), done)
             p_evaluate.append(predict_maps(net, rest))
             p_fresh.append(predict_maps(net, fresh_maps))
-        name, label, settings = self._key
-        return CellResult(
-            name=name,
-            label=label,
-            best=0,
-            epochs=(s.epochs,) * s.repeats,
-            evaluation=judged(np.stack(p_evaluate), data.y[n_train:]),
-            fresh=judged(np.stack(p_fresh), fresh.y),
-            in_view=seen(fresh, np.stack(p_fresh)),
-            stopped_by="nothing: a fixed number of epochs",
-            settings=settings,
-        )
+        return {
+            "best": 0,
+            "epochs": (s.epochs,) * s.repeats,
+            "evaluation": judged(np.stack(p_evaluate), data.y[n_train:]),
+            "fresh": judged(np.stack(p_fresh), fresh.y),
+            "in_view": seen(fresh, np.stack(p_fresh)),
+            "stopped_by": "nothing: a fixed number of epochs",
+        }
 
 
 RAW = "raw frames"
@@ -191,16 +185,15 @@ class RawJob(KeptJob):
         settings = {"fit": asdict(self.fit), "decimation": _DECIMATION, **sizes}
         return self.cell.name, RAW, settings
 
-    def _train(self, tell: Tell) -> CellResult:
+    def _train(self, tell: Tell) -> dict[str, Any]:
         recipe = self.recipe
         spec = recipe.spec(self.cell.frame_rate_hz)
         whole = raw_frames(spec, self.cell, 0, recipe.n_elements, tell)
-        n_train = recipe.n_elements - recipe.n_evaluate
-        train, stop, stopped_by = with_stop(whole.part(0, n_train))
+        train, stop, stopped_by = with_stop(whole.part(0, recipe.n_train))
         fitted = last_of(fit(train, stop, self.fit), self.cell, tell)
-        evaluate = whole.part(n_train, recipe.n_elements)
+        evaluate = whole.part(recipe.n_train, recipe.n_elements)
         fresh = raw_frames(spec, self.cell, FRESH_FROM, recipe.n_fresh, tell)
-        return self._reached(fitted, self.fit.look_every, evaluate, fresh, stopped_by=stopped_by)
+        return reached(fitted, self.fit.look_every, evaluate, fresh, stopped_by)
 
 
 def raw_frames(spec: ElementSpec, cell: Cell, first: int, n: int, tell: Tell) -> CellData:
@@ -215,5 +208,4 @@ def raw_frames(spec: ElementSpec, cell: Cell, first: int, n: int, tell: Tell) ->
             rows.append(row / max(float(np.linalg.norm(row)), 1e-30))
             in_view.append(share)
         tell(f"frames of {cell.name[2:]}", k + 1, n // 2)
-    y = np.tile(np.array([0, 1], np.int64), n // 2)
-    return CellData(np.stack(rows), y, np.array(in_view, np.float32))
+    return CellData.in_turn(np.stack(rows), np.array(in_view, np.float32))

@@ -1,30 +1,24 @@
 """The recipe: data sets, trainings and switches of the thesis, each made once and kept."""
 
-import hashlib
+import json
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from radard.errors import UsageError
+from x2radar.atomic import write_whole
 from x2train.sets.workers import Crew
-from x2train.thesis.cells import CELLS, Cell
 from x2train.thesis.elements import ElementSpec
 from x2train.thesis.fit import FitSettings, Fitted, Look, fit
-from x2train.thesis.results import (
-    CellResult,
-    judged,
-    load_result,
-    result_path,
-    save_result,
-    seen,
-)
-from x2train.thesis.sets import CellData, load_cell, make_bodies
+from x2train.thesis.results import CellResult, judged, seen
+from x2train.thesis.sets import CELLS, Cell, CellData, load_cell, make_bodies
 
-_FRESH = 5000
 FRESH_FROM = 1_000_000  # number of the first fresh element: no training set reaches it
 _STOP_SHARE = 20  # one in so many training elements scores instead, when there are no recordings
 _SHORT_S = 2.0 - 27 / 60  # of columns that 2 s of frames make at 60 Hz, M = 28; 2.45 s make 2 s
@@ -97,7 +91,7 @@ class StudyRecipe:
 
     folder: Path  # of data, results and checkpoints
     n_elements: int = 5000  # of a data set; a tenth of it evaluates
-    n_fresh: int = _FRESH  # further elements that judge
+    n_fresh: int = 5000  # further elements that judge
     seed: int = 0
     # M and I alpha
     n_cpi: int = 28
@@ -119,20 +113,19 @@ class StudyRecipe:
         return self.folder / "data"
 
     @property
-    def n_evaluate(self) -> int:
-        """Elements of the thesis' evaluation part."""
-        return max(2, self.n_elements // 10 // 2 * 2)
+    def n_train(self) -> int:
+        """Elements before the thesis' evaluation part."""
+        return self.n_elements - max(2, self.n_elements // 10 // 2 * 2)
 
     def spec(self, rate_hz: int, variant: Variant | None = None) -> ElementSpec:
         """Return what the elements of a rate are drawn from."""
+        names = ("clutter", "noise", "dwell_s") if variant else ()
         return ElementSpec(
             frame_rate_hz=rate_hz,
             seed=self.seed,
-            clutter=variant is not None and variant.clutter,
-            noise="input" if variant is None else variant.noise,
-            dwell_s=2.0 if variant is None else variant.dwell_s,
             n_cpi=self.n_cpi,
             n_cadence=self.n_cadence,
+            **{name: getattr(variant, name) for name in names},
         )
 
     def make(self, spec: ElementSpec, cell: Cell, tell: Tell) -> None:
@@ -145,35 +138,20 @@ class StudyRecipe:
 
     def load(self, cell: Cell, variant: Variant) -> tuple[CellData, CellData, CellData]:
         """Return what trains, what evaluates, and the fresh elements."""
-        own = self.spec(cell.frame_rate_hz, variant)
-        theirs = replace(cell, frame_rate_hz=variant.train_rate_hz or cell.frame_rate_hz)
 
-        def part(spec: ElementSpec, of: Cell, first: int, n: int) -> CellData:
-            return load_cell(self.data, spec, of, first, n, rectified=variant.rectified)
+        def elements(rate_hz: int, first: int, n: int) -> CellData:
+            spec = self.spec(rate_hz, variant)
+            return load_cell(self.data, spec, cell, first, n, rectified=variant.rectified)
 
-        whole = part(own, cell, 0, self.n_elements)
-        n_train = self.n_elements - self.n_evaluate
-        train = whole
-        if theirs != cell:
-            train = part(self.spec(theirs.frame_rate_hz, variant), theirs, 0, self.n_elements)
-        fresh = part(own, cell, FRESH_FROM, self.n_fresh)
-        train = train.part(0, n_train)
+        own_hz = cell.frame_rate_hz
+        train = whole = elements(own_hz, 0, self.n_elements)
+        if (rate_hz := variant.train_rate_hz or own_hz) != own_hz:
+            train = elements(rate_hz, 0, self.n_elements)
+        train = train.part(0, self.n_train)
         if variant.draws_classes:
             train = drawn_classes(train, np.random.default_rng(self.seed))
-        return train, whole.part(n_train, self.n_elements), fresh
-
-    def settings(self, variant: Variant, recordings: CellData | None) -> dict[str, Any]:
-        """Return everything that a result depends on."""
-        digest = "" if recordings is None else hashlib.sha256(recordings.x.tobytes()).hexdigest()
-        return {
-            **asdict(variant),
-            "elements": self.n_elements,
-            "fresh": self.n_fresh,
-            "seed": self.seed,
-            "n_cpi": self.n_cpi,
-            "n_cadence": self.n_cadence,
-            "recordings": digest,
-        }
+        evaluate = whole.part(self.n_train, self.n_elements)
+        return train, evaluate, elements(own_hz, FRESH_FROM, self.n_fresh)
 
     def train(
         self, cell: Cell, variant: Variant, tell: Tell, recordings: CellData | None = None
@@ -206,7 +184,7 @@ class StudyRecipe:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeptJob:
-    """One training that is due; its result is kept."""
+    """One training that is due; its result is kept, one JSON file each."""
 
     recipe: StudyRecipe  # where things lie, and how many elements there are
     cell: Cell
@@ -216,43 +194,54 @@ class KeptJob:
         """Name of the set, what differs, and everything that the result depends on."""
         raise NotImplementedError
 
-    def _train(self, tell: Tell) -> CellResult:
+    def _train(self, tell: Tell) -> dict[str, Any]:
+        """Return what else is in the result."""
         raise NotImplementedError
 
     @property
     def _path(self) -> Path:
         name, label, _ = self._key
-        return result_path(self.recipe.folder / "results", name, label)
+        file = f"{name}-{label.replace(' ', '-').lower()}.json"
+        return self.recipe.folder / "results" / file
 
     def kept(self) -> CellResult | None:
-        """Return the result of an earlier run of the same settings."""
-        return load_result(self._path, self._key[-1])
+        """Return the result of an earlier run of the same settings; UsageError if cut short."""
+        if not self._path.exists():
+            return None
+        try:
+            known = _RESULT.validate_json(self._path.read_bytes())
+        except ValueError as err:
+            msg = f"{self._path}: no result ({err}); remove it to make it again"
+            raise UsageError(msg) from err
+        return known if known.settings == json.loads(json.dumps(self._key[-1])) else None
 
     def run(self, tell: Tell) -> CellResult:
         """Train, or return what was kept."""
-        result = self.kept()
-        if result is None:
-            result = self._train(tell)
-            save_result(self._path, result)
+        if (known := self.kept()) is not None:
+            return known
+        name, label, settings = self._key
+        result = CellResult(name=name, label=label, settings=settings, **self._train(tell))
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(self._path, json.dumps(asdict(result)).encode())
         return result
 
-    def _reached(
-        self, fitted: Fitted, look_every: int, evaluate: CellData, fresh: CellData, **more: Any
-    ) -> CellResult:
-        """Return what a network in repeats has reached."""
-        name, label, settings = self._key
-        p = fitted.predict(fresh.x)
-        return CellResult(
-            name=name,
-            label=label,
-            best=fitted.best_repeat,
-            epochs=tuple(int(k) * look_every for k in fitted.best_looks),
-            evaluation=judged(fitted.predict(evaluate.x), evaluate.y),
-            fresh=judged(p, fresh.y),
-            in_view=seen(fresh, p),
-            settings=settings,
-            **more,
-        )
+
+_RESULT = TypeAdapter(CellResult)
+
+
+def reached(
+    fitted: Fitted, look_every: int, evaluate: CellData, fresh: CellData, stopped_by: str
+) -> dict[str, Any]:
+    """Return what a network in repeats has reached."""
+    p = fitted.predict(fresh.x)
+    return {
+        "best": fitted.best_repeat,
+        "epochs": tuple(int(k) * look_every for k in fitted.best_looks),
+        "evaluation": judged(fitted.predict(evaluate.x), evaluate.y),
+        "fresh": judged(p, fresh.y),
+        "in_view": seen(fresh, p),
+        "stopped_by": stopped_by,
+    }
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -264,23 +253,27 @@ class Job(KeptJob):
 
     @property
     def _key(self) -> tuple[str, str, dict[str, Any]]:
-        settings = self.recipe.settings(self.variant, self.recordings)
+        recipe, windows = self.recipe, self.recordings
+        settings = {
+            **asdict(self.variant),
+            "elements": recipe.n_elements,
+            "fresh": recipe.n_fresh,
+            "seed": recipe.seed,
+            "n_cpi": recipe.n_cpi,
+            "n_cadence": recipe.n_cadence,
+            "recordings": "" if windows is None else sha256(windows.x.tobytes()).hexdigest(),
+        }
         return self.cell.name, self.variant.label, settings
 
-    def _train(self, tell: Tell) -> CellResult:
-        fitted, evaluate, fresh, stopped_by = self.recipe.train(
-            self.cell, self.variant, tell, self.recordings
-        )
+    def _train(self, tell: Tell) -> dict[str, Any]:
+        made = self.recipe.train(self.cell, self.variant, tell, self.recordings)
+        fitted = made[0]
         looks = fitted.confidence.round(4).tolist()
-        return self._reached(
-            fitted,
-            self.variant.fit.look_every,
-            evaluate,
-            fresh,
-            stopped_by=stopped_by,
-            scores=tuple(map(tuple, fitted.scores.round(4).tolist())),
-            confidence=tuple(tuple(map(tuple, look)) for look in looks),
-        )
+        return {
+            **reached(fitted, self.variant.fit.look_every, *made[1:]),
+            "scores": tuple(map(tuple, fitted.scores.round(4).tolist())),
+            "confidence": tuple(tuple(map(tuple, look)) for look in looks),
+        }
 
 
 def wanted_cells(
@@ -315,12 +308,9 @@ def with_stop(train: CellData) -> tuple[CellData, CellData, str]:
 
 def last_of(steps: Iterator[Look | Fitted], cell: Cell, tell: Tell) -> Fitted:
     """Return a training's result, telling how far it is."""
-    result: Fitted | None = None
     for step in steps:
         if isinstance(step, Fitted):
-            result = step
-        else:
-            best = f", best score {min(step.scores):.3f}" if step.scores else ""
-            tell(f"{cell.name} {step.stage}{best}", step.epoch, step.epochs)
-    assert result is not None  # noqa: S101 - trainings end with their result
-    return result
+            return step
+        best = f", best score {min(step.scores):.3f}" if step.scores else ""
+        tell(f"{cell.name} {step.stage}{best}", step.epoch, step.epochs)
+    raise AssertionError  # trainings end with their result

@@ -1,18 +1,13 @@
 """Results of one training: accuracies, cross-entropy, confusion, of every repeat."""
 
-import json
 import statistics
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
-from pathlib import Path
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import TypeAdapter
 
-from radard.errors import UsageError
-from x2radar.atomic import write_whole
 from x2train.thesis.sets import CellData
 
 IN_VIEW = 0.25  # of the time: half a second
@@ -91,28 +86,3 @@ def seen(data: CellData, p: NDArray[np.float64]) -> SetResult:
     """Return what they are worth on the elements that are in view long enough."""
     which = data.in_view >= IN_VIEW
     return judged(p[:, which], data.y[which])
-
-
-_RESULT = TypeAdapter(CellResult)
-
-
-def result_path(folder: Path, name: str, label: str) -> Path:
-    """Return where a result lies: one JSON file each."""
-    return folder / f"{name}-{label.replace(' ', '-').lower()}.json"
-
-
-def load_result(path: Path, settings: Mapping[str, Any]) -> CellResult | None:
-    """Return the result of the same settings, or None; UsageError if it is cut short."""
-    if not path.exists():
-        return None
-    try:
-        known = _RESULT.validate_json(path.read_bytes())
-    except ValueError as err:
-        raise UsageError(f"{path}: no result ({err}); remove it to make it again") from err
-    return known if known.settings == json.loads(json.dumps(settings)) else None
-
-
-def save_result(path: Path, result: CellResult) -> None:
-    """Write one result, whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(path, json.dumps(asdict(result)).encode())
