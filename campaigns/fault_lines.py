@@ -19,8 +19,8 @@ import time
 import traceback
 import tty
 from collections import deque
+from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -45,35 +45,25 @@ _MAX_HELD = 1 << 18
 """Bytes that a stalled line holds back; more are lost, as in a real one."""
 
 
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """How bad the line is: the shares are per chunk of up to 4096 bytes, at most one in ten."""
+def drawn(rng: random.Random) -> dict[str, float]:
+    """Return how bad a line is: one to four kinds, one in a thousand to one in ten chunks each.
 
-    drop: float = 0.0  # a stretch of the chunk is missing
-    flip: float = 0.0  # some of its bits are inverted
-    double: float = 0.0  # it comes twice
-    invent: float = 0.0  # bytes that nobody sent come before it
-    stall: float = 0.0  # nothing comes for up to `longest_s`
-    pull: float = 0.0  # the cable is pulled, for up to `longest_s`
-    longest_s: float = 2.0
-    both_ways: bool = False  # whether the host's commands suffer, too
-
-
-def drawn(rng: random.Random) -> Plan:
-    """Return a plan of one to four kinds at rates from one in a thousand to one in ten."""
+    A stretch of a chunk is missing (drop), some of its bits are inverted (flip), it comes twice
+    (double), bytes that nobody sent come before it (invent), nothing comes (stall) or the cable is
+    pulled for up to `longest_s`; the host's commands may suffer, too (`both_ways`).
+    """
     names = rng.sample(("drop", "flip", "double", "invent", "stall", "pull"), rng.randint(1, 4))
-    rates = {name: 10 ** rng.uniform(-3, -1) for name in names}
-    for name in ("stall", "pull"):
-        if name in rates:
-            # Each costs seconds, so few of them are already a bad line.
-            rates[name] = min(rates[name], 0.02)
-    return Plan(**rates, longest_s=rng.uniform(0.2, 4.0), both_ways=rng.random() < 0.5)
+    plan = {name: 10 ** rng.uniform(-3, -1) for name in names}
+    for name in plan.keys() & {"stall", "pull"}:
+        # Each costs seconds, so few of them are already a bad line.
+        plan[name] = min(plan[name], 0.02)
+    return plan | {"longest_s": rng.uniform(0.2, 4.0), "both_ways": rng.random() < 0.5}
 
 
 class Injector:
     """Pass bytes between the terminal at `module_path` and another one behind `link`."""
 
-    def __init__(self, module_path: str, link: Path, plan: Plan, seed: int) -> None:
+    def __init__(self, module_path: str, link: Path, plan: Mapping[str, float], seed: int) -> None:
         self.n_faults = 0
         self._plan = plan
         self._rng = random.Random(seed)  # noqa: S311 - no secret
@@ -130,7 +120,7 @@ class Injector:
             if self._module in ready:
                 self._take(self._module, self._to_host, self._is_faulty)
             if self._host in ready:
-                spoils = self._is_faulty and self._plan.both_ways
+                spoils = self._is_faulty and bool(self._plan["both_ways"])
                 self._take(self._host, self._to_module, spoils)
             self._give(self._module, self._to_module)
             if self._host < 0:
@@ -151,40 +141,37 @@ class Injector:
 
     @staticmethod
     def _give(end: int, queue: deque[bytes]) -> None:
-        while queue:
-            try:
-                n = os.write(end, queue[0])
-            except OSError:
-                return
-            if n < len(queue[0]):
-                queue[0] = queue[0][n:]
-                return
-            queue.popleft()
+        with contextlib.suppress(OSError):
+            while queue:
+                queue[0] = queue[0][os.write(end, queue[0]) :]
+                if queue[0]:
+                    return
+                queue.popleft()
 
-    def _falls(self, share: float) -> bool:
-        has_fallen = self._rng.random() < share
+    def _falls(self, kind: str) -> bool:
+        has_fallen = self._rng.random() < self._plan.get(kind, 0.0)
         self.n_faults += has_fallen
         return has_fallen
 
     def _spoiled(self, data: bytes) -> bytes:
-        rng, plan = self._rng, self._plan
-        if self._falls(plan.drop):
+        rng, longest_s = self._rng, self._plan["longest_s"]
+        if self._falls("drop"):
             at = rng.randrange(len(data))
             data = data[:at] + data[at + rng.randint(1, len(data)) :]
-        if self._falls(plan.flip) and data:
+        if self._falls("flip") and data:
             spoiled = bytearray(data)
             for _ in range(rng.randint(1, 8)):
                 spoiled[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
             data = bytes(spoiled)
-        if self._falls(plan.double):
+        if self._falls("double"):
             data += data
-        if self._falls(plan.invent):
+        if self._falls("invent"):
             data = rng.randbytes(rng.randint(1, 300)) + data
-        if self._falls(plan.stall):
-            self._until_s = time.monotonic() + rng.uniform(0.05, plan.longest_s)
-        if self._falls(plan.pull) and self._host >= 0:
+        if self._falls("stall"):
+            self._until_s = time.monotonic() + rng.uniform(0.05, longest_s)
+        if self._falls("pull") and self._host >= 0:
             self._unplug()
-            self._plug_s = time.monotonic() + rng.uniform(0.05, plan.longest_s)
+            self._plug_s = time.monotonic() + rng.uniform(0.05, longest_s)
         return data
 
 

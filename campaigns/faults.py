@@ -36,7 +36,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
 
 from campaigns.fault_lines import injected_run
-from campaigns.fault_run import Recovery, Run
+from campaigns.fault_run import Run
 from campaigns.fault_world import Over, World, clock_of, coalesced, drawn_plan
 from campaigns.processes import HARM, end_with, parser_of
 from campaigns.surroundings import CASES, surrounded
@@ -64,17 +64,11 @@ def virtual_run(n: int, seed: int) -> dict[str, Any]:
     rng = random.Random(f"{seed} {n}")  # noqa: S311 - no secret
     plan = drawn_plan(n, seed)
     healed_s = rng.uniform(6.0, 16.0)
-    world = World(
-        plan,
-        seed * 1_000_000 + n,
-        healed_s=healed_s,
-        end_s=healed_s + _AFTER_S,
-        is_usb=rng.random() < 0.5,
-    )
+    ends = {"healed_s": healed_s, "end_s": healed_s + _AFTER_S}
+    world = World(plan, seed * 1_000_000 + n, **ends, is_usb=rng.random() < 0.5)
     if rng.random() < 0.2:
         world.pauses.append((rng.uniform(3.0, healed_s), rng.uniform(0.05, 4.0)))
-    what = ",".join(f"{kind}:{value:.3g}" for kind, value in plan.items())
-    found: dict[str, Any] = {"what": what}
+    found: dict[str, Any] = {"what": ",".join(f"{k}:{value:.3g}" for k, value in plan.items())}
     with clock_of(world):
         # A line in pieces is read piece by piece, which those pauses would make endless.
         connect = coalesced(world) if world.most_read else world.connect
@@ -107,37 +101,35 @@ def _ended(run: Run) -> dict[str, str]:
     return {"crash": "the stream ended"}
 
 
-Judged = tuple[str, Recovery, Counter[str], list[str]]
+Judged = tuple[str, tuple[float, float, str], Counter[str], list[str]]
 
 
 def judge(run: Callable[[int, int], dict[str, Any]], seed: int, n: int) -> Judged:
     """Make run `n`; return which it was, its counts, and what to say of it."""
     found = run(n, seed)
-    watcher, recovery = found["run"].watcher, found["recovery"]
+    watcher, (*_, fault) = found["run"].watcher, found["recovery"]
     counts = watcher.tally + Counter(
         runs=1,
         crashes="crash" in found,
         deadlocks="deadlock" in found,
-        unrecovered=bool(recovery.fault),
+        unrecovered=bool(fault),
         # What frames say and what the statistics say must be the same.
         uncounted=abs(found["run"].radar.stats.lost - watcher.tally["lost"]),
         injected=found.get("injected", 0),
     )
-    notes = [*watcher.notes, recovery.fault, found.get("crash"), found.get("deadlock")]
-    is_well = not any(counts[key] for key in HARM)
-    told = [] if is_well else [note for note in notes if note]
-    return f"{n} ({found['what']})", recovery, counts, told
+    notes = [*watcher.notes, fault, found.get("crash"), found.get("deadlock")]
+    told = [note for note in notes if note and any(counts[key] for key in HARM)]
+    return f"{n} ({found['what']})", found["recovery"], counts, told
 
 
 def counted(kind: str, results: Iterable[Judged]) -> dict[str, float]:
     """Count runs of one kind, and say on stderr which were not as they should be."""
     total: Counter[str] = Counter()
     stream_s = outage_s = 0.0
-    for which, recovery, counts, notes in results:
+    for which, (own_stream_s, own_outage_s, fault), counts, notes in results:
         total.update(counts)
-        if not recovery.fault:
-            stream_s = max(stream_s, recovery.stream_s)
-            outage_s = max(outage_s, recovery.outage_s)
+        if not fault:
+            stream_s, outage_s = max(stream_s, own_stream_s), max(outage_s, own_outage_s)
         if notes:
             print(f"{kind} {which}: {notes}", file=sys.stderr)
     return {**total, "recovery_s_max": round(stream_s, 2), "outage_s_max": round(outage_s, 2)}
@@ -156,15 +148,14 @@ def main() -> int:
     args = parser.parse_args()
     # Radars tell of every loss, as they should.
     logging.disable(logging.WARNING)
-    asked = args.surroundings
-    names = {"all": list(CASES), "none": []}.get(asked, asked.split(","))
+    asked = {"all": ",".join(CASES), "none": ""}.get(args.surroundings, args.surroundings)
     with ProcessPoolExecutor(args.jobs) as pool:
         runs = pool.map(partial(judge, virtual_run, args.seed), range(args.runs), chunksize=4)
         kinds = {"virtual": counted("virtual", runs)}
     with ThreadPoolExecutor(args.at_once) as pool:
         runs = pool.map(partial(judge, injected_run, args.seed), range(args.injected))
         kinds["injected"] = counted("injected", runs)
-    cases = surrounded(names, is_full=args.full)
+    cases = surrounded(filter(None, asked.split(",")), is_full=args.full)
     rows = [*kinds.values(), *cases.values()]
     sums = {
         key: sum(row.get(key, 0) for row in rows) for key in (*HARM, "runs", "hidden_restarts")

@@ -28,6 +28,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from functools import partial
+from itertools import islice, takewhile
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
@@ -61,7 +62,7 @@ class Worker:
         process = self._process or self._start()
         try:
             self._pipe.send((target, data))
-            kind, text = self._pipe.recv()
+            found: tuple[str, str] = self._pipe.recv()
         except (EOFError, OSError):
             process.join()
             code = process.exitcode or 0
@@ -70,7 +71,7 @@ class Worker:
                 return "hangs", f"more than {TIME_LIMIT_S:g} s"
             name = signal.Signals(-code).name if code < 0 else f"exit code {code}"
             return "unhandled", f"the process died of {name}"
-        return kind, text
+        return found
 
     def close(self) -> None:
         """End the process."""
@@ -101,7 +102,7 @@ def work(pipe: Connection, targets: Sequence[str], folder: Path) -> None:
     def run(target: str, data: bytes) -> tuple[str, str]:
         for path in folder.iterdir():
             path.unlink()
-        return verdict(partial(TARGETS[target].run, folder, data))
+        return verdict(partial(TARGETS[target][0], folder, data))
 
     for name in targets:
         # What is imported late is not the input's.
@@ -143,21 +144,21 @@ def mutations(
 ) -> Iterator[bytes]:
     """Yield the good inputs, then mutations of them, until a number or a time is reached."""
     rng = random.Random(f"{target} {seed}")  # noqa: S311 - no secret
-    done = 0
-    while (n is None or done < n) and time.monotonic() < until_s:
-        if done < len(seeds):
-            yield seeds[done]
-        else:
+
+    def endless() -> Iterator[bytes]:
+        yield from seeds
+        while True:
             parts = rng.choice(seeds).split(BORDER)
             k = rng.randrange(len(parts))
             parts[k] = mutate(rng, parts[k], seeds)
             yield BORDER.join(parts)
-        done += 1
+
+    yield from takewhile(lambda _: time.monotonic() < until_s, islice(endless(), n))
 
 
 def _seeds(target: str) -> list[bytes]:
     with tempfile.TemporaryDirectory() as folder:
-        return TARGETS[target].seeds(Path(folder))
+        return TARGETS[target][1](Path(folder))
 
 
 def main() -> int:

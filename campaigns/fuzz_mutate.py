@@ -1,5 +1,6 @@
 """Mutations of bytes: what a broken disk, a cut transfer and a malicious hand make of a file."""
 
+import math
 import random
 import re
 import struct
@@ -28,8 +29,7 @@ def mutate(rng: random.Random, data: bytes, others: Sequence[bytes]) -> bytes:
     is_text = b"\0" not in data[:512]
     for _ in range(rng.choice((1, 1, 1, 2, 3, 6))):
         change = rng.choice(_TEXT_CHANGES if is_text and rng.random() < 0.8 else _CHANGES)
-        out = change(rng, out, others)
-        if not out:
+        if not (out := change(rng, out, others)):
             break
     if out[:8] == b"\x89HDF\r\n\x1a\n" and rng.random() < 0.6:
         _mend_checksums(out)
@@ -59,17 +59,11 @@ def _number(rng: random.Random, out: bytearray, _others: Sequence[bytes]) -> byt
 
 def _float(rng: random.Random, out: bytearray, _others: Sequence[bytes]) -> bytearray:
     value = rng.choice((float("nan"), float("inf"), -float("inf"), 0.0, -1.0, 1e300, 1e-320, 1e30))
-    piece = struct.pack("<d", value) if rng.random() < 0.5 else _f32(value)
+    short = 3e38 if 3e38 < abs(value) < math.inf else value
+    piece = struct.pack("<d", value) if rng.random() < 0.5 else struct.pack("<f", short)
     at = _place(rng, out)
     out[at : at + len(piece)] = piece[: len(out) - at]
     return out
-
-
-def _f32(value: float) -> bytes:
-    try:
-        return struct.pack("<f", value)
-    except OverflowError:
-        return struct.pack("<f", 3e38)
 
 
 def _cut(rng: random.Random, out: bytearray, _others: Sequence[bytes]) -> bytearray:
