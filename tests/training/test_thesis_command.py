@@ -16,8 +16,7 @@ from x2radar.recording.hdf5_writer import RecordingWriter, write_labels
 from x2train.cli import main
 from x2train.thesis.bundle import CLASSES, folded
 from x2train.thesis.elements import ElementSpec, dwell
-from x2train.thesis.fit import Fitted
-from x2train.thesis.mlp import RepeatedMlp
+from x2train.thesis.fit import Fitted, RepeatedMlp
 from x2train.thesis.recipe import FRESH_FROM
 from x2train.thesis.sets import load_recordings
 

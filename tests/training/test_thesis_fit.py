@@ -5,8 +5,17 @@ import pytest
 import torch
 
 from radard.errors import UsageError
-from x2train.thesis.fit import FitSettings, Fitted, Look, fit, fit_settings, scaling_of
-from x2train.thesis.mlp import RepeatedMlp, affine, output_error
+from x2train.thesis.fit import (
+    FitSettings,
+    Fitted,
+    Look,
+    RepeatedMlp,
+    affine,
+    fit,
+    fit_settings,
+    output_error,
+    scaling_of,
+)
 from x2train.thesis.sets import CellData
 
 pytestmark = [pytest.mark.integration, pytest.mark.usefixtures("one_thread")]

@@ -27,11 +27,10 @@ from radard.detect.clutter_map import ClutterRemover
 from radard.dsp.range_time import RangeTimeMap
 from radard.stream.ring import Dwell
 from x2train.judge.estimates import Ranking, Reliability
-from x2train.judge.figures import Figures
+from x2train.judge.figures import Figures, Windows, human_score, is_in_view, is_judged
 from x2train.judge.judging import JudgeSpec
 from x2train.judge.table import PassageTable
 from x2train.judge.verdicts import intrusions
-from x2train.judge.windows import Windows, human_score, is_in_view, is_judged
 
 _Float = NDArray[np.float64]
 _Curve = tuple[str, _Float, _Float]  # its name and points

@@ -29,7 +29,7 @@ from x2radar.sim.bodies.thesis_bodies import THESIS_BODIES, ranges_xyz
 from x2radar.sim.echo import frames as echo_frames
 from x2radar.sim.signal.pulse import pulse_sigma_s
 from x2train.thesis.elements import BODIES, PROFILE, ElementSpec, dwell, scatterers
-from x2train.thesis.mlp import ACTIVATIONS
+from x2train.thesis.fit import ACTIVATIONS
 from x2train.thesis.page import MAIN, page
 from x2train.thesis.recipe import StudyRecipe
 from x2train.thesis.results import CellResult
