@@ -31,8 +31,7 @@ from radard.stream.ring import Dwell
 from x2radar.atomic import write_atomically
 from x2train.judge.estimates import Ranking, share
 from x2train.thesis.elements import ElementSpec, dwell
-from x2train.thesis.recipe import FRESH_FROM
-from x2train.thesis.results import IN_VIEW
+from x2train.thesis.recipe import FRESH_FROM, IN_VIEW
 from x2train.thesis.sets import CELLS, Cell, load_cell, load_maps
 
 VERSION = "thesis-1"

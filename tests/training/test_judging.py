@@ -17,8 +17,7 @@ from tests.training_helpers import FEATURES, one_line
 from x2radar.cli import main as x2radar_main
 from x2radar.frame import StreamInfo
 from x2train.cli import main
-from x2train.judge.judging import JudgeSpec, decisions, judged
-from x2train.judge.labelled import judge_labelled, read_list
+from x2train.judge.judging import JudgeSpec, decisions, judge_labelled, judged, read_list
 from x2train.judge.page import passage_png
 from x2train.judge.suites import SUITES
 from x2train.judge.table import PassageTable

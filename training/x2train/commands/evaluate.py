@@ -120,7 +120,7 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _run_recordings(args: argparse.Namespace) -> int:
-    from x2train.judge.labelled import judge_labelled, read_list  # noqa: PLC0415
+    from x2train.judge.judging import judge_labelled, read_list  # noqa: PLC0415
     from x2train.judge.report import write  # noqa: PLC0415
 
     given = [name for name in ("only", "card", "pet_hours") if getattr(args, name)]

@@ -1,29 +1,37 @@
-"""Judging: a bundle in the daemon's own pipeline, passage after passage.
+"""Judging: a bundle in the daemon's own pipeline, on passages and labelled recordings.
 
 No shortcut of training's is taken: clutter map, gate, tracks, features, onnxruntime and the
 policy are those that run in `radard`.
 """
 
+import csv
+import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import chain
-from typing import Any, Literal, get_args
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ConfigDict, Field
 
 from radard.config.config import Config
+from radard.config.json_file import parse_json
 from radard.errors import ModelMismatch, UsageError
 from radard.judge.bundle import Bundle, load_bundle
 from radard.judge.classifier import Classifier
 from radard.judge.decision import Decision
+from radard.judge.model_choice import model_for
 from radard.pipeline import Pipeline
 from radard.stream.ring import Dwell
+from x2radar.bounded_yaml import load_yaml
 from x2radar.frame import FastTimeAxis, Frame
 from x2radar.recording.blocks import BlockReader
+from x2radar.recording.registry import open_recording
 from x2train.judge.suites import SUITES, Suite, check_suites, suite_of
-from x2train.judge.table import Columns, passage_columns
+from x2train.judge.table import Columns, PassageTable, passage_columns
 from x2train.sets.passages import Passage, level_db_of, play
 from x2train.sets.sites import ONE_RADAR, Radar, Site
 from x2train.sets.window_set import ADULT_DB, LEVEL_ERROR_DB
@@ -69,12 +77,17 @@ class JudgeSpec:
         """Raise ModelMismatch, with what to do, if a bundle cannot take what would be played."""
         own = tuple(dict.fromkeys(s.radar for s in SUITES if s.radar is not None))
         choices = {OWN_RADARS: own, **{name: (radar,) for name, radar in ONE_RADAR.items()}}
-        misfits = {name: _misfit(bundle, radars) for name, radars in choices.items()}
-        misfit = misfits[self.radar]
-        if misfit is not None:
-            fitting = " or ".join(name for name, err in misfits.items() if err is None)
+        try:
+            for radar in choices[self.radar]:
+                bundle.check_stream(radar.axis(), radar.frame_rate_hz)
+        except ModelMismatch as err:
+            fitting = " or ".join(
+                name
+                for name, radars in choices.items()
+                if all(bundle.takes(radar.axis(), radar.frame_rate_hz) for radar in radars)
+            )
             instead = f"; it takes --radar {fitting}" if fitting else ""
-            raise ModelMismatch(f"--radar {self.radar}: {misfit}{instead}") from misfit
+            raise ModelMismatch(f"--radar {self.radar}: {err}{instead}") from err
 
     def played(self, number: int) -> Passage:
         """Simulate passage `number`: its suite, site and cast follow from the seed."""
@@ -83,15 +96,6 @@ class JudgeSpec:
         cast = suite.families(rng)
         site = suite.drawn_site(rng)
         return play(rng, site, cast, duration_s=suite.duration_s, lead_s=(2.6, 4.0))
-
-
-def _misfit(bundle: Bundle, radars: Iterable[Radar]) -> ModelMismatch | None:
-    try:
-        for radar in radars:
-            bundle.check_stream(radar.axis(), radar.frame_rate_hz)
-    except ModelMismatch as err:
-        return err
-    return None
 
 
 @lru_cache(maxsize=4)
@@ -210,3 +214,92 @@ def installed(config: Config, site: Site, knows: Knows, rng: np.random.Generator
         error_db = LEVEL_ERROR_DB * rng.standard_normal()
         known["level_db"] = float(level_db_of(site) + ADULT_DB + error_db)
     return config.model_copy(update={"mount": config.mount.model_copy(update=known)})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Labelled:
+    """One row of the list; times are of the stream."""
+
+    __pydantic_config__ = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    file: Path
+    label: Literal["human", "pet", "other", "empty"]
+    start: Annotated[float, Field(ge=0)] = 0.0
+    end: float | None = None  # to the end of the recording when not given
+
+
+def read_list(path: Path) -> list[Labelled]:
+    """Return the rows of a list; raise UsageError, naming file and row, if one makes no sense.
+
+    It is a CSV file with the columns file, start, end and label, or a YAML list of mappings with
+    these keys. Files are found from the list's folder; start and end are seconds of the recording,
+    and may be missing where a label holds for all of it::
+
+        file,start,end,label
+        hall.h5,12.0,19.5,human
+        hall.h5,40,75,pet
+        night.h5,,,empty
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+        if path.suffix.lower() in {".yaml", ".yml"}:
+            raw = load_yaml(text)
+        else:
+            raw = list(csv.DictReader(text.splitlines(), skipinitialspace=True))
+    except (OSError, ValueError, csv.Error) as err:
+        first_line = str(err).partition("\n")[0]
+        raise UsageError(f"{path}: cannot read the list of recordings ({first_line})") from err
+    if not isinstance(raw, list) or not raw:
+        raise UsageError(f"{path}: must be a list with the keys file, start, end and label")
+    return [_row(path, number, row) for number, row in enumerate(raw, 1)]
+
+
+def _row(path: Path, number: int, row: Any) -> Labelled:
+    given = row
+    if isinstance(row, Mapping):
+        given = {key: value for key, value in row.items() if value not in {None, ""}}
+    try:
+        made = parse_json(Labelled, json.dumps(given, default=str), f"{path}, row {number}")
+    except ValueError as err:
+        raise UsageError(str(err)) from err
+    if made.end is not None and made.end <= made.start:
+        msg = f"{path}, row {number}: end {made.end:g}: must be after start {made.start:g}"
+        raise UsageError(msg)
+    return replace(made, file=path.parent / made.file)
+
+
+def judge_labelled(rows: list[Labelled], model: str, policy: str = "") -> PassageTable:
+    """Return a table of labelled stretches, judged from each recording's beginning on."""
+    files = dict.fromkeys(row.file for row in rows)
+    decided = {file: _decided(file, model, policy) for file in files}
+    passages: list[Columns] = []
+    for row in rows:
+        made, length_s = decided[row.file]
+        end_s = length_s if row.end is None else min(row.end, length_s)
+        inside = [d for d in made if row.start < d.t_s <= (row.end or np.inf)]
+        if not inside:
+            raise UsageError(f"{row.file}: no window ends between {row.start:g} and {end_s:g} s")
+        here = {} if row.label == "empty" else {"enters_s": row.start, "leaves_s": end_s}
+        passages.append(
+            from_decisions(
+                inside,
+                family=row.label,
+                label=row.label,
+                split="recordings",
+                suite=row.file.name,
+                duration_s=end_s - row.start,
+                **here,
+            )
+        )
+    return PassageTable.of(passages)
+
+
+def _decided(path: Path, model: str, policy: str) -> tuple[list[Decision], float]:
+    """Return what radard decides on a recording, and how long that is."""
+    with open_recording(path) as reader:
+        bundle = load_bundle(model_for(model, reader.stream))
+        config, classifier = with_policy(Config(), policy), Classifier(bundle)
+        pipeline = Pipeline(reader.stream, config, classifier, judges_tracks=False)
+        made = list(replayed(reader, pipeline))
+        *_, last = reader.blocks(samples=False)
+        return made, float(last.t_s[-1]) + 1 / reader.stream.frame_rate_hz

@@ -24,8 +24,7 @@ from x2train.judge.judging import dwells
 from x2train.judge.verdicts import PET_LIMIT
 from x2train.nets.calibration import temperature_of
 from x2train.thesis.fit import ACTIVATIONS, Fitted
-from x2train.thesis.recipe import StudyRecipe, Tell, Variant
-from x2train.thesis.results import judged
+from x2train.thesis.recipe import StudyRecipe, Tell, Variant, judged
 from x2train.thesis.sets import Cell
 
 CLASSES = ("pet", "human")

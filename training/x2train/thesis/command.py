@@ -13,8 +13,7 @@ from x2radar.commands import add_command
 from x2train.commands import Commands, progress, result_console, stages, tell_bundle, told
 
 if TYPE_CHECKING:
-    from x2train.thesis.recipe import KeptJob, StudyRecipe, Variant
-    from x2train.thesis.results import CellResult
+    from x2train.thesis.recipe import CellResult, KeptJob, StudyRecipe, Variant
 
 _EXAMPLES = """\
 examples:

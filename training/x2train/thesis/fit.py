@@ -21,11 +21,11 @@ from torch import nn
 from torch.nn import functional
 
 from radard.errors import UsageError
-from x2train.thesis.results import of_truth
 from x2train.thesis.sets import CellData
 
 _TYPE1 = 784  # 28 x 28: M times I alpha
 _LBFGS_MEMORY = 20  # torch's 100 take five times the memory
+_MIN_P = 1e-12  # its logarithm is finite
 _SPARSE_TO = 0.05  # as usual for sparse autoencoders
 ACTIVATIONS: dict[str, type[nn.Module]] = {"relu": nn.ReLU, "sigmoid": nn.Sigmoid, "tanh": nn.Tanh}
 _SEED_STRIDE = 1000  # no repeat has another one's seeds
@@ -153,6 +153,14 @@ def probabilities(logits: torch.Tensor) -> torch.Tensor:
         p = torch.sigmoid(logits)
         return torch.cat([1 - p, p], dim=-1)
     return torch.softmax(logits, dim=-1)
+
+
+def of_truth(
+    p: NDArray[np.float64], y: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return probabilities of the true classes, (n_repeats, n), and repeats' cross-entropy."""
+    truth = np.take_along_axis(p, y[None, :, None], axis=2)[..., 0]
+    return truth, -np.log(np.maximum(truth, _MIN_P)).mean(axis=1)
 
 
 def output_error(logits: torch.Tensor, y: torch.Tensor, kind: str) -> torch.Tensor:

@@ -21,8 +21,16 @@ from torch.nn import functional
 
 from x2train.thesis.elements import ElementSpec, dwell
 from x2train.thesis.fit import FitSettings, fit
-from x2train.thesis.recipe import FRESH_FROM, KeptJob, Tell, last_of, reached, with_stop
-from x2train.thesis.results import judged, seen
+from x2train.thesis.recipe import (
+    FRESH_FROM,
+    KeptJob,
+    Tell,
+    judged,
+    last_of,
+    reached,
+    seen,
+    with_stop,
+)
 from x2train.thesis.sets import Cell, CellData, load_maps
 
 Maps = dict[str, NDArray[np.float32]]

@@ -8,8 +8,7 @@ from typing import Any
 
 from x2train.thesis.fit import FitSettings
 from x2train.thesis.own import OWN, RAW
-from x2train.thesis.recipe import variants
-from x2train.thesis.results import IN_VIEW, CellResult
+from x2train.thesis.recipe import IN_VIEW, CellResult, variants
 
 _CHOSEN = (
     "How the settings that are the command's own were found: by trials on T1D60, T1C60 and T2D60, "

@@ -31,8 +31,7 @@ from x2radar.sim.signal.pulse import pulse_sigma_s
 from x2train.thesis.elements import BODIES, PROFILE, ElementSpec, dwell, scatterers
 from x2train.thesis.fit import ACTIVATIONS
 from x2train.thesis.page import MAIN, page
-from x2train.thesis.recipe import StudyRecipe
-from x2train.thesis.results import CellResult
+from x2train.thesis.recipe import CellResult, StudyRecipe
 from x2train.thesis.sets import RATES_HZ
 
 _CLASSES = ("pet", "person")

@@ -1,25 +1,27 @@
 """The recipe: data sets, trainings and switches of the thesis, each made once and kept."""
 
 import json
-from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, replace
+import statistics
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from radard.errors import UsageError
 from x2radar.atomic import write_whole
 from x2train.sets.workers import Crew
 from x2train.thesis.elements import ElementSpec
-from x2train.thesis.fit import FitSettings, Fitted, Look, fit
-from x2train.thesis.results import CellResult, judged, seen
+from x2train.thesis.fit import FitSettings, Fitted, Look, fit, of_truth
 from x2train.thesis.sets import CELLS, Cell, CellData, load_cell, make_bodies
 
 FRESH_FROM = 1_000_000  # number of the first fresh element: no training set reaches it
+IN_VIEW = 0.25  # of the time: half a second
 _STOP_SHARE = 20  # one in so many training elements scores instead, when there are no recordings
 _SHORT_S = 2.0 - 27 / 60  # of columns that 2 s of frames make at 60 Hz, M = 28; 2.45 s make 2 s
 _RETRAIN_RATE = 0.25  # of the learning rate
@@ -176,6 +178,72 @@ class StudyRecipe:
             fitted = last_of(fit(half, rest, short, start=fitted), cell, tell)
             stopped_by = f"{len(rest.y)} windows of recordings, after retraining on {len(half.y)}"
         return fitted, evaluate, fresh, stopped_by
+
+
+@dataclass(frozen=True, slots=True)
+class SetResult:
+    """Scores of the repeats on one set of elements."""
+
+    n: int
+    total: tuple[float, ...]
+    class1: tuple[float, ...]
+    class2: tuple[float, ...]
+    cross_entropy: tuple[float, ...]
+    confusion: tuple[tuple[tuple[int, int], tuple[int, int]], ...]
+
+    @property
+    def median(self) -> float:
+        """Median of the repeats' total accuracy."""
+        return statistics.median(self.total)
+
+
+@dataclass(frozen=True, slots=True)
+class CellResult:
+    """What one configuration reached on one set of the thesis."""
+
+    name: str
+    label: str  # what differs from the thesis' configuration; its activation in the main tables
+    best: int  # which repeat had the best score while it trained
+    epochs: tuple[int, ...]  # looks that were best, of each repeat
+    # the thesis' 500 elements, fresh ones, and those of the fresh ones in the swath for at least
+    # a quarter of the time
+    evaluation: SetResult
+    fresh: SetResult
+    in_view: SetResult
+    stopped_by: str  # what the score was computed on
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    # of every look and repeat: cross-entropy, and the mean probability of the true class of pets
+    # and of people, on what stopped the training; the first before it began
+    scores: tuple[tuple[float, ...], ...] = ()
+    confidence: tuple[tuple[tuple[float, ...], ...], ...] = ()
+
+
+def judged(p: NDArray[np.float64], y: NDArray[np.int64]) -> SetResult:
+    """Return what probabilities of shape (n_repeats, n, 2) are worth."""
+    said = p.argmax(axis=2)
+    right = said == y
+    confusion = tuple(
+        tuple(tuple(int(((row == out) & (y == true)).sum()) for true in (0, 1)) for out in (0, 1))
+        for row in said
+    )
+
+    def percent(which: NDArray[np.bool_] | slice) -> tuple[float, ...]:
+        return tuple(float(round(100 * r[which].mean(), 2)) for r in right)
+
+    return SetResult(
+        len(y),
+        percent(slice(None)),
+        percent(y == 0),
+        percent(y == 1),
+        tuple(float(round(v, 4)) for v in of_truth(p, y)[1]),
+        confusion,  # type: ignore[arg-type]
+    )
+
+
+def seen(data: CellData, p: NDArray[np.float64]) -> SetResult:
+    """Return what they are worth on the elements that are in view long enough."""
+    which = data.in_view >= IN_VIEW
+    return judged(p[:, which], data.y[which])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
