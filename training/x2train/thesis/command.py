@@ -13,7 +13,7 @@ from x2radar.commands import add_command
 from x2train.commands import Commands, progress, result_console, stages, tell_bundle, told
 
 if TYPE_CHECKING:
-    from x2train.thesis.recipe import CellResult, KeptJob, StudyRecipe, Variant
+    from x2train.thesis.recipe import CellResult, Job, StudyRecipe, Variant
 
 _EXAMPLES = """\
 examples:
@@ -203,10 +203,10 @@ def _parts(args: argparse.Namespace) -> tuple[str, ...]:
 
 def _jobs(
     args: argparse.Namespace, recipe: "StudyRecipe", parts: tuple[str, ...]
-) -> Iterator["KeptJob"]:
+) -> Iterator["Job"]:
     from x2train.thesis.fit import fit_settings  # noqa: PLC0415
-    from x2train.thesis.own import RAW, OwnJob, OwnSettings, RawJob  # noqa: PLC0415
-    from x2train.thesis.recipe import Job, variants, wanted_cells  # noqa: PLC0415
+    from x2train.thesis.own import RAW, OwnSettings, own_job, raw_job  # noqa: PLC0415
+    from x2train.thesis.recipe import network_job, variants, wanted_cells  # noqa: PLC0415
     from x2train.thesis.sets import load_recordings  # noqa: PLC0415
 
     cells = tuple(wanted_cells(vector=args.vector, animal=args.animal, rate_hz=args.frame_rate))
@@ -218,17 +218,17 @@ def _jobs(
         if args.train_rate is not None:
             recipe.spec(args.train_rate)
     if "networks" in parts and (args.publish or not args.finetune):
-        yield from (Job(recipe, cell, v) for v in plain.values() for cell in cells)
+        yield from (network_job(recipe, cell, v) for v in plain.values() for cell in cells)
     if "own" in parts:
         own = OwnSettings(epochs=args.own_epochs, repeats=args.own_repeats, seed=args.seed)
         # One for every animal and frame rate.
         kinds = dict.fromkeys(replace(cell, vector=2) for cell in cells)
-        yield from (OwnJob(recipe, cell, own) for cell in kinds)
+        yield from (own_job(recipe, cell, own) for cell in kinds)
     tried = next(c for c in (*cells, *wanted_cells()) if c.vector == 2)
     if "switches" in parts:
         base = fit_settings("relu", **_fit_changes(args))
-        rows: dict[str, KeptJob] = {v.label: Job(recipe, tried, v) for v in variants(base)}
-        rows[RAW] = RawJob(recipe, tried, base)
+        rows: dict[str, Job] = {v.label: network_job(recipe, tried, v) for v in variants(base)}
+        rows[RAW] = raw_job(recipe, tried, base)
         wrong = set(args.rows or ()) - set(rows)
         if wrong:
             raise UsageError(f"--rows {', '.join(sorted(wrong))}: must be of {', '.join(rows)}")
@@ -238,7 +238,9 @@ def _jobs(
         for cell in wanted:
             spec = recipe.spec(cell.frame_rate_hz)
             named = replace(plain[names[0]], label=f"{names[0]} retrained")
-            yield Job(recipe, cell, named, load_recordings(args.finetune, spec, cell.vector))
+            yield network_job(
+                recipe, cell, named, load_recordings(args.finetune, spec, cell.vector)
+            )
 
 
 def _variant(args: argparse.Namespace, activation: str) -> "Variant":

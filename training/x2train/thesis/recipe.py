@@ -246,27 +246,23 @@ def seen(data: CellData, p: NDArray[np.float64]) -> SetResult:
     return judged(p[:, which], data.y[which])
 
 
+_RESULT = TypeAdapter(CellResult)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class KeptJob:
+class Job:
     """One training that is due; its result is kept, one JSON file each."""
 
-    recipe: StudyRecipe  # where things lie, and how many elements there are
-    cell: Cell
-
-    @property
-    def _key(self) -> tuple[str, str, dict[str, Any]]:
-        """Name of the set, what differs, and everything that the result depends on."""
-        raise NotImplementedError
-
-    def _train(self, tell: Tell) -> dict[str, Any]:
-        """Return what else is in the result."""
-        raise NotImplementedError
+    folder: Path
+    name: str  # of the set
+    label: str  # what differs
+    settings: dict[str, Any]  # everything that the result depends on
+    train: Callable[[Tell], dict[str, Any]]  # returns what else is in the result
 
     @property
     def _path(self) -> Path:
-        name, label, _ = self._key
-        file = f"{name}-{label.replace(' ', '-').lower()}.json"
-        return self.recipe.folder / "results" / file
+        file = f"{self.name}-{self.label.replace(' ', '-').lower()}.json"
+        return self.folder / "results" / file
 
     def kept(self) -> CellResult | None:
         """Return the result of an earlier run of the same settings; UsageError if cut short."""
@@ -277,20 +273,17 @@ class KeptJob:
         except ValueError as err:
             msg = f"{self._path}: no result ({err}); remove it to make it again"
             raise UsageError(msg) from err
-        return known if known.settings == json.loads(json.dumps(self._key[-1])) else None
+        return known if known.settings == json.loads(json.dumps(self.settings)) else None
 
     def run(self, tell: Tell) -> CellResult:
         """Train, or return what was kept."""
         if (known := self.kept()) is not None:
             return known
-        name, label, settings = self._key
-        result = CellResult(name=name, label=label, settings=settings, **self._train(tell))
+        made = self.train(tell)
+        result = CellResult(name=self.name, label=self.label, settings=self.settings, **made)
         self._path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(self._path, json.dumps(asdict(result)).encode())
         return result
-
-
-_RESULT = TypeAdapter(CellResult)
 
 
 def reached(
@@ -308,36 +301,30 @@ def reached(
     }
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Job(KeptJob):
-    """The thesis' network on one set."""
+def network_job(
+    recipe: StudyRecipe, cell: Cell, variant: Variant, recordings: CellData | None = None
+) -> Job:
+    """Return the training of the thesis' network on one set; windows stop it and retrain it."""
 
-    variant: Variant
-    recordings: CellData | None = None  # windows to stop by and to retrain on
-
-    @property
-    def _key(self) -> tuple[str, str, dict[str, Any]]:
-        recipe, windows = self.recipe, self.recordings
-        settings = {
-            **asdict(self.variant),
-            "elements": recipe.n_elements,
-            "fresh": recipe.n_fresh,
-            "seed": recipe.seed,
-            "n_cpi": recipe.n_cpi,
-            "n_cadence": recipe.n_cadence,
-            "recordings": "" if windows is None else sha256(windows.x.tobytes()).hexdigest(),
-        }
-        return self.cell.name, self.variant.label, settings
-
-    def _train(self, tell: Tell) -> dict[str, Any]:
-        made = self.recipe.train(self.cell, self.variant, tell, self.recordings)
-        fitted = made[0]
+    def train(tell: Tell) -> dict[str, Any]:
+        fitted, *rest = recipe.train(cell, variant, tell, recordings)
         looks = fitted.confidence.round(4).tolist()
         return {
-            **reached(fitted, self.variant.fit.look_every, *made[1:]),
+            **reached(fitted, variant.fit.look_every, *rest),
             "scores": tuple(map(tuple, fitted.scores.round(4).tolist())),
             "confidence": tuple(tuple(map(tuple, look)) for look in looks),
         }
+
+    settings = {
+        **asdict(variant),
+        "elements": recipe.n_elements,
+        "fresh": recipe.n_fresh,
+        "seed": recipe.seed,
+        "n_cpi": recipe.n_cpi,
+        "n_cadence": recipe.n_cadence,
+        "recordings": sha256(recordings.x.tobytes()).hexdigest() if recordings else "",
+    }
+    return Job(recipe.folder, cell.name, variant.label, settings, train)
 
 
 def wanted_cells(
