@@ -37,11 +37,12 @@ os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
 
 from campaigns.fault_lines import injected_run
 from campaigns.fault_run import Run
-from campaigns.fault_world import Over, World, clock_of, coalesced, drawn_plan
+from campaigns.fault_world import Over, World, clock_of, drawn_plan
 from campaigns.processes import HARM, end_with, parser_of
 from campaigns.surroundings import CASES, surrounded
 from radard.judge.bundle import load_bundle
 from radard.judge.classifier import Classifier
+from radard.stream.coalesced_reads import CoalescedReads
 
 _STUCK_S = 300
 """Of real time, for a run that takes a second where nothing else runs."""
@@ -70,8 +71,11 @@ def virtual_run(n: int, seed: int) -> dict[str, Any]:
         world.pauses.append((rng.uniform(3.0, healed_s), rng.uniform(0.05, 4.0)))
     found: dict[str, Any] = {"what": ",".join(f"{k}:{value:.3g}" for k, value in plan.items())}
     with clock_of(world):
-        # A line in pieces is read piece by piece, which those pauses would make endless.
-        connect = coalesced(world) if world.most_read else world.connect
+        connect = world.connect
+        if world.most_read:
+            # With pauses between reads, which a line in pieces would make endless.
+            times = {"clock": world.now, "sleep": world.sleep}
+            connect = lambda: CoalescedReads(world.connect(), **times)  # noqa: E731
         run = Run(connect, world, seed=n, classifier=_classifier())
         world.tick = run.tick
         if "spike" in plan:
