@@ -55,6 +55,7 @@ _EDGES = {
     "snr_db": (0.0, 6.0, 12.0, 18.0, 24.0, 30.0, 36.0),
 }
 """Lower ends of the bins; what is below the first has a bin of its own."""
+_POINT = ("name", "policy", "budget_h", "pet_limit", "is_resolved", "outcome")
 _MAX_BUILDS = 40  # a longer table is not read
 _Bool = NDArray[np.bool_]
 _Float = NDArray[np.float64]
@@ -104,40 +105,25 @@ def figures(table: PassageTable, seed: int) -> Figures:
     everything = np.ones(len(table), np.bool_)
     shipped = verdicts(table, table.is_alarm)
     own = outcome(table, shipped, everything, rng)
-    points: list[dict[str, Any]] = [
-        {
-            "name": "as shipped",
-            "policy": "shipped",
-            "budget_h": np.nan,
-            "pet_limit": PET_LIMIT,
-            "is_resolved": True,
-            "outcome": own,
-        }
-    ]
-    sweeps: dict[Policy, Sweep] = {}
-    scores: dict[Policy, _Float] = {}
-    budget: Verdicts = shipped
-    for policy in ("fused", "window"):
-        score = scores[policy] = evidence(table, policy)
-        sweep = sweeps[policy] = Sweep.of(table, score)
+    points: list[tuple[Any, ...]] = [("as shipped", "shipped", np.nan, PET_LIMIT, True, own)]
+    policies: tuple[Policy, ...] = ("fused", "window")
+    scores = {policy: evidence(table, policy) for policy in policies}
+    sweeps = {policy: Sweep.of(table, score) for policy, score in scores.items()}
+    at_limit = budget = shipped
+    for policy, sweep in sweeps.items():
         limits = [(np.nan, limit_evidence(PET_LIMIT))]
         resolved = [h for h in BUDGET_HOURS if h == _BUDGET_H or h <= sweep.pet_hours]
         limits += [(h, sweep.limit_for(1 / h)) for h in resolved]
         for budget_h, limit in limits:
-            found = verdicts(table, score >= limit)
-            if policy == "fused" and budget_h == _BUDGET_H:
-                budget = found
-            points.append(
-                {
-                    "name": _name(policy, budget_h),
-                    "policy": policy,
-                    "budget_h": budget_h,
-                    "pet_limit": float(1 / (1 + np.exp(np.clip(limit, -700, 700)))),
-                    "is_resolved": bool(np.isnan(budget_h) or sweep.pet_hours >= budget_h),
-                    "outcome": outcome(table, found, everything, rng),
-                }
-            )
-    at_limit = verdicts(table, scores["fused"] >= limit_evidence(PET_LIMIT))
+            found = verdicts(table, scores[policy] >= limit)
+            if policy == "fused":
+                at_limit = found if np.isnan(budget_h) else at_limit
+                budget = found if budget_h == _BUDGET_H else budget
+            name = _name(policy, budget_h)
+            pet_limit = float(1 / (1 + np.exp(np.clip(limit, -700, 700))))
+            is_resolved = bool(np.isnan(budget_h) or sweep.pet_hours >= budget_h)
+            result = outcome(table, found, everything, rng)
+            points.append((name, policy, budget_h, pet_limit, is_resolved, result))
     same = at_limit.is_alarm == shipped.is_alarm
     judged = is_judged(table)
     windows = Windows.of(table, judged & is_in_view(table))
@@ -150,7 +136,7 @@ def figures(table: PassageTable, seed: int) -> Figures:
         "pet_hours_in_swath": float(np.nansum((table.leaves_s - table.enters_s)[pets])) / 3600,
         "never_in_swath": int(((table.label == "human") & ~intrusions(table)).sum()),
         "invalid_windows": int((table.is_open & ~judged).sum()),
-        "operating_points": points,
+        "operating_points": [dict(zip(_POINT, point, strict=True)) for point in points],
         "sweep_agreement": float(same.mean()) if len(table) else float("nan"),
         "windows": of_windows,
         "is_matched": all(b["is_below"] for b in alone if b["is_required"]),
