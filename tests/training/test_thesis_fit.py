@@ -7,8 +7,6 @@ import torch
 from radard.errors import UsageError
 from x2train.thesis.fit import (
     FitSettings,
-    Fitted,
-    Look,
     RepeatedMlp,
     affine,
     fit,
@@ -37,10 +35,7 @@ TRAIN, STOP = data(200), data(40, seed=1)
 
 
 def result(settings, **kwargs):
-    steps = list(fit(TRAIN, STOP, settings, **kwargs))
-    assert isinstance(steps[-1], Fitted)
-    assert all(isinstance(step, Look) for step in steps[:-1])
-    return steps[-1]
+    return fit(TRAIN, STOP, settings, **kwargs)
 
 
 def same(one, other):
@@ -120,7 +115,11 @@ def test_every_switch_learns(changes):
 
 
 def test_same_seed_same_result_and_the_best_look_is_kept():
-    same(result(QUICK), result(QUICK))
+    told = []
+    same(result(QUICK, tell=lambda *now: told.append(now)), result(QUICK))
+    assert [(what.partition(",")[0], *far) for what, *far in told] == [
+        ("whole", epoch, 12) for epoch in (0, 4, 8, 12)
+    ]
     assert not np.array_equal(result(QUICK).scores, result(replace(QUICK, seed=1)).scores)
     fitted = result(replace(QUICK, pretrain_epochs=(), output_epochs=0))
     p = fitted.predict(STOP.x)
@@ -136,8 +135,7 @@ def test_training_ends_when_no_repeat_gains():
     noise = data(60)
     noise = replace(noise, y=np.random.default_rng(0).integers(0, 2, 60))
     greedy = replace(QUICK, epochs=400, look_every=10, patience=2, learning_rate=0.05, decay=0.0)
-    *_, fitted = fit(noise, replace(STOP, y=STOP.y[::-1].copy()), greedy)
-    assert isinstance(fitted, Fitted)
+    fitted = fit(noise, replace(STOP, y=STOP.y[::-1].copy()), greedy)
     assert len(fitted.scores) < 40
     assert (fitted.best_looks < len(fitted.scores) - 2).all()
 

@@ -229,7 +229,12 @@ def _followed(table: PassageTable, policy: AlarmPolicy, pet_limit: float) -> Ver
     enters_s = np.nan_to_num(table.enters_s, nan=0.0)
     taken_s = np.full(len(table), np.inf)
     begun = np.zeros(len(table), np.int64)
-    hit, seen = _sights(table, policy, pet_limit)
+    # Who is a hit and who is seen, as `sight_of` has it without zones; under policy 'window' the
+    # daemon's fused value is that of the window.
+    p_human = np.nan_to_num(1 - table.fused_quiet, nan=0.0)
+    by_rule = np.isfinite(table.fused_quiet) & (p_human >= 1 - pet_limit - 1e-9)
+    hit = table.is_alarm & (~by_rule | (p_human >= policy.p_on))
+    seen = hit | table.is_alarm | table.is_pending | (p_human > policy.p_off)
     panel, at = AlarmPanel(policy), -1
     for k, passage in enumerate(table.passage):
         if passage != at:
@@ -240,14 +245,3 @@ def _followed(table: PassageTable, policy: AlarmPolicy, pet_limit: float) -> Ver
         if panel.state == "alarm" and t_s >= enters_s[at]:
             taken_s[at] = min(taken_s[at], t_s - enters_s[at])
     return Verdicts(taken_s, begun)
-
-
-def _sights(
-    table: PassageTable, policy: AlarmPolicy, pet_limit: float
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return who is a hit and who is seen, as `sight_of` has it without zones."""
-    # Under policy 'window' the daemon's fused value is that of the window.
-    p_human = np.nan_to_num(1 - table.fused_quiet, nan=0.0)
-    by_rule = np.isfinite(table.fused_quiet) & (p_human >= 1 - pet_limit - 1e-9)
-    hit = table.is_alarm & (~by_rule | (p_human >= policy.p_on))
-    return hit, hit | table.is_alarm | table.is_pending | (p_human > policy.p_off)

@@ -8,7 +8,7 @@ The version with the best score at any look is kept, repeat by repeat. The thesi
 larger cross-entropy, which is worse; we keep the smaller.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -25,6 +25,7 @@ from x2train.thesis.sets import CellData
 
 _TYPE1 = 784  # 28 x 28: M times I alpha
 _LBFGS_MEMORY = 20  # torch's 100 take five times the memory
+Tell = Callable[[str, int, int], None]  # what is done, how far, of how much
 _MIN_P = 1e-12  # its logarithm is finite
 _SPARSE_TO = 0.05  # as usual for sparse autoencoders
 ACTIVATIONS: dict[str, type[nn.Module]] = {"relu": nn.ReLU, "sigmoid": nn.Sigmoid, "tanh": nn.Tanh}
@@ -189,18 +190,6 @@ def code_penalty(codes: torch.Tensor, activation: str) -> torch.Tensor:
     return kl.mean(dim=1).sum()
 
 
-@dataclass(frozen=True, slots=True)
-class Look:
-    """Scores of all repeats at one look."""
-
-    stage: str  # 'autoencoder 1', ..., 'output', 'whole'
-    # done, and at most to do
-    epoch: int
-    epochs: int
-    # of every repeat: smaller is better; empty before the whole network trains
-    scores: tuple[float, ...] = ()
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Fitted:
     """Trained networks of all repeats, and how they came there."""
@@ -233,9 +222,14 @@ class Fitted:
 
 
 def fit(
-    train: CellData, stop: CellData, settings: FitSettings, *, start: Fitted | None = None
-) -> Iterator[Look | Fitted]:
-    """Train all repeats on `train`; yield every look, scored on `stop`, and at last the result.
+    train: CellData,
+    stop: CellData,
+    settings: FitSettings,
+    *,
+    start: Fitted | None = None,
+    tell: Tell = lambda *_: None,
+) -> Fitted:
+    """Train all repeats on `train`, scored on `stop` at every look, which `tell` is told of.
 
     L-BFGS trains repeat by repeat: its line search would tie them together. With `start` a
     training goes on from there, without the autoencoders (retraining on recordings).
@@ -246,12 +240,12 @@ def fit(
         each = [replace(settings, repeats=1, seed=seed) for seed in seeds]
     parts = []
     for own in each:
-        run = _Run(train, stop, own, start)
+        run = _Run(train, stop, own, start, tell)
         if start is None:
-            yield from run.pretrain()
-        yield from run.tune()
+            run.pretrain()
+        run.tune()
         parts.append(run.result())
-    yield _joined(parts, settings.repeats)
+    return _joined(parts, settings.repeats)
 
 
 def scaling_of(
@@ -293,10 +287,9 @@ def _joined(parts: list[Fitted], n_repeats: int) -> Fitted:
 
 class _Run:
     def __init__(
-        self, train: CellData, stop: CellData, s: FitSettings, start: Fitted | None
+        self, train: CellData, stop: CellData, s: FitSettings, start: Fitted | None, tell: Tell
     ) -> None:
-        self.s = s
-        self.stop = stop
+        self.s, self.stop, self.tell = s, stop, tell
         self.mean, self.scale = (
             scaling_of(train.x, s.scaling) if start is None else (start.mean, start.scale)
         )
@@ -316,12 +309,12 @@ class _Run:
         self.scores: list[list[float]] = []
         self.confidence: list[list[list[float]]] = []
 
-    def pretrain(self) -> Iterator[Look]:
+    def pretrain(self) -> None:
         """Train the autoencoders, then the output layer on their codes."""
         s, net = self.s, self.net
         generator = torch.Generator().manual_seed(s.seed + 2)
         for k, epochs in enumerate(s.pretrain_epochs):
-            yield from self._autoencode(k, epochs, generator)
+            self._autoencode(k, epochs, generator)
         with torch.no_grad():
             codes = net.codes(self.x, len(s.layers))
 
@@ -330,9 +323,9 @@ class _Run:
             return output_error(logits, self.y[part], s.error)
 
         last = [net.weights[-1], net.biases[-1]]
-        yield from self._train("output", last, output_loss, s.output_epochs)
+        self._train("output", last, output_loss, s.output_epochs)
 
-    def _autoencode(self, k: int, epochs: int, generator: torch.Generator) -> Iterator[Look]:
+    def _autoencode(self, k: int, epochs: int, generator: torch.Generator) -> None:
         s, net = self.s, self.net
         with torch.no_grad():
             inputs = net.codes(self.x, k)
@@ -348,23 +341,21 @@ class _Run:
             error = (affine(codes, back, bias) - given).square().sum(dim=2).mean(dim=1)
             return error.sum() + s.sparsity * code_penalty(codes, s.activation)
 
-        yield from self._train(f"autoencoder {k + 1}", [*coder, back, bias], loss, epochs)
+        self._train(f"autoencoder {k + 1}", [*coder, back, bias], loss, epochs)
 
-    def tune(self) -> Iterator[Look]:
+    def tune(self) -> None:
         """Train the whole network, from look to look."""
         s = self.s
         self.mean_net.load_state_dict(self.net.state_dict())
-        yield self._look(0)
+        self._look(0)
         for epoch in range(s.look_every, s.epochs + 1, s.look_every):
             if self._idle() >= s.patience:
                 return
             if s.optimiser == "lbfgs":
                 self._line_search()
             else:
-                weights = list(self.net.parameters())
-                for _ in self._train("whole", weights, self._loss, s.look_every, mean=True):
-                    pass
-            yield self._look(epoch)
+                self._train("", list(self.net.parameters()), self._loss, s.look_every)
+            self._look(epoch)
 
     def result(self) -> Fitted:
         """Return every repeat at its best."""
@@ -401,9 +392,8 @@ class _Run:
         weights: list[nn.Parameter],
         loss: Callable[[torch.Tensor], torch.Tensor],
         epochs: int,
-        *,
-        mean: bool = False,
-    ) -> Iterator[Look]:
+    ) -> None:
+        """Train a stage, and tell of it; or, without a name, the whole network up to a look."""
         s = self.s
         # A new one at every look, so that momentum does not carry over what was averaged.
         optimiser: torch.optim.Optimizer = (
@@ -422,10 +412,10 @@ class _Run:
                 optimiser.zero_grad()
                 loss(part).backward()  # type: ignore[no-untyped-call]
                 optimiser.step()
-                if mean:
+                if not stage:
                     self._average()
-            if epoch % s.look_every == 0:
-                yield Look(stage, epoch, epochs)
+            if stage and epoch % s.look_every == 0:
+                self.tell(stage, epoch, epochs)
 
     def _average(self) -> None:
         self.steps += 1
@@ -436,7 +426,7 @@ class _Run:
             for mean, now in zip(means, weights, strict=True):
                 mean.lerp_(now, 1 - kept)
 
-    def _look(self, epoch: int) -> Look:
+    def _look(self, epoch: int) -> None:
         with torch.no_grad():
             inputs = torch.from_numpy((self.stop.x - self.mean) * self.scale).to(self.x.device)
             p = probabilities(self.mean_net(inputs).double()).cpu().numpy()
@@ -452,7 +442,7 @@ class _Run:
             which = torch.from_numpy(np.flatnonzero(gained))
             for name, value in self.mean_net.state_dict().items():
                 self.best[name][which] = value[which]
-        return Look("whole", epoch, self.s.epochs, tuple(self.scores[-1]))
+        self.tell(f"whole, best score {scores.min():.3f}", epoch, self.s.epochs)
 
     def _idle(self) -> int:
         """Return how many looks have passed since any repeat was at its best."""

@@ -27,7 +27,6 @@ from x2train.thesis.recipe import (
     StudyRecipe,
     Tell,
     judged,
-    last_of,
     reached,
     seen,
     with_stop,
@@ -173,7 +172,7 @@ def raw_job(recipe: StudyRecipe, cell: Cell, s: FitSettings) -> Job:
         spec = recipe.spec(cell.frame_rate_hz)
         whole = raw_frames(spec, cell, 0, recipe.n_elements, tell)
         part, stop, stopped_by = with_stop(whole.part(0, recipe.n_train))
-        fitted = last_of(fit(part, stop, s), cell, tell)
+        fitted = fit(part, stop, s, tell=lambda what, *far: tell(f"{cell.name} {what}", *far))
         evaluate = whole.part(recipe.n_train, recipe.n_elements)
         fresh = raw_frames(spec, cell, FRESH_FROM, recipe.n_fresh, tell)
         return reached(fitted, s.look_every, evaluate, fresh, stopped_by)

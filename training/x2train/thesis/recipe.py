@@ -17,7 +17,7 @@ from radard.errors import UsageError
 from x2radar.atomic import write_whole
 from x2train.sets.workers import Crew
 from x2train.thesis.elements import ElementSpec
-from x2train.thesis.fit import FitSettings, Fitted, Look, fit, of_truth
+from x2train.thesis.fit import FitSettings, Fitted, Tell, fit, of_truth
 from x2train.thesis.sets import CELLS, Cell, CellData, load_cell, make_bodies
 
 FRESH_FROM = 1_000_000  # number of the first fresh element: no training set reaches it
@@ -25,8 +25,6 @@ IN_VIEW = 0.25  # of the time: half a second
 _STOP_SHARE = 20  # one in so many training elements scores instead, when there are no recordings
 _SHORT_S = 2.0 - 27 / 60  # of columns that 2 s of frames make at 60 Hz, M = 28; 2.45 s make 2 s
 _RETRAIN_RATE = 0.25  # of the learning rate
-
-Tell = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -169,13 +167,17 @@ class StudyRecipe:
             train, stop, stopped_by = with_stop(train)
         else:
             stop, stopped_by = recordings, f"{len(recordings.y)} windows of recordings"
-        fitted = last_of(fit(train, stop, variant.fit), cell, tell)
+
+        def named(what: str, done: int, total: int) -> None:
+            tell(f"{cell.name} {what}", done, total)
+
+        fitted = fit(train, stop, variant.fit, tell=named)
         if recordings is not None:
             n = len(recordings.y)
             half, rest = recordings.part(0, n // 2), recordings.part(n // 2, n)
             rate = variant.fit.learning_rate * _RETRAIN_RATE
             short = replace(variant.fit, learning_rate=rate)
-            fitted = last_of(fit(half, rest, short, start=fitted), cell, tell)
+            fitted = fit(half, rest, short, start=fitted, tell=named)
             stopped_by = f"{len(rest.y)} windows of recordings, after retraining on {len(half.y)}"
         return fitted, evaluate, fresh, stopped_by
 
@@ -355,13 +357,3 @@ def with_stop(train: CellData) -> tuple[CellData, CellData, str]:
     n_fit = len(train.y) - max(2, len(train.y) // _STOP_SHARE // 2 * 2)
     stop = train.part(n_fit, len(train.y))
     return train.part(0, n_fit), stop, f"a validation part of {len(stop.y)} training elements"
-
-
-def last_of(steps: Iterator[Look | Fitted], cell: Cell, tell: Tell) -> Fitted:
-    """Return a training's result, telling how far it is."""
-    for step in steps:
-        if isinstance(step, Fitted):
-            return step
-        best = f", best score {min(step.scores):.3f}" if step.scores else ""
-        tell(f"{cell.name} {step.stage}{best}", step.epoch, step.epochs)
-    raise AssertionError  # trainings end with their result
