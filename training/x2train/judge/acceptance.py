@@ -7,7 +7,7 @@ recorded people and animals who come: those alone of whom the bundle has learned
 """
 
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -103,40 +103,37 @@ class Entry:
         return self.casts[0][0].label if self.casts[0] else "empty"
 
 
-def _pet(kind: str, style: str, **options: float) -> Family:
-    return replace(family(f"{kind} {style}"), options={"style": style, **options})
-
-
-def _entries() -> tuple[Entry, ...]:
-    rows = [
-        Entry(
-            s.name, "walk test", (s.families(np.random.default_rng()),), s.duration_s, _N_ENTRIES
-        )
-        for s in SUITES
-        if s.name.startswith("walk test")
-    ]
-    crossing: dict[str, tuple[str, dict[str, float], int]] = {"cat crosses": ("cat", {}, 1)}
-    for kg in (5, 20, 36):
-        crossing[f"dog of {kg} kg crosses"] = ("dog", {"mass_kg": float(kg)}, 1)
-    crossing["two cats cross"] = ("cat", {}, 2)
-    for name, (kind, options, n) in crossing.items():
-        casts = tuple((_pet(kind, style, **options),) * n for style in ("walk", "trot"))
-        rows.append(Entry(f"{name} the floor", "pets cross", casts, _VISIT_S, _N_ENTRIES))
-    stays: tuple[tuple[str, str, str, dict[str, float]], ...] = (
-        ("cat", "cat", "walk groom sit lie roam lie", {}),
-        ("dog of 20 kg", "dog", "walk lie sniff pant roam lie", {"mass_kg": 20.0}),
+def _pets(kind: str, styles: str, n: int = 1, **options: float) -> tuple[tuple[Family, ...], ...]:
+    """Return casts of so many pets of a kind, one style after another."""
+    return tuple(
+        (replace(family(f"{kind} {style}"), options={"style": style, **options}),) * n
+        for style in styles.split()
     )
-    for name, kind, styles, options in stays:
-        casts = tuple((_pet(kind, style, **options),) for style in styles.split())
-        rows.append(Entry(f"{name} for 10 to 60 min", "pets stay", casts, 0.0, _N_STAYS))
-    rows += [
-        Entry(f.name, "thing", ((f,),), _THING_S, _N_THINGS) for f in families("other", "things")
-    ]
-    rows.append(Entry("empty room", "thing", ((),), _THING_S, _N_THINGS))
-    return tuple(rows)
 
 
-ENTRIES = _entries()
+def _entries() -> Iterator[Entry]:
+    for s in SUITES:
+        if s.name.startswith("walk test"):
+            casts = (s.families(np.random.default_rng()),)
+            yield Entry(s.name, "walk test", casts, s.duration_s, _N_ENTRIES)
+    crossing = {"cat crosses": _pets("cat", "walk trot")}
+    for kg in (5, 20, 36):
+        crossing[f"dog of {kg} kg crosses"] = _pets("dog", "walk trot", mass_kg=float(kg))
+    crossing["two cats cross"] = _pets("cat", "walk trot", 2)
+    for name, pets in crossing.items():
+        yield Entry(f"{name} the floor", "pets cross", pets, _VISIT_S, _N_ENTRIES)
+    staying = {
+        "cat": _pets("cat", "walk groom sit lie roam lie"),
+        "dog of 20 kg": _pets("dog", "walk lie sniff pant roam lie", mass_kg=20.0),
+    }
+    for name, pets in staying.items():
+        yield Entry(f"{name} for 10 to 60 min", "pets stay", pets, 0.0, _N_STAYS)
+    for f in families("other", "things"):
+        yield Entry(f.name, "thing", ((f,),), _THING_S, _N_THINGS)
+    yield Entry("empty room", "thing", ((),), _THING_S, _N_THINGS)
+
+
+ENTRIES = tuple(_entries())
 _RECORDED: tuple[tuple[str, Kind, str, bool], ...] = (
     ("recorded people who go", "walk test", "human", False),
     ("recorded people in one place", "walk test", "human", True),
