@@ -161,7 +161,7 @@ def evaluation_of(table: PassageTable, bundle: Bundle, command: str) -> dict[str
         "command": command,
         "gate": GATE.model_dump(),
         "passages": len(table),
-        "is_matched": figures(table, 0).content["is_matched"],
+        "is_matched": figures(table).content["is_matched"],
         "sensitivities": {
             name: _plain(outcome(table, found, everything, rng), found.false_alarms[pets] > 0)
             for name, found in levels(table, bundle)
