@@ -67,7 +67,7 @@ class Daemon:
         config: Mapping[str, Any] | None = None,
         before: str = "",
     ) -> None:
-        self.folder, self.arguments = folder, arguments
+        self.folder = folder
         folder.mkdir(parents=True, exist_ok=True)
         self.config_file = folder / "config.yaml"
         self.configure(config or {})

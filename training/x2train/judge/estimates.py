@@ -126,7 +126,7 @@ class Ranking:
         weight = np.ones(len(self._level)) if weight is None else weight
         positive = np.bincount(self._level, weight * self._is_positive, self._n_levels)
         negative = np.bincount(self._level, weight * ~self._is_positive, self._n_levels)
-        return positive, negative
+        return np.asarray(positive, np.float64), np.asarray(negative, np.float64)
 
 
 @dataclass(frozen=True, slots=True)

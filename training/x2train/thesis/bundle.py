@@ -23,8 +23,8 @@ from x2train.bundle.writing import write_bundle
 from x2train.judge.judging import dwells
 from x2train.judge.verdicts import PET_LIMIT
 from x2train.nets.calibration import temperature_of
-from x2train.thesis.fit import ACTIVATIONS, Fitted
-from x2train.thesis.recipe import StudyRecipe, Tell, Variant, judged
+from x2train.thesis.fit import ACTIVATIONS, Fitted, Tell
+from x2train.thesis.recipe import StudyRecipe, Variant, judged
 from x2train.thesis.sets import Cell
 
 CLASSES = ("pet", "human")

@@ -20,12 +20,11 @@ from torch import nn
 from torch.nn import functional
 
 from x2train.thesis.elements import ElementSpec, dwell
-from x2train.thesis.fit import FitSettings, fit
+from x2train.thesis.fit import FitSettings, Tell, fit
 from x2train.thesis.recipe import (
     FRESH_FROM,
     Job,
     StudyRecipe,
-    Tell,
     judged,
     reached,
     seen,

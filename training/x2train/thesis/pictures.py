@@ -35,6 +35,7 @@ from x2train.thesis.recipe import CellResult, StudyRecipe
 from x2train.thesis.sets import RATES_HZ
 
 _CLASSES = ("pet", "person")
+_Extent = tuple[float, float, float, float]
 _MOVED_S = 0.3  # limbs are apart
 _MIN_DB = -40.0  # as in the thesis' plots
 _NEAR_M, _FAR_M = 1.5, 3.0  # of the torso in the elements that are drawn
@@ -104,12 +105,10 @@ def _range_doppler(cpi: NDArray[np.complex64]) -> NDArray[np.float64]:
     return np.fft.fftshift(np.abs(lines) ** 2, axes=0)
 
 
-def _map(
-    axis: Axes, power: NDArray[np.floating], extent: Sequence[float], title: str, label: str
-) -> None:
+def _map(axis: Axes, power: NDArray[np.floating], extent: _Extent, title: str, label: str) -> None:
     level_db = 10 * np.log10(np.maximum(power / max(float(power.max()), 1e-300), 1e-12))
     image = axis.imshow(
-        level_db, aspect="auto", origin="lower", extent=tuple(extent), vmin=_MIN_DB, vmax=0
+        level_db, aspect="auto", origin="lower", extent=extent, vmin=_MIN_DB, vmax=0
     )
     axis.figure.colorbar(image, ax=axis, label="dB under the peak")
     axis.set(title=title, xlabel=label, ylabel="Doppler (Hz)")

@@ -309,10 +309,10 @@ def network_job(
     """Return the training of the thesis' network on one set; windows stop it and retrain it."""
 
     def train(tell: Tell) -> dict[str, Any]:
-        fitted, *rest = recipe.train(cell, variant, tell, recordings)
+        fitted, evaluate, fresh, stopped_by = recipe.train(cell, variant, tell, recordings)
         looks = fitted.confidence.round(4).tolist()
         return {
-            **reached(fitted, variant.fit.look_every, *rest),
+            **reached(fitted, variant.fit.look_every, evaluate, fresh, stopped_by),
             "scores": tuple(map(tuple, fitted.scores.round(4).tolist())),
             "confidence": tuple(tuple(map(tuple, look)) for look in looks),
         }
