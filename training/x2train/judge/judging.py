@@ -57,10 +57,7 @@ class JudgeSpec:
     only: tuple[str, ...] = ()  # names of suites that there are; empty for all
 
     def __post_init__(self) -> None:
-        """Check the names of radar and suites."""
-        if self.radar not in (OWN_RADARS, *ONE_RADAR):
-            msg = f"radar '{self.radar}': must be one of {', '.join((OWN_RADARS, *ONE_RADAR))}"
-            raise UsageError(msg)
+        """Check the names of suites."""
         check_suites(self.only)
 
     def __call__(self, number: int) -> Mapping[str, NDArray[Any]]:

@@ -21,15 +21,7 @@ from torch.nn import functional
 
 from x2train.thesis.elements import ElementSpec, dwell
 from x2train.thesis.fit import FitSettings, Tell, fit
-from x2train.thesis.recipe import (
-    FRESH_FROM,
-    Job,
-    StudyRecipe,
-    judged,
-    reached,
-    seen,
-    with_stop,
-)
+from x2train.thesis.recipe import FRESH_FROM, Job, StudyRecipe, reached, scores, with_stop
 from x2train.thesis.sets import Cell, CellData, load_maps
 
 Maps = dict[str, NDArray[np.float32]]
@@ -154,9 +146,7 @@ def own_job(recipe: StudyRecipe, cell: Cell, s: OwnSettings) -> Job:
         return {
             "best": 0,
             "epochs": (s.epochs,) * s.repeats,
-            "evaluation": judged(np.stack(p_evaluate), data.y[n_train:]),
-            "fresh": judged(np.stack(p_fresh), fresh.y),
-            "in_view": seen(fresh, np.stack(p_fresh)),
+            **scores(np.stack(p_evaluate), data.y[n_train:], np.stack(p_fresh), fresh),
             "stopped_by": "nothing: a fixed number of epochs",
         }
 

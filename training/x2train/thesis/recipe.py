@@ -242,10 +242,16 @@ def judged(p: NDArray[np.float64], y: NDArray[np.int64]) -> SetResult:
     )
 
 
-def seen(data: CellData, p: NDArray[np.float64]) -> SetResult:
-    """Return what they are worth on the elements that are in view long enough."""
-    which = data.in_view >= IN_VIEW
-    return judged(p[:, which], data.y[which])
+def scores(
+    p_evaluate: NDArray[np.float64], y: NDArray[np.int64], p: NDArray[np.float64], fresh: CellData
+) -> dict[str, SetResult]:
+    """Return what a network says of elements that evaluate, with labels `y`, and of fresh ones."""
+    which = fresh.in_view >= IN_VIEW
+    return {
+        "evaluation": judged(p_evaluate, y),
+        "fresh": judged(p, fresh.y),
+        "in_view": judged(p[:, which], fresh.y[which]),
+    }
 
 
 _RESULT = TypeAdapter(CellResult)
@@ -292,13 +298,10 @@ def reached(
     fitted: Fitted, look_every: int, evaluate: CellData, fresh: CellData, stopped_by: str
 ) -> dict[str, Any]:
     """Return what a network in repeats has reached."""
-    p = fitted.predict(fresh.x)
     return {
         "best": fitted.best_repeat,
         "epochs": tuple(int(k) * look_every for k in fitted.best_looks),
-        "evaluation": judged(fitted.predict(evaluate.x), evaluate.y),
-        "fresh": judged(p, fresh.y),
-        "in_view": seen(fresh, p),
+        **scores(fitted.predict(evaluate.x), evaluate.y, fitted.predict(fresh.x), fresh),
         "stopped_by": stopped_by,
     }
 
