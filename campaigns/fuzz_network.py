@@ -16,7 +16,6 @@ from functools import lru_cache
 from pathlib import Path
 from unittest.mock import patch
 
-from campaigns.fuzz_mutate import BORDER
 from radard.commands.fleet import Fleet, table
 from radard.config.sink_table import MqttSection
 from radard.errors import ConfigError
@@ -26,6 +25,8 @@ from tests import sink_helpers
 from tests.dashboard_helpers import maker
 from tests.web_helpers import decision, event
 
+BORDER = b"\n--8<--\n"
+"""Between the parts of an input."""
 _LENGTH = b"@LENGTH"
 """Stands for the length of what comes behind the border."""
 _RIGHT = (503, 507)

@@ -21,7 +21,7 @@ import numpy as np
 import scipy.io
 
 from campaigns import fuzz_network
-from campaigns.fuzz_mutate import BORDER
+from campaigns.fuzz_network import BORDER
 from radard.alarm.sensor_state import StateStore
 from radard.config.config import load_config
 from radard.detect.calibration import load_calibration
