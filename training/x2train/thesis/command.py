@@ -195,8 +195,7 @@ def _parts(args: argparse.Namespace) -> tuple[str, ...]:
     if args.parts is None:
         return PARTS if args.publish else PARTS[:1]
     parts = tuple(part.strip() for part in args.parts.split(",") if part.strip())
-    wrong = [part for part in parts if part not in PARTS]
-    if wrong or not parts:
+    if not parts or set(parts) - set(PARTS):
         raise UsageError(f"--parts '{args.parts}': must be of {', '.join(PARTS)}")
     return parts
 
@@ -229,8 +228,7 @@ def _jobs(
         base = fit_settings("relu", **_fit_changes(args))
         rows: dict[str, Job] = {v.label: network_job(recipe, tried, v) for v in variants(base)}
         rows[RAW] = raw_job(recipe, tried, base)
-        wrong = set(args.rows or ()) - set(rows)
-        if wrong:
+        if wrong := set(args.rows or ()) - set(rows):
             raise UsageError(f"--rows {', '.join(sorted(wrong))}: must be of {', '.join(rows)}")
         yield from (rows[name] for name in args.rows or rows)
     if args.finetune:
