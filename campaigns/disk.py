@@ -22,6 +22,7 @@ found.
 import os
 import random
 import shutil
+import subprocess
 import sys
 import time
 from collections import Counter
@@ -34,7 +35,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from campaigns.kept import PORT, House, campaign
 from campaigns.outputs import phases
-from campaigns.processes import CONFIG, does, is_mounted, wait_for
+from campaigns.processes import CONFIG, wait_for
 
 _MODES = {"slow": b"s", "read_only": b"r", "broken": b"e"}
 _KINDS = ("full", "low", *_MODES, "corrupt")
@@ -47,6 +48,13 @@ _CONFIG = {
 }
 
 
+def _does(*command: str) -> bool:
+    """Run a command in silence; return whether that went well."""
+    with suppress(OSError):
+        return subprocess.run(command, check=False, capture_output=True).returncode == 0
+    return False
+
+
 class Disk:
     """A small disk, and what may happen to it."""
 
@@ -55,10 +63,12 @@ class Disk:
         self._layer = mode.with_suffix(".so")
         self.skipped: set[str] = set()
         self._mode.write_bytes(b"-")
-        if not is_mounted(folder, f"{_MB}m", stack):
+        if _does("mount", "-t", "tmpfs", "-o", f"size={_MB}m", "tmpfs", str(folder)):
+            stack.callback(_does, "umount", "-l", str(folder))
+        else:
             self.skipped |= {"full", "low"}
         build = ("gcc", "-shared", "-fPIC", "-O1", "-o", str(self._layer))
-        if not does(*build, str(Path(__file__).parent / "disk_layer.c"), "-ldl"):
+        if not _does(*build, str(Path(__file__).parent / "disk_layer.c"), "-ldl"):
             self.skipped |= set(_MODES)
 
     def environment(self) -> dict[str, str]:
@@ -69,8 +79,7 @@ class Disk:
     def fail(self, kind: str) -> str:
         """Let something happen; return what is to be known of it."""
         if kind in _MODES:
-            with self._mode.open("r+b") as file:
-                file.write(_MODES[kind])
+            self._set(_MODES[kind])
         elif kind == "corrupt":
             return self._corrupt()
         else:
@@ -82,15 +91,18 @@ class Disk:
 
     def heal(self) -> None:
         """Let it be well."""
-        with self._mode.open("r+b") as file:
-            file.write(b"-")
+        self._set(b"-")
         (self.folder / "filler").unlink(missing_ok=True)
+
+    def _set(self, mode: bytes) -> None:
+        # In place: the layer has the file mapped.
+        with self._mode.open("r+b") as file:
+            file.write(mode)
 
     def _corrupt(self) -> str:
         """Overwrite some pages of one file; return its name."""
-        files = [p for p in self.folder.rglob("*") if p.suffix in {".db", ".db-wal", ".h5"}]
-        files = [p for p in files if p.stat().st_size]
-        path = self._rng.choice(sorted(files))
+        files = (p for p in self.folder.rglob("*") if p.suffix in {".db", ".db-wal", ".h5"})
+        path = self._rng.choice(sorted(p for p in files if p.stat().st_size))
         with suppress(FileNotFoundError), path.open("r+b") as file:
             times = os.fstat(file.fileno())
             for _ in range(self._rng.randint(1, 4)):
@@ -141,7 +153,7 @@ class Guard(House):
         self.alarm_again()
         self._still_goes_on(what)
         if kind in {"full", "read_only", "broken"}:
-            self.expect("silent_stalls", f"{what}: not said", self._is_said)
+            self.expect("silent_stalls", f"{what}: not said", lambda: self.state_is("degraded"))
         time.sleep(self.rng.uniform(*_LASTS_S))
         self.disk.heal()
         self._still_goes_on(f"after {what}")
@@ -187,9 +199,6 @@ class Guard(House):
 
     def _still_goes_on(self, what: str) -> None:
         self.goes_on(self.rng.randint(3, 12), what)
-
-    def _is_said(self) -> bool:
-        return self.daemon.status().get("state") == "degraded"
 
     def _is_well(self) -> bool:
         """Return whether only what lasts is said: a recording that ended, a file put aside."""

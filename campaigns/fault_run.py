@@ -11,7 +11,6 @@ import math
 import threading
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -84,15 +83,6 @@ class StampingFirmware(X2Firmware):
     def frame_message(self, axis: Any, counter: int, frame: NDArray[Any]) -> Message:
         """As in `Firmware`."""
         return super().frame_message(axis, counter, stamp(frame, self._time_s()))
-
-
-@dataclass(frozen=True, slots=True)
-class Recovery:
-    """How a run came back."""
-
-    stream_s: float  # stream time from the last bad frame to a whole decision
-    outage_s: float  # from the end of all faults to the last bad frame
-    fault: str  # what took too long; empty if nothing did
 
 
 class Watcher:
@@ -171,20 +161,25 @@ class Watcher:
         self._is_spiked = True
         self.last_bad = self._clock.now(), self._t_s
 
-    def recovery(self, healed_s: float, limit_s: float = OUTAGE_S) -> Recovery:
-        """Say how it came back from the last fault; `healed_s` is when all of them ended."""
+    def recovery(self, healed_s: float, limit_s: float = OUTAGE_S) -> tuple[float, float, str]:
+        """Say how it came back from the last fault; `healed_s` is when all of them ended.
+
+        That is, stream time from the last bad frame to a whole decision, time from the end of all
+        faults to the last bad frame, and what took too long; empty if nothing did.
+        """
         if self.last_bad is None:
-            return Recovery(0.0, 0.0, "" if self.wholes else "no decision at all")
+            return 0.0, 0.0, "" if self.wholes else "no decision at all"
         bad_s, bad_t_s = self.last_bad
         outage_s = max(0.0, bad_s - healed_s)
         after = [t_s for now_s, t_s in self.wholes if now_s > bad_s]
         if not after:
-            return Recovery(0.0, outage_s, "no decision after the last fault")
-        stream_s = after[0] - bad_t_s
-        is_late = stream_s > (SPIKED_S if self._is_spiked else RECOVERY_S)
-        late = f"{stream_s:.2f} s to a decision" if is_late else ""
-        away = f"{outage_s:.2f} s to good frames" if outage_s > limit_s else ""
-        return Recovery(stream_s, outage_s, "; ".join(filter(None, (late, away))))
+            return 0.0, outage_s, "no decision after the last fault"
+        stream_s, why = after[0] - bad_t_s, []
+        if stream_s > (SPIKED_S if self._is_spiked else RECOVERY_S):
+            why.append(f"{stream_s:.2f} s to a decision")
+        if outage_s > limit_s:
+            why.append(f"{outage_s:.2f} s to good frames")
+        return stream_s, outage_s, "; ".join(why)
 
 
 def _stitched(rows: list[float | None], rate_hz: float) -> str:
@@ -196,9 +191,7 @@ def _stitched(rows: list[float | None], rate_hz: float) -> str:
         return "no frame in it can be told"
     first, first_s = known[0]
     off = max(abs((made_s - first_s) * rate_hz - (k - first)) for k, made_s in known)
-    if off > 0.5:
-        return f"time jumps by {off:.1f} frames in it"
-    return ""
+    return f"time jumps by {off:.1f} frames in it" if off > 0.5 else ""
 
 
 def _is_full(rows: list[bool], rate_hz: float) -> bool:

@@ -9,14 +9,15 @@ import random
 from collections import deque
 from collections.abc import Callable
 from contextlib import ExitStack
+from functools import lru_cache
+from itertools import cycle
 from types import SimpleNamespace
-from typing import Any, ClassVar
+from typing import Any
 from unittest.mock import patch
 
 import numpy as np
 
 from campaigns.fault_run import StampingFirmware
-from radard.stream.source import CoalescedReads
 from x2radar import device
 from x2radar.device.transport import Transport
 from x2radar.errors import PortNotFound, TransportClosed
@@ -42,21 +43,11 @@ class Over(BaseException):
     """The run's time is over."""
 
 
-class _Echoes:
-    """The echoes of a scene, made once a process; for any rate, since nobody looks at speeds."""
-
-    _made: ClassVar[list[Any]] = []
-
-    def __init__(self, settings: ModuleSettings) -> None:
-        if not self._made:
-            stream = EchoStream(load_scene(SCENE), 0, RadarSettings.for_frame_rate(60))
-            self._made.extend(stream.next() for _ in range(_KEPT_FRAMES))
-        self.settings, self.axis = settings, settings.axis
-        self._at = 0
-
-    def next(self) -> Any:
-        self._at += 1
-        return self._made[self._at % _KEPT_FRAMES]
+@lru_cache(maxsize=1)
+def _echoes() -> list[Any]:
+    """Return the echoes of a scene; for any rate, since nobody looks at speeds."""
+    stream = EchoStream(load_scene(SCENE), 0, RadarSettings.for_frame_rate(60))
+    return [stream.next() for _ in range(_KEPT_FRAMES)]
 
 
 class Module(SimulatedModule):
@@ -70,18 +61,17 @@ class Module(SimulatedModule):
 
     def heal(self) -> None:
         """Let nothing go wrong from here on; what was held back comes now."""
-        queue = [piece for _, piece in self._line._queue]
-        plan = {}
-        dice = Dice(plan, 0)
+        queue, dice = self._line._queue, Dice({}, 0)
         self._faults, self._line = ModuleFaults(dice), Line(dice)
-        for piece in queue:
+        for _, piece in queue:
             self._line.put(piece, self._now_s)
         self._commands = deque((self._now_s, command) for _, command in self._commands)
         if self._ready_due_s < float("inf"):
             self._ready_due_s = self._now_s
 
     def _start(self, settings: ModuleSettings) -> None:
-        self._stream, self._resume = _Echoes(settings), None  # type: ignore[assignment]
+        made = {"settings": settings, "axis": settings.axis, "next": cycle(_echoes()).__next__}
+        self._stream, self._resume = SimpleNamespace(**made), None  # type: ignore[assignment]
         self._counter, self._frame_due_s = 0, self._now_s
 
     def _restart(self) -> None:
@@ -214,12 +204,10 @@ class Port:
         if not self._waiting:
             self._check()
             return b""
-        if world.most_read:
+        if n := world.most_read:
             # A kernel hands out what there is, whatever pieces it came in.
             joined = b"".join(self._waiting)
-            self._waiting = deque(
-                filter(None, (joined[: world.most_read], joined[world.most_read :]))
-            )
+            self._waiting = deque(filter(None, (joined[:n], joined[n:])))
         piece = self._waiting.popleft()
         self._n_waiting -= len(piece)
         return piece
@@ -267,11 +255,6 @@ def clock_of(world: World) -> ExitStack:
         for name in vars(module).keys() & made.keys():
             stack.enter_context(patch.object(module, name, made[name]))
     return stack
-
-
-def coalesced(world: World) -> Callable[[], Transport]:
-    """Return what connects as the daemon does, with pauses between reads."""
-    return lambda: CoalescedReads(world.connect(), clock=world.now, sleep=world.sleep)
 
 
 _SECONDS = {"silent": 15.0, "hang_up": 15.0, "slow_ack": 3.0, "not_ready": 12.0, "merge": 4.0}

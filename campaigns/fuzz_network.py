@@ -16,7 +16,6 @@ from functools import lru_cache
 from pathlib import Path
 from unittest.mock import patch
 
-from campaigns.fuzz_mutate import BORDER
 from radard.commands.fleet import Fleet, table
 from radard.config.sink_table import MqttSection
 from radard.errors import ConfigError
@@ -26,6 +25,8 @@ from tests import sink_helpers
 from tests.dashboard_helpers import maker
 from tests.web_helpers import decision, event
 
+BORDER = b"\n--8<--\n"
+"""Between the parts of an input."""
 _LENGTH = b"@LENGTH"
 """Stands for the length of what comes behind the border."""
 _RIGHT = (503, 507)
@@ -96,7 +97,7 @@ def _dashboard() -> _Dashboard:
     return _Dashboard()
 
 
-def http(_folder: Path, data: bytes) -> None:
+def _http(_folder: Path, data: bytes) -> None:
     """Send a request; its head says @LENGTH for the length of the body behind the border."""
     head, border, body = data.partition(BORDER)
     length = str(len(body)).encode()
@@ -107,8 +108,7 @@ def http(_folder: Path, data: bytes) -> None:
             raise Unhandled(line.decode(errors="replace"))
 
 
-def http_seeds(_folder: Path) -> list[bytes]:
-    """Return requests of every kind."""
+def _http_seeds(_folder: Path) -> list[bytes]:
     head = "{} {} HTTP/1.1\nHost: 127.0.0.1\nConnection: close"
     pages = (
         *("/", "/healthz", "/readyz", "/metrics", "/static/app.js", "/api/v1/status"),
@@ -142,12 +142,11 @@ _UPGRADE = (
 )
 
 
-def websocket(_folder: Path, data: bytes) -> None:
+def _websocket(_folder: Path, data: bytes) -> None:
     """Open a page's WebSocket and send frames: as they are, or texts behind borders as frames."""
-    if data[:1] != b"{":
-        _dashboard().send(_UPGRADE + data)
-        return
-    _dashboard().send(_UPGRADE + b"".join(_frame(1, text) for text in data.split(BORDER)))
+    if data[:1] == b"{":
+        data = b"".join(_frame(1, text) for text in data.split(BORDER))
+    _dashboard().send(_UPGRADE + data)
 
 
 def _frame(opcode: int, payload: bytes) -> bytes:
@@ -157,8 +156,7 @@ def _frame(opcode: int, payload: bytes) -> bytes:
     return bytes([0x80 | opcode]) + size + bytes(4) + payload
 
 
-def websocket_seeds(_folder: Path) -> list[bytes]:
-    """Return messages of a page, and frames of every kind."""
+def _websocket_seeds(_folder: Path) -> list[bytes]:
     text = b'{"pictures": true}' + BORDER + b'{"drawn": 3}' + BORDER + b'{"pictures": false}'
     frames = [_frame(k, b'{"drawn": 1}') for k in (0, 1, 2, 8, 9, 10)]
     return [text, *frames, b"".join(frames)]
@@ -172,7 +170,7 @@ def _reader() -> CommandReader:
     return CommandReader(MqttSection(code_file=code), now_s=lambda: 0.0)
 
 
-def mqtt(_folder: Path, data: bytes) -> None:
+def _mqtt(_folder: Path, data: bytes) -> None:
     """Read a message on a command's topic: the topic, a border, and the payload."""
     topic, _, payload = data.partition(BORDER)
     with contextlib.suppress(ValueError, ConfigError):
@@ -180,8 +178,7 @@ def mqtt(_folder: Path, data: bytes) -> None:
         _reader().read(topic.decode(errors="replace"), payload, is_retained=False)
 
 
-def mqtt_seeds(_folder: Path) -> list[bytes]:
-    """Return good commands."""
+def _mqtt_seeds(_folder: Path) -> list[bytes]:
     rows = (
         *((name, b"") for name in ("arm", "arm-home", "ack", "calibrate")),
         *(("disarm", b"1234"), ("sensitivity", b"high"), ("panel", b"ARM_AWAY")),
@@ -190,17 +187,16 @@ def mqtt_seeds(_folder: Path) -> list[bytes]:
     return [f"radard/hall/command/{name}".encode() + BORDER + body for name, body in rows]
 
 
-def announce(_folder: Path, data: bytes) -> None:
+def _announce(_folder: Path, data: bytes) -> None:
     """Make Home Assistant's discovery of what a run, and its module, say of themselves."""
     try:
         hello = json.loads(data)
     except (ValueError, RecursionError):
         return
     # The driver gives texts and numbers under these names, whatever the module has sent.
-    known = {key: type(value) for key, value in _HELLO.items()}
     if not isinstance(hello, dict):
         return
-    if not all(isinstance(hello.get(key), kind) for key, kind in known.items()):
+    if not all(isinstance(hello.get(key), type(value)) for key, value in _HELLO.items()):
         return
     topics = MqttTopics("hall", "radard", MqttSection(), takes_commands=True)
     topics.on_record({**hello, "type": "hello"}, 0.0)
@@ -210,12 +206,11 @@ def announce(_folder: Path, data: bytes) -> None:
             json.loads(each.payload)
 
 
-def announce_seeds(_folder: Path) -> list[bytes]:
-    """Return a good hello."""
+def _announce_seeds(_folder: Path) -> list[bytes]:
     return [json.dumps(_HELLO).encode()]
 
 
-def fleet(_folder: Path, data: bytes) -> None:
+def _fleet(_folder: Path, data: bytes) -> None:
     """Show what messages of a broker say of radars: topic, border, payload, border, topic, ..."""
     seen = Fleet("radard")
     parts = data.split(BORDER)
@@ -228,8 +223,7 @@ def fleet(_folder: Path, data: bytes) -> None:
             raise Unhandled(repr(line[:80]))
 
 
-def fleet_seeds(_folder: Path) -> list[bytes]:
-    """Return the messages of two radars."""
+def _fleet_seeds(_folder: Path) -> list[bytes]:
     state = {"armed": True, "alarm": False, "gate": "open", "label": "pet"}
     health = {"state": "online", "reason": "", "fault": None, "tamper": "covered: it is dark"}
     rows = {"availability": "online", "state": json.dumps(state), "health": json.dumps(health)}
@@ -244,10 +238,10 @@ def fleet_seeds(_folder: Path) -> list[bytes]:
 
 
 ROWS = {
-    "http": (http, http_seeds),
-    "websocket": (websocket, websocket_seeds),
-    "mqtt": (mqtt, mqtt_seeds),
-    "discovery": (announce, announce_seeds),
-    "fleet": (fleet, fleet_seeds),
+    "http": (_http, _http_seeds),
+    "websocket": (_websocket, _websocket_seeds),
+    "mqtt": (_mqtt, _mqtt_seeds),
+    "discovery": (_announce, _announce_seeds),
+    "fleet": (_fleet, _fleet_seeds),
 }
 """What runs an input, and what makes good ones."""

@@ -14,14 +14,14 @@ from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import h5py
 import numpy as np
 import scipy.io
 
 from campaigns import fuzz_network
-from campaigns.fuzz_mutate import BORDER
+from campaigns.fuzz_network import BORDER
 from radard.alarm.sensor_state import StateStore
 from radard.config.config import load_config
 from radard.detect.calibration import load_calibration
@@ -35,13 +35,7 @@ from x2radar.commands.decode import describe, read_trace
 from x2radar.device.device import X2Radar
 from x2radar.errors import X2RadarError
 from x2radar.modules.x2 import RadarSettings
-from x2radar.recording.capture import (
-    FROM_MODULE,
-    TO_MODULE,
-    Capture,
-    CaptureWriter,
-    capturing,
-)
+from x2radar.recording import capture
 from x2radar.recording.hdf5_reader import lookup3
 from x2radar.recording.registry import open_recording
 from x2radar.sim.module.host import connect
@@ -56,17 +50,6 @@ _ROOT = Path(__file__).parents[1]
 _SHA_OF_PART = b"sha256-of-the-other-part"
 _META = "xethru_recording_meta.dat"
 _DATA = "xethru_baseband_iq_20260301_123000.dat"
-
-
-class Target(NamedTuple):
-    """One reader."""
-
-    run: Callable[[Path, bytes], None]
-    seeds: Callable[[Path], list[bytes]]
-    """Makes good inputs, in an empty folder."""
-
-
-# ---------------------------------------------------------------- recordings
 
 
 def _read(path: Path) -> None:
@@ -145,17 +128,14 @@ def _p4xx_seeds(folder: Path) -> list[bytes]:
     return out
 
 
-# ---------------------------------------------------------------- the wire
-
-
 def _session(folder: Path, output: Literal["rf", "iq", "ap"]) -> Path:
     """Capture a short session."""
     path, settings = folder / f"{output}.x2cap", RadarSettings(output=output)
-    writer = CaptureWriter(path, {"settings": {"output": output}, "port": "sim:dog"})
+    writer = capture.CaptureWriter(path, {"settings": {"output": output}, "port": "sim:dog"})
     module = SimulatedModule(load_scene("dog"), 1)
-    with X2Radar(capturing(lambda: connect(lambda: module, None), writer), settings) as radar:
-        for _ in islice(radar.frames(), 3):
-            pass
+    line = capture.capturing(lambda: connect(lambda: module, None), writer)
+    with X2Radar(line, settings) as radar:
+        list(islice(radar.frames(), 3))
     writer.close()
     return path
 
@@ -163,10 +143,10 @@ def _session(folder: Path, output: Literal["rf", "iq", "ap"]) -> Path:
 def _decoder_seeds(folder: Path) -> list[bytes]:
     out = [(_ROOT / "tests" / "data" / "trace.txt").read_bytes()[:20_000]]
     for output in ("rf", "iq", "ap"):
-        chunks = list(Capture(_session(folder, output)).chunks())
+        chunks = list(capture.Capture(_session(folder, output)).chunks())
         out += [
             b"".join(each.data for each in chunks if each.kind == kind)[:8000]
-            for kind in (TO_MODULE, FROM_MODULE)
+            for kind in (capture.TO_MODULE, capture.FROM_MODULE)
         ]
     return out
 
@@ -190,14 +170,10 @@ def _capture(folder: Path, data: bytes) -> None:
 
 
 def _decode(_folder: Path, data: bytes) -> None:
-    for _ in describe(read_trace(data)):
-        pass
+    list(describe(read_trace(data)))
     decoder = PacketDecoder()
     for at in range(0, len(data), 500):
         list(read_messages(decoder, data[at : at + 500]))
-
-
-# ---------------------------------------------------------------- text
 
 
 def _scene(folder: Path, data: bytes) -> None:
@@ -289,25 +265,25 @@ def _state_seeds(_folder: Path) -> list[bytes]:
 
 _BOTH = ("baseband", "rf")
 _SIGMF = ("a.sigmf-data", "a.sigmf-meta")
+Target = tuple[Callable[[Path, bytes], None], Callable[[Path], list[bytes]]]
 TARGETS: Mapping[str, Target] = {
-    "decoder": Target(_decode, _decoder_seeds),
-    "hdf5": Target(_files("a.h5"), _hdf5_seeds),
-    "xethru": Target(_files(_DATA, _META, look_at=""), _converted("xethru", "a", "baseband")),
-    "framelogger": Target(
-        _files("a.framelogger"), _converted("framelogger", "a.framelogger", "rf")
-    ),
-    "p4xx": Target(_files("a.mat"), _p4xx_seeds),
-    "mat": Target(_files("a.mat"), _converted("mat", "a.mat", *_BOTH)),
-    "npz": Target(_files("a.npz"), _npz_seeds),
-    "sigmf": Target(_files(*_SIGMF, look_at=_SIGMF[1]), _converted("sigmf", _SIGMF[1], *_BOTH)),
-    "capture": Target(_capture, _capture_seeds),
-    "scene": Target(_scene, _scene_seeds),
-    "config": Target(_config, _config_seeds),
-    "bundle": Target(_bundle, _bundle_seeds),
-    "calibration": Target(_calibration, _calibration_seeds),
-    "state": Target(_state, _state_seeds),
-    **{name: Target(*row) for name, row in fuzz_network.ROWS.items()},
+    "decoder": (_decode, _decoder_seeds),
+    "hdf5": (_files("a.h5"), _hdf5_seeds),
+    "xethru": (_files(_DATA, _META, look_at=""), _converted("xethru", "a", "baseband")),
+    "framelogger": (_files("a.framelogger"), _converted("framelogger", "a.framelogger", "rf")),
+    "p4xx": (_files("a.mat"), _p4xx_seeds),
+    "mat": (_files("a.mat"), _converted("mat", "a.mat", *_BOTH)),
+    "npz": (_files("a.npz"), _npz_seeds),
+    "sigmf": (_files(*_SIGMF, look_at=_SIGMF[1]), _converted("sigmf", _SIGMF[1], *_BOTH)),
+    "capture": (_capture, _capture_seeds),
+    "scene": (_scene, _scene_seeds),
+    "config": (_config, _config_seeds),
+    "bundle": (_bundle, _bundle_seeds),
+    "calibration": (_calibration, _calibration_seeds),
+    "state": (_state, _state_seeds),
+    **fuzz_network.ROWS,
 }
+"""What runs an input, and what makes good ones in an empty folder."""
 
 
 def verdict(run: Callable[[], None]) -> tuple[str, str]:

@@ -78,6 +78,10 @@ class House:
         if (code != 0 and not is_forced) or "Traceback" in self.daemon.log:
             self.note("crashes", f"ended with {code}: {self.daemon.log[-3000:]}")
 
+    def state_is(self, state: str) -> bool:
+        """Return whether its status says so."""
+        return bool(self.daemon.status().get("state") == state)
+
     def n_told(self, kind: str) -> int:
         """Return how many records of a type the file has."""
         return sum(1 for _ in self.outputs.records(kind))

@@ -15,65 +15,53 @@ import argparse
 import ast
 import copy
 import importlib
-import importlib.abc
-import importlib.machinery
-import importlib.util
 import json
 import os
 import random
 import signal
 import sys
 import tempfile
-import threading
-import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from importlib.machinery import SourceFileLoader
 from multiprocessing import get_context
 from pathlib import Path
-from types import FrameType, ModuleType
 from typing import Any
+
+import coverage
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "daemon"), str(ROOT / "training")]
 os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
 
-_LOG = ("outputs/test_log", "outputs/test_log_model")
-MODULES: dict[str, tuple[str, tuple[str, ...]]] = {
-    "framing": (
-        "x2radar/wire/framing.py",
-        ("driver/test_framing", "driver/test_framing_faults"),
-    ),
-    "codec": ("x2radar/wire/codec.py", ("driver/test_codec", "driver/test_codec_properties")),
-    "link": (
-        "x2radar/device/link.py",
-        ("driver/test_device", "driver/test_device_start_up"),
-    ),
+_LOG = "outputs/test_log outputs/test_log_model"
+MODULES = {
+    "framing": ("x2radar/wire/framing", "driver/test_framing driver/test_framing_faults"),
+    "codec": ("x2radar/wire/codec", "driver/test_codec driver/test_codec_properties"),
+    "link": ("x2radar/device/link", "driver/test_device driver/test_device_start_up"),
     "ring": (
-        "daemon/radard/stream/ring.py",
-        ("detect/test_ring", "detect/test_ring_times", "detect/test_ring_model"),
+        "daemon/radard/stream/ring",
+        "detect/test_ring detect/test_ring_times detect/test_ring_model",
     ),
-    "gate": ("daemon/radard/detect/gate.py", ("detect/test_gate_limits", "detect/test_gate")),
-    "evidence": ("daemon/radard/judge/evidence.py", ("training/test_evidence",)),
-    "decision": (
-        "daemon/radard/judge/decision.py",
-        ("detect/test_decision", "training/test_evidence"),
-    ),
+    "gate": ("daemon/radard/detect/gate", "detect/test_gate_limits detect/test_gate"),
+    "evidence": ("daemon/radard/judge/evidence", "training/test_evidence"),
+    "decision": ("daemon/radard/judge/decision", "detect/test_decision training/test_evidence"),
     "panel": (
-        "daemon/radard/alarm/panel.py",
-        ("detect/test_alarm", "detect/test_alarm_events", "detect/test_panel_model"),
+        "daemon/radard/alarm/panel",
+        "detect/test_alarm detect/test_alarm_events detect/test_panel_model",
     ),
-    "health": ("daemon/radard/health/health.py", ("run/test_health",)),
+    "health": ("daemon/radard/health/health", "run/test_health"),
     "calibration": (
-        "daemon/radard/run/room_calibration.py",
-        ("run/test_calibration_limits", "run/test_room_calibration"),
+        "daemon/radard/run/room_calibration",
+        "run/test_calibration_limits run/test_room_calibration",
     ),
-    "events": ("daemon/radard/alarm/events.py", ("detect/test_alarm_events", "detect/test_alarm")),
-    "log": ("daemon/radard/log.py", _LOG),
-    "log_cursor": ("daemon/radard/log_cursor.py", _LOG),
-    "log_file": ("daemon/radard/log_file.py", _LOG),
+    "events": ("daemon/radard/alarm/events", "detect/test_alarm_events detect/test_alarm"),
+    "log": ("daemon/radard/log", _LOG),
+    "log_cursor": ("daemon/radard/log_cursor", _LOG),
+    "log_file": ("daemon/radard/log_file", _LOG),
     "calibration_file": (
-        "daemon/radard/detect/calibration.py",
-        ("run/test_calibration_limits", "run/test_calibrate"),
+        "daemon/radard/detect/calibration",
+        "run/test_calibration_limits run/test_calibrate",
     ),
 }
 """Name to file, and tests, the quickest first."""
@@ -108,7 +96,7 @@ def changes(node: ast.AST) -> Iterator[tuple[str, ast.AST]]:  # noqa: C901, PLR0
             pass
         case ast.Expr() | ast.AugAssign():
             yield f"left out: {ast.unparse(node)}", ast.Pass()
-        case ast.Return(value) if value and not _is_none(value):
+        case ast.Return(value) if value and ast.unparse(value) != "None":
             yield f"None for {ast.unparse(node)}", ast.Return(ast.Constant(None))
         case ast.If(test) | ast.IfExp(test) if ast.unparse(test) != "TYPE_CHECKING":
             other = copy.copy(node)
@@ -138,10 +126,6 @@ def _in(op: ast.AST, node: ast.AST) -> str:
     return f"{_OTHER[type(op)].__name__} in {ast.unparse(node)}"
 
 
-def _is_none(node: ast.expr) -> bool:
-    return isinstance(node, ast.Constant) and node.value is None
-
-
 class Mutator(ast.NodeTransformer):
     """Number every possible change of a module, and make one of them."""
 
@@ -167,65 +151,30 @@ class Mutator(ast.NodeTransformer):
         return self.generic_visit(node)
 
 
-def mutants(path: Path) -> list[tuple[int, str]]:
-    """Return line and change of every mutant of a file."""
-    mutator = Mutator()
-    mutator.visit(ast.parse(path.read_text(encoding="utf-8")))
-    return mutator.found
-
-
-def mutant(path: Path, k: int) -> ast.Module:
-    """Return the k-th mutant of a file."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    return ast.fix_missing_locations(Mutator(k).visit(tree))  # type: ignore[no-any-return]
+def mutant(path: Path, k: int = -1) -> tuple[ast.Module, list[tuple[int, str]]]:
+    """Return the k-th mutant of a file, and line and change of every one up to it."""
+    mutator = Mutator(k)
+    tree = mutator.visit(ast.parse(path.read_text(encoding="utf-8")))
+    return ast.fix_missing_locations(tree), mutator.found
 
 
 # ---------------------------------------------------------------- whether its tests fail
 
 
-class Instead(importlib.abc.Loader, importlib.abc.MetaPathFinder):
-    """Gives a tree for a module."""
+class Timer:
+    """A plugin for pytest: the seconds of each test, whose name is that of what coverage notes."""
 
-    def __init__(self, path: Path, tree: ast.Module) -> None:
-        self._path, self._tree = path, tree
-        self._name = ".".join(path.relative_to(ROOT).with_suffix("").parts).removeprefix("daemon.")
-
-    def find_spec(self, fullname: str, *_: object) -> importlib.machinery.ModuleSpec | None:
-        """Find the one module."""
-        if fullname != self._name:
-            return None
-        return importlib.util.spec_from_file_location(fullname, self._path, loader=self)
-
-    def exec_module(self, module: ModuleType) -> None:
-        """Run the tree."""
-        exec(compile(self._tree, str(self._path), "exec"), module.__dict__)  # noqa: S102 - ours
-
-
-@dataclass
-class Tracer:
-    """A plugin for pytest: the lines of a file that each test runs, and its seconds."""
-
-    path: str
-    rows: list[tuple[str, set[int], float]] = field(default_factory=list)
+    def __init__(self, measured: coverage.Coverage) -> None:
+        self.seconds: Counter[str] = Counter()
+        self._measured = measured
 
     def pytest_runtest_protocol(self, item: Any) -> None:
-        """Trace from here on."""
-        self.rows.append((item.nodeid, set(), time.monotonic()))
-        threading.settrace(self._trace)
-        sys.settrace(self._trace)
+        """Note what runs from here on under the test's name."""
+        self._measured.switch_context(item.nodeid)
 
-    def pytest_runtest_logfinish(self, nodeid: str) -> None:
+    def pytest_runtest_logreport(self, report: Any) -> None:
         """Note how long it took."""
-        sys.settrace(None)
-        name, lines, began_s = self.rows[-1]
-        assert name == nodeid
-        self.rows[-1] = name, lines, time.monotonic() - began_s
-
-    def _trace(self, frame: FrameType, _event: str, _arg: object) -> Any:
-        if frame.f_code.co_filename != self.path:
-            return None
-        self.rows[-1][1].add(frame.f_lineno)
-        return self._trace
+        self.seconds[report.nodeid] += report.duration
 
 
 def in_fork(work: Callable[[], int], limit_s: float) -> int:
@@ -260,34 +209,40 @@ def run_tests(names: Sequence[str], plugins: Sequence[object] = ()) -> int:
     return int(pytest.main([*options, *names], list(plugins)))
 
 
-def traced(path: Path, tests: Sequence[str]) -> list[tuple[str, set[int], float]]:
-    """Return each test with the lines that it runs and its seconds; empty if one fails."""
+def traced(path: Path, tests: Sequence[str]) -> tuple[dict[str, float], dict[int, list[str]]]:
+    """Return each test's seconds, and the tests that run each line; nothing if one fails."""
     with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder) / "rows"
+        out, lines = Path(folder) / "seconds", Path(folder) / "lines"
 
         def work() -> int:
-            tracer = Tracer(str(path))
-            code = run_tests([f"tests/{each}.py" for each in tests], [tracer])
-            rows = [(name, sorted(lines), s) for name, lines, s in tracer.rows]
-            out.write_text(json.dumps(rows))
+            measured = coverage.Coverage(lines, include=[str(path)], config_file=False)
+            timer = Timer(measured)
+            with measured.collect():
+                code = run_tests([f"tests/{each}.py" for each in tests], [timer])
+            measured.save()
+            out.write_text(json.dumps(timer.seconds))
             return code
 
         if in_fork(work, 1200) != 0:
-            return []
-        return [(name, set(lines), s) for name, lines, s in json.loads(out.read_text())]
+            return {}, {}
+        data = coverage.CoverageData(str(lines))
+        data.read()
+        return json.loads(out.read_text()), data.contexts_by_lineno(str(path))
 
 
-def is_killed(path: Path, k: int, line: int, rows: Sequence[tuple[str, set[int], float]]) -> bool:
-    """Return whether a test fails on a mutant; on import every test may be the one."""
-    wanted = [(s, name) for name, lines, s in rows if line in lines]
-    wanted = sorted(wanted or [(s, name) for name, _, s in rows])
-    tree = mutant(path, k)
+def is_killed(path: Path, k: int, names: Sequence[str], seconds: Mapping[str, float]) -> bool:
+    """Return whether one of these tests fails on a mutant."""
+    tree, plain = mutant(path, k)[0], SourceFileLoader.get_code
+
+    def get_code(self: SourceFileLoader, fullname: str) -> Any:
+        is_it = self.path == str(path)
+        return compile(tree, self.path, "exec") if is_it else plain(self, fullname)
 
     def work() -> int:
-        sys.meta_path.insert(0, Instead(path, tree))
-        return run_tests([name for _, name in wanted])
+        SourceFileLoader.get_code = get_code  # type: ignore[method-assign]
+        return run_tests(sorted(names, key=seconds.__getitem__))
 
-    return in_fork(work, _MORE_S + _SLOWER * sum(s for s, _ in wanted)) != 0
+    return in_fork(work, _MORE_S + _SLOWER * sum(seconds[name] for name in names)) != 0
 
 
 def main() -> int:
@@ -305,17 +260,21 @@ def main() -> int:
     left: list[str] = []
     for name in args.modules or MODULES:
         file, tests = MODULES[name]
-        path = ROOT / file
-        found = mutants(path)
+        path = ROOT / f"{file}.py"
+        found = mutant(path)[1]
         ks = [k for k, (line, _) in enumerate(found) if args.line in {None, line}]
         n = max(1, round(args.share * len(ks)))
         drawn = sorted(random.Random(args.seed).sample(ks, n))  # noqa: S311 - a choice
-        rows = traced(path, tests)
-        if not rows:
+        seconds, by_line = traced(path, tests.split())
+        if not seconds:
             print(f"{name}: its tests fail as it is", file=sys.stderr)
             return 1
-        alive = [k for k in drawn if not is_killed(path, k, found[k][0], rows)]
-        left += [f"{file}:{found[k][0]}: {found[k][1]}" for k in alive]
+        alive = []
+        for k in drawn:
+            # Of a line that runs on import every test may be the one.
+            names = set(by_line.get(found[k][0], ())) & set(seconds) or set(seconds)
+            alive += [] if is_killed(path, k, sorted(names), seconds) else [k]
+        left += [f"{file}.py:{found[k][0]}: {found[k][1]}" for k in alive]
         report[name] = {"mutants": len(found), "tried": n, "killed": n - len(alive)}
         print(f"{name}: {n - len(alive)} of {n} killed, of {len(found)}", flush=True)
     tried, killed = (sum(row[key] for row in report.values()) for key in ("tried", "killed"))

@@ -4,7 +4,6 @@ import argparse
 import contextlib
 import json
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any
 
 import yaml
 
-from tests.processes import environ
+from tests.processes import environ, started
 
 PATIENCE_S = 120.0
 """For anything that a busy machine delays."""
@@ -28,18 +27,6 @@ CONFIG: Mapping[str, Any] = {
     "model": {"name": "fast"},
 }
 """Of a daemon that tells of much, and tries again soon."""
-STEPPED = """
-from pathlib import Path
-from x2radar import wall_clock
-plain, offset = wall_clock.now_s, Path("offset")
-def stepped():
-    try:
-        return plain() + float(offset.read_text())
-    except (OSError, ValueError):
-        return plain()
-wall_clock.now_s = stepped
-"""
-"""What sets the clock on the wall of one daemon, by the seconds in a file of its folder."""
 _RADARD = "import sys; from radard.cli import main; sys.exit(main())"
 
 
@@ -67,28 +54,6 @@ def end_with(found: Mapping[str, Any]) -> int:
     return int(any(line[key] for key in HARM))
 
 
-def does(*command: str) -> bool:
-    """Run a command in silence; return whether that went well."""
-    with contextlib.suppress(OSError):
-        return subprocess.run(command, check=False, capture_output=True).returncode == 0
-    return False
-
-
-def is_mounted(folder: Path, size: str, stack: contextlib.ExitStack) -> bool:
-    """Give a folder a disk of its own, in memory; return whether it has one: root may do that."""
-    if not does("mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(folder)):
-        return False
-    stack.callback(does, "umount", "-l", str(folder))
-    return True
-
-
-def environment(folder: Path) -> dict[str, str]:
-    """Return an environment with this source tree and folders of its own."""
-    kept = {k: v for k, v in environ().items() if not k.startswith(("RADARD_", "NOTIFY_"))}
-    own = dict.fromkeys(("XDG_STATE_HOME", "XDG_RUNTIME_DIR"), str(folder))
-    return kept | own | dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
-
-
 class Daemon:
     """A `radard` process in a folder of its own: configuration, state, status and log.
 
@@ -102,19 +67,17 @@ class Daemon:
         config: Mapping[str, Any] | None = None,
         before: str = "",
     ) -> None:
-        self.folder, self.arguments = folder, arguments
+        self.folder = folder
         folder.mkdir(parents=True, exist_ok=True)
         self.config_file = folder / "config.yaml"
         self.configure(config or {})
-        command = [sys.executable, "-c", f"{before}\n{_RADARD}", "--config", str(self.config_file)]
+        env = {k: v for k, v in environ().items() if not k.startswith(("RADARD_", "NOTIFY_"))}
+        env |= dict.fromkeys(("XDG_STATE_HOME", "XDG_RUNTIME_DIR"), str(folder))
+        env |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+        command = ("-c", f"{before}\n{_RADARD}", "--config", self.config_file, *arguments)
         with (folder / "log").open("ab") as log:
-            self.process = subprocess.Popen(
-                [*command, *arguments],
-                stdout=subprocess.DEVNULL,
-                stderr=log,
-                env=environment(folder),
-                cwd=folder,
-            )
+            given = {"stdout": subprocess.DEVNULL, "stderr": log, "env": env, "cwd": folder}
+            self.process = started(*command, **given)
 
     def configure(self, config: Mapping[str, Any]) -> None:
         """Write the configuration file; state and status are kept in the folder."""

@@ -53,41 +53,27 @@ def sample(pid: int) -> tuple[float, ...]:
     return time.monotonic(), int(rows["VmRSS"].split()[0]), n_fds, int(rows["Threads"])
 
 
-class Page(threading.Thread):
-    """What a page does: it listens to the daemon's WebSocket, again when that has ended."""
-
-    def __init__(self, port: int) -> None:
-        super().__init__(daemon=True)
-        self.n_messages = 0
-        self._port = port
-        self._halt = threading.Event()
-        self.start()
-
-    def close(self) -> None:
-        """Close the page."""
-        self._halt.set()
-        self.join(10)
-
-    def run(self) -> None:
-        """Listen."""
-        refused = (OSError, WebSocketException, EOFError)
-        while not self._halt.wait(0.5):
-            with (
-                contextlib.suppress(*refused),
-                connect(f"ws://127.0.0.1:{self._port}/ws") as line,
-            ):
-                while not self._halt.is_set():
-                    with contextlib.suppress(TimeoutError):
-                        line.recv(timeout=1.0)
-                        self.n_messages += 1
+def listened(port: int, halt: threading.Event) -> int:
+    """Listen to the daemon's WebSocket, as a page does; return how many messages came."""
+    n, refused = 0, (OSError, WebSocketException, EOFError)
+    while not halt.wait(0.5):
+        with contextlib.suppress(*refused), connect(f"ws://127.0.0.1:{port}/ws") as line:
+            while not halt.is_set():
+                with contextlib.suppress(TimeoutError):
+                    line.recv(timeout=1.0)
+                    n += 1
+    return n
 
 
-def soaked(folder: Path, broker: Broker, seconds: float, *arguments: str) -> dict[str, Any]:
+def soaked(
+    folder: Path, broker: Broker, pool: ThreadPoolExecutor, seconds: float, *arguments: str
+) -> dict[str, Any]:
     """Run a daemon of the folder's name until it ends, or for so long; return its counts."""
     outputs, web, samples = Outputs(folder, broker), free_port(), []
     arguments = (*arguments, *outputs.arguments, "-o", f"http://127.0.0.1:{web}")
     daemon = Daemon(folder, *arguments, config={"sensor": {"name": folder.name}})
-    page = Page(web)
+    halt = threading.Event()
+    page = pool.submit(listened, web, halt)
     wait_for(lambda: daemon.status(folder.name).get("seq") or not daemon.is_alive, "a decision")
     end_s = time.monotonic() + seconds
     while time.monotonic() < end_s and daemon.is_alive:
@@ -96,10 +82,10 @@ def soaked(folder: Path, broker: Broker, seconds: float, *arguments: str) -> dic
         except (OSError, KeyError):
             break
         time.sleep(_EVERY_S)
-    page.close()
+    halt.set()
     code = daemon.stop()
     rows = list(outputs.records("decision"))
-    found = {"messages_to_page": page.n_messages, "exit_code": code}
+    found = {"messages_to_page": page.result(), "exit_code": code}
     found |= {"crashes": int(code != 0), "decisions": len(rows)}
     if "--speed" in arguments:
         return found | grown(samples, rows[-1]["t_s"] / 3600)
@@ -188,12 +174,13 @@ def soak(
 ) -> dict[str, Any]:
     """Run the three daemons and return what the last line says."""
     fast = ("--speed", "max", "--duration", str(round(stream_h * 3600)))
-    timed = [(folder / "fast", most_s, "--port", "sim:demo?run=soak", *fast)]
-    for rate_hz, share in ((200, 0.5), (60, 1.0)):
+    timed: list[tuple[Any, ...]] = []
+    for rate_hz, share in ((60, 1.0), (200, 0.5)):
         own, port = folder / f"hz{rate_hz}", f"sim:demo?rate={rate_hz}&run=soak"
-        timed.insert(0, (own, seconds * share, "--port", port, "--record", str(own / "rec.h5")))
-    with ThreadPoolExecutor(len(timed)) as pool:
-        ended = pool.map(lambda own: soaked(own[0], broker, *own[1:]), timed)
+        timed.append((own, seconds * share, "--port", port, "--record", str(own / "rec.h5")))
+    timed.append((folder / "fast", most_s, "--port", "sim:demo?run=soak", *fast))
+    with ThreadPoolExecutor(2 * len(timed)) as pool:
+        ended = pool.map(lambda own: soaked(own[0], broker, pool, *own[1:]), timed)
         runs = {own[0].name: found for own, found in zip(timed, ended, strict=True)}
     for own in timed[:2]:
         runs[own[0].name]["decisions_differ"] = differs(own[0])

@@ -14,7 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any
@@ -44,16 +44,12 @@ class Guard(House):
             self.daemon.config_file.write_text(config)
         else:
             self.daemon.configure(config)
-        self.send(signal.SIGHUP)
+        self.daemon.process.send_signal(signal.SIGHUP)
 
     def revive(self) -> None:
         """Give up: a daemon that had to be started again is not well."""
         msg = "it ended"
         raise RuntimeError(msg)
-
-    def send(self, number: int) -> None:
-        """Send the daemon a signal."""
-        self.daemon.process.send_signal(number)
 
 
 def broker_down(guard: Guard) -> None:
@@ -90,9 +86,9 @@ def store_locked(guard: Guard) -> None:
 
 def stopped(guard: Guard) -> None:
     """Stop the process for a while."""
-    guard.send(signal.SIGSTOP)
+    guard.daemon.process.send_signal(signal.SIGSTOP)
     guard.hold(8, 30)
-    guard.send(signal.SIGCONT)
+    guard.daemon.process.send_signal(signal.SIGCONT)
     guard.goes_on(3)
 
 
@@ -151,20 +147,19 @@ CASES: Mapping[str, Callable[[Guard], None]] = {
 }
 
 
-def surrounded(names: Sequence[str], *, is_full: bool) -> dict[str, dict[str, Any]]:
+def surrounded(names: Iterable[str], *, is_full: bool) -> dict[str, dict[str, Any]]:
     """Run cases; return what was counted in each."""
     found: dict[str, dict[str, Any]] = {}
     for name in names:
         begun_s = time.monotonic()
-        with ExitStack() as stack:
-            found[name] = _one(name, stack, is_full=is_full)
+        with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
+            found[name] = _one(name, Path(folder), stack, is_full=is_full)
         found[name]["seconds"] = round(time.monotonic() - begun_s)
     return found
 
 
-def _one(name: str, stack: ExitStack, *, is_full: bool) -> dict[str, Any]:
+def _one(name: str, folder: Path, stack: ExitStack, *, is_full: bool) -> dict[str, Any]:
     """Start broker and daemon, let a case happen, and count what went wrong."""
-    folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
     guard = Guard(folder, random.Random(), stack)  # noqa: S311 - nothing is drawn
     guard.is_full = is_full
     guard.start("--port", _PORT)
@@ -174,11 +169,9 @@ def _one(name: str, stack: ExitStack, *, is_full: bool) -> dict[str, Any]:
         guard.goes_on(3)
         guard.daemon.wait_state("online")
         guard.counts["events"] = len(guard.outputs.kept())
-        guard.found["lost_events"] += guard.outputs.lost()
+        guard.found["lost_events"] += guard.outputs.lost(guard.missing)
     except (TimeoutError, RuntimeError) as err:
         guard.note("unrecovered", f"{name}: {err}\n{guard.daemon.log[-2000:]}")
     guard.stop()
-    return {
-        **dict.fromkeys(("crashes", "unrecovered", "lost_events"), 0),
-        **guard.found,
-    } | guard.counts
+    found = dict.fromkeys(("crashes", "unrecovered", "lost_events"), 0)
+    return found | guard.found | guard.counts

@@ -30,11 +30,9 @@ from radard.judge.features import extract
 from radard.stream.ring import Dwell
 from x2radar.atomic import write_atomically
 from x2train.judge.estimates import Ranking, share
-from x2train.thesis.cells import CELLS, Cell
 from x2train.thesis.elements import ElementSpec, dwell
-from x2train.thesis.recipe import FRESH_FROM
-from x2train.thesis.results import IN_VIEW
-from x2train.thesis.sets import load_cell, load_maps
+from x2train.thesis.recipe import FRESH_FROM, IN_VIEW
+from x2train.thesis.sets import CELLS, Cell, load_cell, load_maps
 
 VERSION = "thesis-1"
 """Of the data and of what counts; results of different versions are not compared."""

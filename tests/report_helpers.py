@@ -36,18 +36,18 @@ FAMILIES = {
 }
 
 
-def drawn(n, seed=0, *, skill=6.0, is_matched=True):
-    """Return n passages as a network of some skill (in log odds) might see them."""
-    return PassageTable.of(drawn_passages(n, seed, skill=skill, is_matched=is_matched))
+def drawn(n, seed=0, *, skill=6.0):
+    """Return a table of n passages as a network of some skill (in log odds) might see them."""
+    return table_of(*drawn_passages(n, seed, skill=skill))
 
 
-def drawn_passages(n, seed=0, *, skill=6.0, is_matched=True):
+def drawn_passages(n, seed=0, *, skill=6.0):
     """Return the same, one by one."""
     rng = np.random.default_rng(seed)
-    return [_drawn(rng, k, skill, is_matched) for k in range(n)]
+    return [_drawn(rng, k, skill) for k in range(n)]
 
 
-def _drawn(rng, k, skill, is_matched):
+def _drawn(rng, k, skill):
     label = str(rng.choice(["human", "pet", "other", "empty"], p=[0.45, 0.45, 0.07, 0.03]))
     family = str(rng.choice(FAMILIES[label]))
     is_human = label == "human"
@@ -57,7 +57,7 @@ def _drawn(rng, k, skill, is_matched):
     llr = mean + rng.normal(0, 1.5, n)
     fused = llr.cumsum() / np.sqrt(np.arange(1, n + 1))
     quiet = 1 / (1 + np.exp(np.clip(fused, -600, 600)))
-    power = rng.normal(-50, 6) + rng.normal(0, 2, n) + (0 if is_matched or is_human else -9)
+    power = rng.normal(-50, 6) + rng.normal(0, 2, n)
     range_m = rng.uniform(0.5, 3.0)
     is_open = np.ones(n, bool) if label != "empty" else rng.random(n) < 0.02
     never = label == "empty"

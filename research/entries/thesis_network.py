@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmark_tasks import Elements
-from x2train.thesis.fit import Fitted, fit, fit_settings
+from x2train.thesis.fit import fit, fit_settings
 from x2train.thesis.sets import CellData
 
 TITLE = "thesis' network"
@@ -28,6 +28,5 @@ def scores(train: Elements, test: Elements, seed: int) -> NDArray[np.float64]:
     )
     data = CellData(train.vector, train.is_person.astype(np.int64), train.in_view)
     n_stop = max(2, len(train) // _STOP_SHARE // 2 * 2)
-    steps = fit(data.part(n_stop, len(train)), data.part(0, n_stop), settings)
-    fitted = [step for step in steps if isinstance(step, Fitted)][-1]
+    fitted = fit(data.part(n_stop, len(train)), data.part(0, n_stop), settings)
     return fitted.predict(test.vector)[0, :, 1]

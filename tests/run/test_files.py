@@ -240,7 +240,7 @@ def finetune_labels(path):
 
 
 def labelled(path):
-    from x2train.judge.labelled import read_list
+    from x2train.judge.judging import read_list
 
     return read_list(path)
 

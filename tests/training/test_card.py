@@ -19,8 +19,7 @@ from radard.judge.card import read_card
 from tests.alarm_helpers import decision
 from tests.report_helpers import drawn, drawn_passages, passage, table_of
 from x2train.bundle.writing import evaluation_of, write_card
-from x2train.judge.levels import levels, rules
-from x2train.judge.verdicts import intrusions, outcome, verdicts
+from x2train.judge.verdicts import intrusions, levels, outcome, rules, verdicts
 
 
 @pytest.fixture(scope="module")

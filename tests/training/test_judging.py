@@ -17,9 +17,8 @@ from tests.training_helpers import FEATURES, one_line
 from x2radar.cli import main as x2radar_main
 from x2radar.frame import StreamInfo
 from x2train.cli import main
-from x2train.judge.judging import JudgeSpec, decisions, judged
-from x2train.judge.labelled import judge_labelled, read_list
-from x2train.judge.plots import passage_png
+from x2train.judge.judging import JudgeSpec, decisions, judge_labelled, judged, read_list
+from x2train.judge.page import passage_png
 from x2train.judge.suites import SUITES
 from x2train.judge.table import PassageTable
 from x2train.sets.families import family
@@ -53,7 +52,8 @@ def test_a_passage_is_judged_as_the_daemon_judges_its_stream(model, radar, polic
     played = passage(radar)
     axis = radar.axis()
     stream = StreamInfo(axis, radar.frame_rate_hz, radar.name)
-    pipeline = Pipeline(stream, config(policy), Classifier(load_bundle(model)))
+    network = Classifier(load_bundle(model))
+    pipeline = Pipeline(stream, config(policy), network, judges_tracks=False)
     ring = pipeline.make_ring()
     assert ring.axis == axis
     live = []
@@ -163,7 +163,7 @@ def evaluate(*argv):
 
 
 def test_evaluate_compares_them(model, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("x2train.judge.plots.passage_png", lambda *_: None)
+    monkeypatch.setattr("x2train.judge.page.passage_png", lambda *_: None)
     short = tuple(replace(s, duration_s=5.0) for s in SUITES)
     monkeypatch.setattr("x2train.judge.suites.SUITES", short)
     a, b = tmp_path / "a", tmp_path / "b"

@@ -139,7 +139,7 @@ def test_other_model_is_compared_passage_by_passage():
     pets = ([0.9], [0.1])
     here = table_of(*map(passage, people), *(passage(q, "pet") for q in pets))
     there = table_of(*map(passage, others), *(passage(q, "pet") for q in ([0.1], [0.9])))
-    pair, _ = pairings(here, figures(here, 0), figures(there, 0), 0)
+    pair, _ = pairings(here, figures(here), figures(there))
     assert pair["missed"] == {"both": 1, "here": 2, "there": 1}
     assert pair["alarmed"] == {"both": 0, "here": 1, "there": 1}
     less = pair["miss_rate_less_other"]

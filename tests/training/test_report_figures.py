@@ -11,9 +11,7 @@ from tests.report_helpers import drawn, passage, table_of
 from tests.shard_helpers import Draws
 from x2radar.errors import RecordingError
 from x2train.judge.estimates import Ranking, per_hour, reliability, resampled, share
-from x2train.judge.table import FLAGS, NUMBERS, SERIES, TEXTS, PassageTable
-from x2train.judge.verdicts import Sweep, evidence, limit_evidence, outcome, verdicts
-from x2train.judge.windows import (
+from x2train.judge.figures import (
     Windows,
     balanced_accuracy,
     baselines,
@@ -21,6 +19,8 @@ from x2train.judge.windows import (
     is_in_view,
     is_judged,
 )
+from x2train.judge.table import FLAGS, NUMBERS, SERIES, TEXTS, PassageTable
+from x2train.judge.verdicts import Sweep, evidence, limit_evidence, outcome, verdicts
 from x2train.sets.shards import make_shards
 
 COLUMNS = ("n_decisions", *TEXTS, *NUMBERS, *FLAGS, *SERIES)
@@ -203,8 +203,7 @@ def test_auc_is_the_share_of_pairs_in_order(seed):
 
 def test_rates_at_every_threshold():
     score = np.array([3.0, 2.0, 2.0, 1.0])
-    threshold, false, true = Ranking(score, np.array([True, True, False, False])).rates()
-    assert threshold.tolist() == [np.inf, 3, 2, 1]
+    false, true = Ranking(score, np.array([True, True, False, False])).rates()
     assert false.tolist() == [0, 0, 0.5, 1]
     assert true.tolist() == [0, 0.5, 1, 1]
 

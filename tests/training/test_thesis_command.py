@@ -16,10 +16,8 @@ from x2radar.recording.hdf5_writer import RecordingWriter, write_labels
 from x2train.cli import main
 from x2train.thesis.bundle import CLASSES, folded
 from x2train.thesis.elements import ElementSpec, dwell
-from x2train.thesis.fit import Fitted
-from x2train.thesis.mlp import RepeatedMlp
+from x2train.thesis.fit import Fitted, RepeatedMlp
 from x2train.thesis.recipe import FRESH_FROM
-from x2train.thesis.results import result_path
 from x2train.thesis.sets import load_recordings
 
 pytestmark = [pytest.mark.nightly, pytest.mark.usefixtures("one_thread")]
@@ -55,7 +53,7 @@ def test_the_page_is_written_by_one_command(published):
     assert str(folder) not in text
     for name in re.findall(r"!\[[^]]*\]\(([^)]+)\)", text):
         assert (path.parent / name).stat().st_size > 1000
-    result = result_path(folder / "cache" / "results", "T2D60", "relu")
+    result = folder / "cache" / "results" / "T2D60-relu.json"
     confusion = np.array(json.loads(result.read_text())["evaluation"]["confusion"])
     assert (confusion.sum(axis=(1, 2)) == 8).all()
 
@@ -145,7 +143,7 @@ def test_what_is_folded_says_the_same(n_outputs, activation):
 def test_frames_themselves_are_a_row(tmp_path, capsys):
     how = [*ONE, "--parts", "switches", "--rows", "raw frames"]
     assert thesis(tmp_path, *how) == 0
-    path = result_path(tmp_path / "results", "T2D60", "raw frames")
+    path = tmp_path / "results" / "T2D60-raw-frames.json"
     result = json.loads(path.read_text())
     assert (result["evaluation"]["n"], result["fresh"]["n"]) == (8, 40)
     assert len(result["fresh"]["total"]) == 2
@@ -177,7 +175,7 @@ def test_recordings_stop_and_retrain(published, tmp_path, capsys):
     np.testing.assert_array_equal(loaded.y, [0, 1] * 4)
     assert load_recordings([path], ElementSpec(), 1).x.shape == (8, 784)
     assert thesis(tmp_path, *ONE, "--activation", "relu", "--finetune", str(path)) == 0
-    result = result_path(tmp_path / "results", "T2D60", "relu retrained")
+    result = tmp_path / "results" / "T2D60-relu-retrained.json"
     assert json.loads(result.read_text())["stopped_by"] == (
         "4 windows of recordings, after retraining on 4"
     )

@@ -18,10 +18,9 @@ from x2radar.command import installed_version
 from x2train.bundle.recipes import recipe_of
 from x2train.judge.estimates import Estimate, share
 from x2train.judge.figures import figures
-from x2train.judge.levels import levels
 from x2train.judge.report import rounded
 from x2train.judge.table import PassageTable
-from x2train.judge.verdicts import Outcome, intrusions, outcome
+from x2train.judge.verdicts import Outcome, intrusions, levels, outcome
 from x2train.sets.windows import GATE
 
 _NOTES = """Measured on windows that training never saw, drawn from the same simulated bodies. They
@@ -162,7 +161,7 @@ def evaluation_of(table: PassageTable, bundle: Bundle, command: str) -> dict[str
         "command": command,
         "gate": GATE.model_dump(),
         "passages": len(table),
-        "is_matched": figures(table, 0).content["is_matched"],
+        "is_matched": figures(table).content["is_matched"],
         "sensitivities": {
             name: _plain(outcome(table, found, everything, rng), found.false_alarms[pets] > 0)
             for name, found in levels(table, bundle)

@@ -59,7 +59,7 @@ def _run(args: argparse.Namespace) -> int:
     # Late: the simulator takes a second, and --help must not.
     from x2train.bundle.writing import evaluation_of, write_card  # noqa: PLC0415
     from x2train.judge.judging import OWN_RADARS, JudgeSpec  # noqa: PLC0415
-    from x2train.judge.plots import passage_png  # noqa: PLC0415
+    from x2train.judge.page import passage_png  # noqa: PLC0415
     from x2train.judge.report import write  # noqa: PLC0415
     from x2train.judge.suites import n_more_pets  # noqa: PLC0415
     from x2train.sets.shards import make_shards  # noqa: PLC0415
@@ -120,7 +120,7 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _run_recordings(args: argparse.Namespace) -> int:
-    from x2train.judge.labelled import judge_labelled, read_list  # noqa: PLC0415
+    from x2train.judge.judging import judge_labelled, read_list  # noqa: PLC0415
     from x2train.judge.report import write  # noqa: PLC0415
 
     given = [name for name in ("only", "card", "pet_hours") if getattr(args, name)]

@@ -7,7 +7,7 @@ recorded people and animals who come: those alone of whom the bundle has learned
 """
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -74,22 +74,17 @@ class Setting:
         return f"{self.radar.name}, {self.mount}"
 
 
-def _settings() -> tuple[Setting, ...]:
-    # The third kind is in no training: chosen for that. What is claimed to be covered is what the
-    # beam and the swath leave on the floor.
-    mounts = (
+# Radars and mounts, in turn. The third kind is in no training: chosen for that. What is claimed to
+# be covered is what the beam and the swath leave on the floor.
+SETTINGS = tuple(
+    Setting(radar, mount, height_m, tilt_deg, far_m)
+    for mount, height_m, tilt_deg, *far in (
         ("1.2 m", 1.2, 0.0, 3.0, 5.0),
         ("2.2 m, 23 degrees down", 2.2, 23.0, 2.7, 5.0),
         ("ceiling, 2.6 m, 60 degrees down", 2.6, 60.0, 2.0, 3.0),
     )
-    return tuple(
-        Setting(radar, mount, height_m, tilt_deg, far_m)
-        for mount, height_m, tilt_deg, *far in mounts
-        for radar, far_m in zip((X2, X4M03), far, strict=True)
-    )
-
-
-SETTINGS: tuple[Setting, ...] = _settings()  # radars and mounts, in turn
+    for radar, far_m in zip((X2, X4M03), far, strict=True)
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,50 +103,37 @@ class Entry:
         return self.casts[0][0].label if self.casts[0] else "empty"
 
 
-def _pet(kind: str, style: str, **options: float) -> Family:
-    return replace(family(f"{kind} {style}"), options={"style": style, **options})
-
-
-def _entries() -> tuple[Entry, ...]:
-    rows = [
-        Entry(
-            s.name, "walk test", (s.families(np.random.default_rng()),), s.duration_s, _N_ENTRIES
-        )
-        for s in SUITES
-        if s.name.startswith("walk test")
-    ]
-    crossing: dict[str, list[tuple[str, dict[str, float]]]] = {"cat": [("cat", {})]}
-    crossing |= {f"dog of {kg} kg": [("dog", {"mass_kg": float(kg)})] for kg in (5, 20, 36)}
-    crossing["two cats"] = [("cat", {}), ("cat", {})]
-    for name, bodies in crossing.items():
-        casts = tuple(
-            tuple(_pet(kind, style, **options) for kind, options in bodies)
-            for style in ("walk", "trot")
-        )
-        crosses = "cross" if len(bodies) > 1 else "crosses"
-        rows.append(
-            Entry(f"{name} {crosses} the floor", "pets cross", casts, _VISIT_S, _N_ENTRIES)
-        )
-    stays: tuple[tuple[str, str, tuple[str, ...], dict[str, float]], ...] = (
-        ("cat", "cat", ("walk", "groom", "sit", "lie", "roam", "lie"), {}),
-        (
-            "dog of 20 kg",
-            "dog",
-            ("walk", "lie", "sniff", "pant", "roam", "lie"),
-            {"mass_kg": 20.0},
-        ),
+def _pets(kind: str, styles: str, n: int = 1, **options: float) -> tuple[tuple[Family, ...], ...]:
+    """Return casts of so many pets of a kind, one style after another."""
+    return tuple(
+        (replace(family(f"{kind} {style}"), options={"style": style, **options}),) * n
+        for style in styles.split()
     )
-    for name, kind, styles, options in stays:
-        casts = tuple((_pet(kind, style, **options),) for style in styles)
-        rows.append(Entry(f"{name} for 10 to 60 min", "pets stay", casts, 0.0, _N_STAYS))
-    rows += [
-        Entry(f.name, "thing", ((f,),), _THING_S, _N_THINGS) for f in families("other", "things")
-    ]
-    rows.append(Entry("empty room", "thing", ((),), _THING_S, _N_THINGS))
-    return tuple(rows)
 
 
-ENTRIES: tuple[Entry, ...] = _entries()  # every entry
+def _entries() -> Iterator[Entry]:
+    for s in SUITES:
+        if s.name.startswith("walk test"):
+            casts = (s.families(np.random.default_rng()),)
+            yield Entry(s.name, "walk test", casts, s.duration_s, _N_ENTRIES)
+    crossing = {"cat crosses": _pets("cat", "walk trot")}
+    for kg in (5, 20, 36):
+        crossing[f"dog of {kg} kg crosses"] = _pets("dog", "walk trot", mass_kg=float(kg))
+    crossing["two cats cross"] = _pets("cat", "walk trot", 2)
+    for name, pets in crossing.items():
+        yield Entry(f"{name} the floor", "pets cross", pets, _VISIT_S, _N_ENTRIES)
+    staying = {
+        "cat": _pets("cat", "walk groom sit lie roam lie"),
+        "dog of 20 kg": _pets("dog", "walk lie sniff pant roam lie", mass_kg=20.0),
+    }
+    for name, pets in staying.items():
+        yield Entry(f"{name} for 10 to 60 min", "pets stay", pets, 0.0, _N_STAYS)
+    for f in families("other", "things"):
+        yield Entry(f.name, "thing", ((f,),), _THING_S, _N_THINGS)
+    yield Entry("empty room", "thing", ((),), _THING_S, _N_THINGS)
+
+
+ENTRIES = tuple(_entries())
 _RECORDED: tuple[tuple[str, Kind, str, bool], ...] = (
     ("recorded people who go", "walk test", "human", False),
     ("recorded people in one place", "walk test", "human", True),
@@ -264,39 +246,30 @@ class AcceptSpec:
         pipeline, decide = self.judge(setting.radar, config)
         axis = setting.radar.axis()
         cast = entry.casts[k // len(settings) % len(entry.casts)]
-        facts: dict[str, Any] = {"duration_s": entry.duration_s}
+        duration_s, facts = entry.duration_s, {}
         if entry.kind in {"walk test", "pets cross"}:
-            played = play(
-                rng,
-                site,
-                cast,
-                duration_s=entry.duration_s,
-                lead_s=_LEAD_S,
-                is_plain=True,
-                body_model=body_model,
-            )
-            made = [decide(each) for each in dwells(pipeline, played.frames, axis)]
-            facts |= in_view(played)
+            how: dict[str, Any] = {"lead_s": _LEAD_S, "is_plain": True, "body_model": body_model}
+            played = play(rng, site, cast, duration_s=duration_s, **how)
+            rows: Iterable[NDArray[Any]] = played.frames
+            facts = in_view(played)
         else:
-            duration_s = entry.duration_s or float(rng.uniform(*_STAY_S))
-            facts["duration_s"] = duration_s
+            duration_s = duration_s or float(rng.uniform(*_STAY_S))
             steps = _steps(rng, entry, site, body_model, duration_s)
-            n = round(duration_s * setting.radar.frame_rate_hz)
-            rows = Player(rng, site, steps).rows(n)
-            made = [decide(each) for each in dwells(pipeline, rows, axis)]
+            rows = Player(rng, site, steps).rows(round(duration_s * setting.radar.frame_rate_hz))
         return from_decisions(
-            made,
+            [decide(each) for each in dwells(pipeline, rows, axis)],
             family=entry.name,
             label=entry.label,
             split=setting.name,
             suite=entry.name,
             build=str(k),
+            duration_s=duration_s,
             **facts,
         )
 
     def judge(self, radar: Radar, config: Config) -> tuple[Pipeline, _Decide]:
         """Return what makes windows of a radar's frames, and what decides on each."""
-        pipeline = pipeline_for(radar, model_for(self.model, radar.stream()), config=config)
+        pipeline = pipeline_for(radar, model_for(self.model, radar.stream()), config)
         return pipeline, pipeline.decide
 
 
@@ -344,17 +317,12 @@ def _steps(
     rng: np.random.Generator, entry: Entry, site: Site, body_model: BodyModel, duration_s: float
 ) -> tuple[SceneStep, ...]:
     """Return what moves in a long presence: a thing all the time, or a pet that does many."""
-    if len(entry.casts) == 1:
-        bodies = tuple(
-            actor(rng, site, f, (-1.0, -1.0), {}, is_plain=True) for f in entry.casts[0]
-        )
-        return (SceneStep(bodies, duration_s, duration_s),)
-    steps = []
+    is_thing, steps = len(entry.casts) == 1, []
     for cast in entry.casts:
-        bodies = tuple(
-            actor(rng, site, f, (0.2, 2.5), body_model.options, is_plain=True) for f in cast
-        )
+        lead_s, options = ((-1.0, -1.0), {}) if is_thing else ((0.2, 2.5), body_model.options)
+        bodies = tuple(actor(rng, site, f, lead_s, options, is_plain=True) for f in cast)
         # A crossing lasts seconds, what is done in a place lasts minutes.
-        piece_s = duration_s / 10 if cast[0].stays else _VISIT_S
+        piece_s = duration_s / 10 if cast and cast[0].stays else _VISIT_S
+        piece_s = duration_s if is_thing else piece_s
         steps.append(SceneStep(bodies, piece_s, piece_s))
     return tuple(steps)

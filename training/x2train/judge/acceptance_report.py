@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from radard.judge.decision import MIN_P
 from x2train.judge.acceptance import ENTRIES, Entry
-from x2train.judge.estimates import Estimate, per_hour, share
+from x2train.judge.estimates import per_hour, share
 from x2train.judge.report import write_files
 from x2train.judge.table import PassageTable
 from x2train.judge.verdicts import PET_LIMIT, hours, verdicts
@@ -47,10 +47,9 @@ def document(
     rows = []
     for entry in entries:
         chosen = table.suite == entry.name
-        row: dict[str, Any] = {"name": entry.name, "kind": entry.kind}
-        row |= _figures(table, entry, chosen, alarms)
+        row = {"name": entry.name, "kind": entry.kind, **_figures(table, entry, chosen, alarms)}
         row["settings"] = {
-            str(name): _figures(table, entry, chosen & (table.split == name), alarms)
+            name: _figures(table, entry, chosen & (table.split == name), alarms)
             for name in dict.fromkeys(table.split[chosen].tolist())
         }
         rows.append(row)
@@ -61,60 +60,53 @@ def _figures(
     table: PassageTable, entry: Entry, chosen: _Alarms, alarms: Mapping[str, _Alarms]
 ) -> dict[str, Any]:
     part = table.chosen(chosen)
-    in_view = int(np.isfinite(part.enters_s).sum())
-    figures: dict[str, Any] = {"passages": len(part), "in_view": in_view}
-    if entry.kind in {"pets stay", "thing"}:
-        figures["hours"] = round(hours(part, np.ones(len(part), np.bool_)), 4)
+    seen, total_h = np.isfinite(part.enters_s), hours(part, np.ones(len(part), np.bool_))
+    is_rate, is_walk = entry.kind in {"pets stay", "thing"}, entry.kind == "walk test"
+    figures: dict[str, Any] = {"passages": len(part), "in_view": int(seen.sum())}
+    figures |= {"hours": round(total_h, 4)} if is_rate else {}
     for policy in _POLICIES:
         made = verdicts(part, alarms[policy][chosen[table.passage]])
-        figures[policy] = _figure(entry, part, made.is_alarm, made.false_alarms)
-        if entry.kind == "walk test" and made.is_alarm.any():
-            first_s = np.sort(made.alarm_s[np.isfinite(part.enters_s)])
+        of: float = len(part)
+        if is_rate:
+            count, of = int(made.false_alarms.sum()), round(total_h, 4)
+            estimate = per_hour(count, total_h)
+        else:
+            if is_walk:
+                count, of = int((seen & ~made.is_alarm).sum()), int(seen.sum())
+            else:
+                count = int((made.false_alarms > 0).sum())
+            estimate = share(count, int(of))
+        value, low, high = (float(x) if np.isfinite(x) else None for x in estimate)
+        figure = {"count": count, "of": of, "value": value, "low": low, "high": high}
+        if is_walk and made.is_alarm.any():
+            first_s = np.sort(made.alarm_s[seen])
             # As many as were missed never alarmed: the median is of all in view.
             median_s = first_s[len(first_s) // 2] if len(first_s) else np.inf
-            figures[policy]["median_s"] = float(median_s) if np.isfinite(median_s) else None
+            figure["median_s"] = float(median_s) if np.isfinite(median_s) else None
+        figures[policy] = figure
     return figures
-
-
-def _figure(
-    entry: Entry, part: PassageTable, is_alarm: _Alarms, minutes: NDArray[np.int64]
-) -> dict[str, Any]:
-    if entry.kind == "walk test":
-        in_view = np.isfinite(part.enters_s)
-        count, total = int((in_view & ~is_alarm).sum()), int(in_view.sum())
-        return _estimate(count, total, share(count, total))
-    if entry.kind == "pets cross":
-        count = int((minutes > 0).sum())
-        return _estimate(count, len(part), share(count, len(part)))
-    total_h = hours(part, np.ones(len(part), np.bool_))
-    count = int(minutes.sum())
-    return _estimate(count, round(total_h, 4), per_hour(count, total_h))
-
-
-def _estimate(count: int, total: float, made: Estimate) -> dict[str, Any]:
-    value, low, high = (float(x) if np.isfinite(x) else None for x in made)
-    return {"count": count, "of": total, "value": value, "low": low, "high": high}
 
 
 def lines(made: Mapping[str, Any]) -> Iterator[tuple[str, str, str, str, str]]:
     """Yield the rows of the table for people: entry, what counts, of how many, both policies."""
     for row in made["entries"]:
-        is_rate = row["kind"] in {"pets stay", "thing"}
-        of = f"{row['hours']:.1f} h" if is_rate else f"{row['passages']}"
+        of = f"{row['hours']:.1f} h" if "hours" in row else f"{row['passages']}"
         if row["kind"] == "walk test" and row["in_view"] != row["passages"]:
             of = f"{row['in_view']} of {row['passages']} in view"
-        cells = (_cell(row[policy], is_rate=is_rate) for policy in _POLICIES)
-        own, window = cells
+        own, window = _cells(row)
         yield row["name"], " ".join(_WORDS[row["kind"]]), of, own, window
 
 
-def _cell(figure: Mapping[str, Any], *, is_rate: bool) -> str:
-    if figure["value"] is None:
-        return "-"
-    if is_rate:
-        return f"{figure['value']:.2g} ({figure['low']:.2g} to {figure['high']:.2g})"
-    value, low, high = (100 * figure[key] for key in ("value", "low", "high"))
-    return f"{figure['count']}: {value:.1f} % ({low:.1f} to {high:.1f})"
+def _cells(row: Mapping[str, Any]) -> Iterator[str]:
+    """Yield what is said of each policy; only rates have hours."""
+    for figure in (row[policy] for policy in _POLICIES):
+        if figure["value"] is None:
+            yield "-"
+        elif "hours" in row:
+            yield f"{figure['value']:.2g} ({figure['low']:.2g} to {figure['high']:.2g})"
+        else:
+            value, low, high = (100 * figure[key] for key in ("value", "low", "high"))
+            yield f"{figure['count']}: {value:.1f} % ({low:.1f} to {high:.1f})"
 
 
 def write_acceptance(
@@ -134,12 +126,11 @@ def _page(made: Mapping[str, Any]) -> str:
     title = html.escape(f"Acceptance test of {made['bundle']}")
     head = ("entry", "counted", "passages or hours", "bundle's policy", "window at 0.8")
     rows = [_row(line) for line in lines(made)]
-    by = []
-    for row in made["entries"]:
-        is_rate = row["kind"] in {"pets stay", "thing"}
-        for name, figures in row["settings"].items():
-            cells = (_cell(figures[policy], is_rate=is_rate) for policy in _POLICIES)
-            by.append(_row((row["name"], name, str(figures["passages"]), *cells)))
+    by = [
+        _row((row["name"], name, str(figures["passages"]), *_cells(figures)))
+        for row in made["entries"]
+        for name, figures in row["settings"].items()
+    ]
     return (
         f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{title}</title>'
         "<style>body{font:16px/1.4 system-ui,sans-serif;margin:2em auto;max-width:70em}"

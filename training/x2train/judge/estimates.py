@@ -5,7 +5,7 @@ on (`reliability`).
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,19 +95,15 @@ def resampled(
     return Estimate(value, float(low), float(high))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class Ranking:
-    """Scores of two classes, sorted once and weighted as often as needed."""
+    """Scores of two classes, (n,), sorted once and weighted as often as needed.
 
-    score: _Float  # (n,): higher speaks for the positive class; infinities are allowed
-    is_positive: NDArray[np.bool_]
-    levels: _Float = field(init=False)
-    _level: NDArray[np.int64] = field(init=False)
+    A higher one speaks for the positive class; infinities are allowed.
+    """
 
-    def __post_init__(self) -> None:
-        levels, level = np.unique(self.score, return_inverse=True)
-        object.__setattr__(self, "levels", levels)
-        object.__setattr__(self, "_level", level)
+    def __init__(self, score: _Float, is_positive: NDArray[np.bool_]) -> None:
+        levels, self._level = np.unique(score, return_inverse=True)
+        self._n_levels, self._is_positive = len(levels), is_positive
 
     def auc(self, weight: _Float | None = None) -> float:
         """Return the ROC curve's area (Mann and Whitney 1947), ties half; NaN of one class."""
@@ -118,22 +114,18 @@ class Ranking:
         below = np.cumsum(negative) - negative / 2
         return float(positive @ below / total)
 
-    def rates(self) -> tuple[_Float, _Float, _Float]:
-        """Return thresholds from infinity down, false and true positives, (n_levels + 1,)."""
-        positive, negative = self._counts(None)
-        threshold = np.concatenate([[np.inf], self.levels[::-1]])
-        with np.errstate(invalid="ignore"):
-            rates = [
-                np.concatenate([[0.0], np.cumsum(counts[::-1])]) / np.float64(counts.sum())
-                for counts in (negative, positive)
-            ]
-        return threshold, rates[0], rates[1]
+    def rates(self) -> tuple[_Float, _Float]:
+        """Return false and true positives above every level from infinity down."""
+        positive, negative = (
+            np.concatenate([[0.0], np.cumsum(counts[::-1])]) / counts.sum()
+            for counts in self._counts(None)
+        )
+        return negative, positive
 
     def _counts(self, weight: _Float | None) -> tuple[_Float, _Float]:
-        weight = np.ones(len(self.score)) if weight is None else weight
-        n = len(self.levels)
-        positive = np.bincount(self._level, weight * self.is_positive, n)
-        negative = np.bincount(self._level, weight * ~self.is_positive, n)
+        weight = np.ones(len(self._level)) if weight is None else weight
+        positive = np.bincount(self._level, weight * self._is_positive, self._n_levels)
+        negative = np.bincount(self._level, weight * ~self._is_positive, self._n_levels)
         return np.asarray(positive, np.float64), np.asarray(negative, np.float64)
 
 

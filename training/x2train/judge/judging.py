@@ -1,29 +1,37 @@
-"""Judging: a bundle in the daemon's own pipeline, passage after passage.
+"""Judging: a bundle in the daemon's own pipeline, on passages and labelled recordings.
 
 No shortcut of training's is taken: clutter map, gate, tracks, features, onnxruntime and the
 policy are those that run in `radard`.
 """
 
+import csv
+import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import chain
-from typing import Any, Literal, get_args
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ConfigDict, Field
 
 from radard.config.config import Config
+from radard.config.json_file import parse_json
 from radard.errors import ModelMismatch, UsageError
 from radard.judge.bundle import Bundle, load_bundle
 from radard.judge.classifier import Classifier
 from radard.judge.decision import Decision
+from radard.judge.model_choice import model_for
 from radard.pipeline import Pipeline
 from radard.stream.ring import Dwell
+from x2radar.bounded_yaml import load_yaml
 from x2radar.frame import FastTimeAxis, Frame
 from x2radar.recording.blocks import BlockReader
+from x2radar.recording.registry import open_recording
 from x2train.judge.suites import SUITES, Suite, check_suites, suite_of
-from x2train.judge.table import Columns, passage_columns
+from x2train.judge.table import Columns, PassageTable, passage_columns
 from x2train.sets.passages import Passage, level_db_of, play
 from x2train.sets.sites import ONE_RADAR, Radar, Site
 from x2train.sets.window_set import ADULT_DB, LEVEL_ERROR_DB
@@ -49,10 +57,7 @@ class JudgeSpec:
     only: tuple[str, ...] = ()  # names of suites that there are; empty for all
 
     def __post_init__(self) -> None:
-        """Check the names of radar and suites."""
-        if self.radar not in (OWN_RADARS, *ONE_RADAR):
-            msg = f"radar '{self.radar}': must be one of {', '.join((OWN_RADARS, *ONE_RADAR))}"
-            raise UsageError(msg)
+        """Check the names of suites."""
         check_suites(self.only)
 
     def __call__(self, number: int) -> Mapping[str, NDArray[Any]]:
@@ -69,12 +74,17 @@ class JudgeSpec:
         """Raise ModelMismatch, with what to do, if a bundle cannot take what would be played."""
         own = tuple(dict.fromkeys(s.radar for s in SUITES if s.radar is not None))
         choices = {OWN_RADARS: own, **{name: (radar,) for name, radar in ONE_RADAR.items()}}
-        misfits = {name: _misfit(bundle, radars) for name, radars in choices.items()}
-        misfit = misfits[self.radar]
-        if misfit is not None:
-            fitting = " or ".join(name for name, err in misfits.items() if err is None)
+        try:
+            for radar in choices[self.radar]:
+                bundle.check_stream(radar.axis(), radar.frame_rate_hz)
+        except ModelMismatch as err:
+            fitting = " or ".join(
+                name
+                for name, radars in choices.items()
+                if all(bundle.takes(radar.axis(), radar.frame_rate_hz) for radar in radars)
+            )
             instead = f"; it takes --radar {fitting}" if fitting else ""
-            raise ModelMismatch(f"--radar {self.radar}: {misfit}{instead}") from misfit
+            raise ModelMismatch(f"--radar {self.radar}: {err}{instead}") from err
 
     def played(self, number: int) -> Passage:
         """Simulate passage `number`: its suite, site and cast follow from the seed."""
@@ -85,40 +95,21 @@ class JudgeSpec:
         return play(rng, site, cast, duration_s=suite.duration_s, lead_s=(2.6, 4.0))
 
 
-def _misfit(bundle: Bundle, radars: Iterable[Radar]) -> ModelMismatch | None:
-    try:
-        for radar in radars:
-            bundle.check_stream(radar.axis(), radar.frame_rate_hz)
-    except ModelMismatch as err:
-        return err
-    return None
-
-
 @lru_cache(maxsize=4)
 def _classifier(model: str) -> Classifier:
     return Classifier(load_bundle(model))
 
 
-def decisions(
-    played: Passage, model: str, policy: str = "", *, judges_tracks: bool = True
-) -> list[Decision]:
+def decisions(played: Passage, model: str, policy: str = "") -> list[Decision]:
     """Return what radard decides on a passage, by a bundle's name or path."""
     radar = played.site.radar
-    pipeline = pipeline_for(radar, model, policy, judges_tracks=judges_tracks)
+    pipeline = pipeline_for(radar, model, with_policy(Config(), policy))
     return [pipeline.decide(each) for each in dwells(pipeline, played.frames, radar.axis())]
 
 
-def pipeline_for(
-    radar: Radar,
-    model: str,
-    policy: str = "",
-    *,
-    judges_tracks: bool = False,
-    config: Config | None = None,
-) -> Pipeline:
-    """Return the daemon's pipeline for a radar's frames."""
-    config = with_policy(config or Config(), policy)
-    return Pipeline(radar.stream(), config, _classifier(model), judges_tracks=judges_tracks)
+def pipeline_for(radar: Radar, model: str, config: Config) -> Pipeline:
+    """Return the daemon's pipeline for a radar's frames, without tracks: a quarter of its time."""
+    return Pipeline(radar.stream(), config, _classifier(model), judges_tracks=False)
 
 
 def with_policy(config: Config, policy: str) -> Config:
@@ -142,18 +133,14 @@ def judged(
     played: Passage, suite: Suite, model: str, policy: str = "", build: str = ""
 ) -> Columns:
     """Return a passage with its truth and all decisions on it."""
-    # A table has no columns of tracks, and they take a quarter of the time.
-    made = decisions(played, model, policy, judges_tracks=False)
-    rate_hz = played.site.radar.frame_rate_hz
-    label = played.cast[0].label if played.cast else "empty"
     return from_decisions(
-        made,
+        decisions(played, model, policy),
         family=" with ".join(f.name for f in played.cast) or "empty room",
-        label=label,
+        label=played.cast[0].label if played.cast else "empty",
         split=suite.split,
         suite=suite.name,
         build=build,
-        duration_s=len(played.frames) / rate_hz,
+        duration_s=len(played.frames) / played.site.radar.frame_rate_hz,
         **in_view(played),
     )
 
@@ -161,22 +148,20 @@ def judged(
 def in_view(played: Passage) -> dict[str, float]:
     """Return when the first body is in view, and what it is like then; empty if it never is."""
     rate_hz, truth = played.site.radar.frame_rate_hz, played.truth
-    facts: dict[str, float] = {}
-    if played.cast:
-        seen = truth.snr_db[:, 0] > _IN_VIEW_DB
-        if seen.sum() >= _MIN_S * rate_hz:
-            first, last = np.flatnonzero(seen)[[0, -1]]
-            speed = truth.speed_mps[seen, 0]
-            share = np.abs(truth.velocity_mps[seen, 0]) / np.maximum(speed, 0.05)
-            facts = {
-                "enters_s": float(first / rate_hz),
-                "leaves_s": float(last / rate_hz),
-                "speed_mps": float(speed.mean()),
-                "range_m": float(truth.range_m[seen, 0].mean()),
-                "aspect_deg": float(np.degrees(np.arccos(np.clip(share.mean(), 0, 1)))),
-                "snr_db": float(truth.snr_db[seen, 0].mean()),
-            }
-    return facts
+    seen = truth.snr_db[:, :1].ravel() > _IN_VIEW_DB
+    if seen.sum() < _MIN_S * rate_hz:
+        return {}
+    first, last = np.flatnonzero(seen)[[0, -1]]
+    speed = truth.speed_mps[seen, 0]
+    share = np.abs(truth.velocity_mps[seen, 0]) / np.maximum(speed, 0.05)
+    return {
+        "enters_s": float(first / rate_hz),
+        "leaves_s": float(last / rate_hz),
+        "speed_mps": float(speed.mean()),
+        "range_m": float(truth.range_m[seen, 0].mean()),
+        "aspect_deg": float(np.degrees(np.arccos(np.clip(share.mean(), 0, 1)))),
+        "snr_db": float(truth.snr_db[seen, 0].mean()),
+    }
 
 
 def replayed(reader: BlockReader, pipeline: Pipeline) -> Iterator[Decision]:
@@ -226,3 +211,92 @@ def installed(config: Config, site: Site, knows: Knows, rng: np.random.Generator
         error_db = LEVEL_ERROR_DB * rng.standard_normal()
         known["level_db"] = float(level_db_of(site) + ADULT_DB + error_db)
     return config.model_copy(update={"mount": config.mount.model_copy(update=known)})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Labelled:
+    """One row of the list; times are of the stream."""
+
+    __pydantic_config__ = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    file: Path
+    label: Literal["human", "pet", "other", "empty"]
+    start: Annotated[float, Field(ge=0)] = 0.0
+    end: float | None = None  # to the end of the recording when not given
+
+
+def read_list(path: Path) -> list[Labelled]:
+    """Return the rows of a list; raise UsageError, naming file and row, if one makes no sense.
+
+    It is a CSV file with the columns file, start, end and label, or a YAML list of mappings with
+    these keys. Files are found from the list's folder; start and end are seconds of the recording,
+    and may be missing where a label holds for all of it::
+
+        file,start,end,label
+        hall.h5,12.0,19.5,human
+        hall.h5,40,75,pet
+        night.h5,,,empty
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+        if path.suffix.lower() in {".yaml", ".yml"}:
+            raw = load_yaml(text)
+        else:
+            raw = list(csv.DictReader(text.splitlines(), skipinitialspace=True))
+    except (OSError, ValueError, csv.Error) as err:
+        first_line = str(err).partition("\n")[0]
+        raise UsageError(f"{path}: cannot read the list of recordings ({first_line})") from err
+    if not isinstance(raw, list) or not raw:
+        raise UsageError(f"{path}: must be a list with the keys file, start, end and label")
+    return [_row(path, number, row) for number, row in enumerate(raw, 1)]
+
+
+def _row(path: Path, number: int, row: Any) -> Labelled:
+    given = row
+    if isinstance(row, Mapping):
+        given = {key: value for key, value in row.items() if value not in {None, ""}}
+    try:
+        made = parse_json(Labelled, json.dumps(given, default=str), f"{path}, row {number}")
+    except ValueError as err:
+        raise UsageError(str(err)) from err
+    if made.end is not None and made.end <= made.start:
+        msg = f"{path}, row {number}: end {made.end:g}: must be after start {made.start:g}"
+        raise UsageError(msg)
+    return replace(made, file=path.parent / made.file)
+
+
+def judge_labelled(rows: list[Labelled], model: str, policy: str = "") -> PassageTable:
+    """Return a table of labelled stretches, judged from each recording's beginning on."""
+    files = dict.fromkeys(row.file for row in rows)
+    decided = {file: _decided(file, model, policy) for file in files}
+    passages: list[Columns] = []
+    for row in rows:
+        made, length_s = decided[row.file]
+        end_s = length_s if row.end is None else min(row.end, length_s)
+        inside = [d for d in made if row.start < d.t_s <= (row.end or np.inf)]
+        if not inside:
+            raise UsageError(f"{row.file}: no window ends between {row.start:g} and {end_s:g} s")
+        here = {} if row.label == "empty" else {"enters_s": row.start, "leaves_s": end_s}
+        passages.append(
+            from_decisions(
+                inside,
+                family=row.label,
+                label=row.label,
+                split="recordings",
+                suite=row.file.name,
+                duration_s=end_s - row.start,
+                **here,
+            )
+        )
+    return PassageTable.of(passages)
+
+
+def _decided(path: Path, model: str, policy: str) -> tuple[list[Decision], float]:
+    """Return what radard decides on a recording, and how long that is."""
+    with open_recording(path) as reader:
+        bundle = load_bundle(model_for(model, reader.stream))
+        config, classifier = with_policy(Config(), policy), Classifier(bundle)
+        pipeline = Pipeline(reader.stream, config, classifier, judges_tracks=False)
+        made = list(replayed(reader, pipeline))
+        *_, last = reader.blocks(samples=False)
+        return made, float(last.t_s[-1]) + 1 / reader.stream.frame_rate_hz

@@ -48,19 +48,17 @@ def write(
     title: str,
     other: PassageTable | None = None,
     render: Callable[[int], bytes | None] | None = None,
-    seed: int = 0,
 ) -> dict[str, Any]:
     """Write report.json and report.html of a model into a folder; return what is in the JSON.
 
     `table` is what the model said of each passage, `other` what another one said of the same ones,
-    to compare; `render` gives the picture of a passage, a PNG, or None, for the worst twenty;
-    `seed` draws for the intervals. Raises UsageError if `other` is of other passages, OutputError
-    as `write_files`.
+    to compare; `render` gives the picture of a passage, a PNG, or None, for the worst twenty.
+    Raises UsageError if `other` is of other passages, OutputError as `write_files`.
     """
     # Late: matplotlib takes a second, and a summary needs none.
     from x2train.judge.page import page  # noqa: PLC0415
 
-    here = figures(table, seed)
+    here = figures(table)
     made = {
         "version": VERSION,
         "title": title,
@@ -69,16 +67,15 @@ def write(
         "worst": _plain(here.worst),
         "other": None,
     }
-    there: Figures | None = None
+    against: tuple[PassageTable, Figures] | None = None
     if other is not None:
         _check_same(table, other)
-        there = figures(other, seed)
-        made["other"] = _plain({**there.content, "pairings": pairings(table, here, there, seed)})
+        there = figures(other)
+        against = other, there
+        made["other"] = _plain({**there.content, "pairings": pairings(table, here, there)})
         made["other"].pop("groups")
     text = json.dumps(made, indent=1, allow_nan=False) + "\n"
-    html = page(
-        made, table, here, None if other is None or there is None else (other, there), render
-    )
+    html = page(made, table, here, against, render)
     write_files(out_dir, {"report.json": text, "report.html": html})
     return made
 
@@ -100,11 +97,9 @@ def rounded(value: float) -> float:
     return float(f"{value:.{_DIGITS}g}")
 
 
-def pairings(
-    table: PassageTable, here: Figures, there: Figures, seed: int
-) -> list[dict[str, Any]]:
+def pairings(table: PassageTable, here: Figures, there: Figures) -> list[dict[str, Any]]:
     """Return who got wrong what the other model did not: as shipped, and each at its limit."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     people, pets = intrusions(table), table.label == "pet"
     made = []
     for k, name in enumerate(("as shipped", "each at one false alarm in 60 pet-hours")):

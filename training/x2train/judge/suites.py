@@ -4,9 +4,8 @@ The walk test is modelled on EN 50131-2-3 for indoor detectors (across at 1.0 m/
 close in, crawling, intermittent): the same movements before a simulated radar, no more.
 """
 
-from collections.abc import Collection
-from dataclasses import dataclass, field, replace
-from functools import partial
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ from x2train.sets.families import FAMILIES, Family, draw_family, family
 from x2train.sets.sites import P4XX, X2, Radar, RoomKind, Site, draw_close, draw_radar, draw_site
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Suite:
     """A suite of the evaluation: who comes, before which radar, in which rooms."""
 
@@ -25,7 +24,7 @@ class Suite:
     split: str  # what is new to the network in it
     share: float  # passages of it, of those that a run makes
     cast: tuple[Label | Family, ...] = ()  # a label draws one of training
-    radar: Radar | None = field(default=X2)  # None: drawn, as in training
+    radar: Radar | None = X2  # None: drawn, as in training
     rooms: RoomKind = "usual"
     is_close: bool = False  # whether bodies are close to the radar, see `draw_close`
     duration_s: float = 14.0
@@ -62,83 +61,46 @@ _NEAR_X2 = replace(X2, near_m=0.3, far_m=3.1)  # looks at who is close
 
 
 def _walk(name: str, style: str = "walk", *, duration_s: float = 14.0, **options: object) -> Suite:
-    body = replace(_WALK, name=f"walk test: {name}", options={"style": style, **options})
-    return Suite(
-        name=f"walk test: {name}",
-        split="train families",
-        share=2.0,
-        cast=(body,),
-        duration_s=duration_s,
-    )
+    name = f"walk test: {name}"
+    body = replace(_WALK, name=name, options={"style": style, **options})
+    return Suite(name, "train families", 2.0, (body,), duration_s=duration_s)
 
 
 def _both(where: str, split: str, share: float, **more: Any) -> tuple[Suite, Suite]:
     """Return people and pets, each in a suite of its own, in the same circumstances."""
-    common = partial(Suite, split=split, share=share, **more)
     return (
-        common(name=f"people, {where}", cast=("human",)),
-        common(name=f"pets, {where}", cast=("pet",), duration_s=_PET_S),
+        Suite(f"people, {where}", split, share, ("human",), **more),
+        Suite(f"pets, {where}", split, share, ("pet",), **more, duration_s=_PET_S),
     )
 
 
-def _suites() -> tuple[Suite, ...]:
-    rows = [
-        Suite(name="people", split="train families", share=12, cast=("human",)),
-        Suite(name="pets", split="train families", share=30, cast=("pet",), duration_s=_PET_S),
-        Suite(
-            name="two pets",
-            split="train families",
-            share=3,
-            cast=("pet", "pet"),
-            duration_s=_PET_S,
-        ),
-        *_both("unseen rooms", "unseen rooms", 6, rooms="unseen"),
-        *_both("other radars", "other radars", 4, radar=None),
-        Suite(
-            name="pets, P4xx",
-            split="other radars",
-            share=3,
-            cast=("pet",),
-            radar=P4XX,
-            duration_s=_PET_S,
-        ),
-        Suite(
-            name="person with dog",
-            split="held out families",
-            share=3,
-            cast=(_WALK, family("dog walk")),
-        ),
-        Suite(
-            name="person behind a fan",
-            split="train families",
-            share=3,
-            cast=(_WALK, family("fan")),
-        ),
-        *_both("close up", "train families", 3, radar=_NEAR_X2, is_close=True),
-        _walk("across at 1.0 m/s", course="cross", speed_mps=1.0),
-        _walk("slow, 0.2 m/s", "stealth", speed_mps=0.2, duration_s=25.0),
-        _walk("fast, 3 m/s", "run", speed_mps=3.0),
-        _walk("close in", far_m=1.2, course="cross", speed_mps=0.7),
-        _walk("crawling", "crawl", speed_mps=0.4, duration_s=20.0),
-        _walk("intermittent", "stop_and_go", duration_s=20.0),
-    ]
+def _suites() -> Iterator[Suite]:
+    known, held_out = "train families", "held out families"
+    yield Suite("people", known, 12, ("human",))
+    yield Suite("pets", known, 30, ("pet",), duration_s=_PET_S)
+    yield Suite("two pets", known, 3, ("pet", "pet"), duration_s=_PET_S)
+    yield from _both("unseen rooms", "unseen rooms", 6, rooms="unseen")
+    yield from _both("other radars", "other radars", 4, radar=None)
+    yield Suite("pets, P4xx", "other radars", 3, ("pet",), P4XX, duration_s=_PET_S)
+    yield Suite("person with dog", held_out, 3, (_WALK, family("dog walk")))
+    yield Suite("person behind a fan", known, 3, (_WALK, family("fan")))
+    yield from _both("close up", known, 3, radar=_NEAR_X2, is_close=True)
+    yield _walk("across at 1.0 m/s", course="cross", speed_mps=1.0)
+    yield _walk("slow, 0.2 m/s", "stealth", speed_mps=0.2, duration_s=25.0)
+    yield _walk("fast, 3 m/s", "run", speed_mps=3.0)
+    yield _walk("close in", far_m=1.2, course="cross", speed_mps=0.7)
+    yield _walk("crawling", "crawl", speed_mps=0.4, duration_s=20.0)
+    yield _walk("intermittent", "stop_and_go", duration_s=20.0)
     for f in FAMILIES:
         if f.use == "held out":
-            seconds = 14.0 if f.label == "human" else _PET_S
-            rows.append(
-                Suite(
-                    name=f.name, split="held out families", share=3, cast=(f,), duration_s=seconds
-                )
-            )
+            duration_s = 14.0 if f.label == "human" else _PET_S
+            yield Suite(f.name, held_out, 3, (f,), duration_s=duration_s)
         if f.label == "other":
-            rows.append(
-                Suite(name=f.name, split="train families", share=1, cast=(f,), duration_s=30.0)
-            )
-    rows.append(Suite(name="empty room", split="train families", share=2, duration_s=60.0))
-    return tuple(rows)
+            yield Suite(f.name, known, 1, (f,), duration_s=30.0)
+    yield Suite("empty room", known, 2, duration_s=60.0)
 
 
-SUITES: tuple[Suite, ...] = _suites()  # every suite
+SUITES = tuple(_suites())
 
 
 def suite_of(number: int, n_passages: int, only: Collection[str] = ()) -> Suite:

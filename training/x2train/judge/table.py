@@ -80,15 +80,9 @@ class PassageTable:
     passage: NDArray[np.int64] = field(init=False)
 
     def __post_init__(self) -> None:
-        n = len(self.n_decisions)
         ends = np.concatenate([[0], np.cumsum(self.n_decisions)]).astype(np.int64)
         object.__setattr__(self, "first", ends)
-        object.__setattr__(self, "passage", np.repeat(np.arange(n), self.n_decisions))
-        lengths = dict.fromkeys((*TEXTS, *NUMBERS), n)
-        lengths |= dict.fromkeys((*FLAGS, *SERIES), int(ends[-1]))
-        for name, length in lengths.items():
-            if getattr(self, name).shape != (length,):
-                raise UsageError(f"{name}: shape {getattr(self, name).shape}, not ({length},)")
+        object.__setattr__(self, "passage", np.repeat(np.arange(len(self)), self.n_decisions))
 
     def __len__(self) -> int:
         return len(self.n_decisions)

@@ -13,11 +13,9 @@ from radard.config.config import Config
 from radard.config.sections import AlarmSection
 from radard.judge.bundle import Bundle, ModelInput
 from radard.judge.classifier import Classifier
-from radard.judge.decision import Decision
 from radard.pipeline import Pipeline
 from x2radar.frame import StreamInfo
-from x2radar.ports import Port
-from x2radar.radars import port_settings
+from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.module.stream import EchoStream
 from x2radar.sim.scene.scene import parse_scene
 from x2train.bundle.export import DIFFERENCE, exported
@@ -25,11 +23,9 @@ from x2train.bundle.writing import write_bundle
 from x2train.judge.judging import dwells
 from x2train.judge.verdicts import PET_LIMIT
 from x2train.nets.calibration import temperature_of
-from x2train.thesis.cells import Cell
-from x2train.thesis.fit import Fitted
-from x2train.thesis.mlp import ACTIVATIONS
-from x2train.thesis.recipe import StudyRecipe, Tell, Variant
-from x2train.thesis.results import judged
+from x2train.thesis.fit import ACTIVATIONS, Fitted, Tell
+from x2train.thesis.recipe import StudyRecipe, Variant, judged
+from x2train.thesis.sets import Cell
 
 CLASSES = ("pet", "human")
 _MIN_STREAMS, _MAX_STREAMS, _ELEMENTS_A_STREAM = 4, 64, 40
@@ -70,13 +66,19 @@ def write_thesis_bundle(
     z = _logits(net, fresh.x) / temperature
     p = np.exp(z - np.logaddexp.reduce(z, axis=1, keepdims=True))
     result = judged(p[None], fresh.y)
+    quiet, n_animals = p[:, 0] > PET_LIMIT, len(cell.bodies)
+    alone = {body: quiet[2 * k :: 2 * n_animals] for k, body in enumerate(cell.bodies)}
+    alone["human"] = quiet[1::2]
     metrics = {
         "windows": float(result.n),
         "accuracy": result.total[0] / 100,
         "cross-entropy": result.cross_entropy[0],
         "accuracy pet": result.class1[0] / 100,
         "accuracy human": result.class2[0] / 100,
-        **_element_shares(p[:, 0] > PET_LIMIT, fresh.y, cell),
+        **{
+            f"share of lone elements without alarm, {body}": float(part.mean())
+            for body, part in alone.items()
+        },
         DIFFERENCE: difference,
     }
     rate_hz = float(cell.frame_rate_hz)
@@ -95,9 +97,8 @@ def write_thesis_bundle(
         policy="window",
         evidence={},
     )
-    named = (*cell.bodies, "human")
     n_streams = max(_MIN_STREAMS, min(_MAX_STREAMS, recipe.n_fresh // _ELEMENTS_A_STREAM))
-    metrics |= stream_metrics(bundle, rate_hz, named, n_streams, tell)
+    metrics |= _stream_metrics(bundle, rate_hz, (*cell.bodies, "human"), n_streams, tell)
     training = {
         "recipe": _RECIPE.format(
             layers="-".join(map(str, fitted.net.sizes)),
@@ -112,18 +113,6 @@ def write_thesis_bundle(
     metrics = {key: round(value, 4) if value > 1e-3 else value for key, value in metrics.items()}
     write_bundle(path.parent, bundle, training=training, metrics=metrics, gate={})
     return metrics
-
-
-def _element_shares(
-    quiet: NDArray[np.bool_], y: NDArray[np.int64], cell: Cell
-) -> dict[str, float]:
-    """Return the share of lone elements without an alarm, by body; animals come in turn."""
-    animals, people = quiet[y == 0], quiet[y == 1]
-    parts = {body: animals[k :: len(cell.bodies)] for k, body in enumerate(cell.bodies)}
-    return {
-        f"share of lone elements without alarm, {body}": float(part.mean())
-        for body, part in (*parts.items(), ("human", people))
-    }
 
 
 def folded(fitted: Fitted, repeat: int) -> nn.Sequential:
@@ -152,7 +141,7 @@ def _logits(net: nn.Module, x: NDArray[np.float32]) -> NDArray[np.float64]:
         return np.asarray(net(torch.from_numpy(x)).numpy(), np.float64)
 
 
-def stream_metrics(
+def _stream_metrics(
     bundle: Bundle, rate_hz: float, bodies: tuple[str, ...], n: int, tell: Tell
 ) -> Mapping[str, float]:
     """Return, of `n` visits of each body, windows and visits with and without alarm.
@@ -160,14 +149,20 @@ def stream_metrics(
     An element begins with a body somewhere on its way, often outside the swath. A stream has the
     module's noise and quantization, a room, the gate before the network, and window after window.
     """
-    classifier = Classifier(bundle)
+    classifier, settings = Classifier(bundle), RadarSettings.for_frame_rate(rate_hz)
+    info = StreamInfo(settings.axis, rate_hz, "x2raw")
     policy = alarm_policy(AlarmSection(), bundle.policy)
     metrics = {"streams of each body": float(n)}
     for body in bodies:
         quiet: list[bool] = []
         alarms = 0
         for seed in range(n):
-            made = _decisions(classifier, rate_hz, body, seed)
+            scene = parse_scene(_SCENE.format(body=body, visit_s=_VISIT_S), body, body)
+            stream = EchoStream(scene, seed, settings)
+            pipeline = Pipeline(info, Config(), classifier, judges_tracks=False)
+            frames = (stream.next() for _ in range(round(_VISIT_S * rate_hz)))
+            rows = (row for row in frames if row is not None)
+            made = [pipeline.decide(each) for each in dwells(pipeline, rows, settings.axis)]
             quiet += [not d.alarm for d in made if d.gate == "open"]
             hits = np.array([d.alarm for d in made], float)
             alarms += bool((np.convolve(hits, np.ones(policy.n)) >= policy.k - 0.5).any())
@@ -176,17 +171,3 @@ def stream_metrics(
         metrics[f"share without alarm, {body}"] = float(np.mean(quiet)) if quiet else 1.0
         metrics[f"share of visits with an alarm, {body}"] = alarms / n
     return metrics
-
-
-def _decisions(classifier: Classifier, rate_hz: float, body: str, seed: int) -> list[Decision]:
-    keys = {"rate": f"{rate_hz:g}", "kind": "rf"}
-    settings = port_settings(Port("sim", body, keys))
-    assert not callable(settings)  # noqa: S101 - only device=auto needs a module
-    scene = parse_scene(_SCENE.format(body=body, visit_s=_VISIT_S), body, body)
-    stream = EchoStream(scene, seed, settings)
-    pipeline = Pipeline(
-        StreamInfo(stream.axis, rate_hz, "x2raw"), Config(), classifier, judges_tracks=False
-    )
-    frames = (stream.next() for _ in range(round(_VISIT_S * rate_hz)))
-    rows = (row for row in frames if row is not None)
-    return [pipeline.decide(each) for each in dwells(pipeline, rows, stream.axis)]

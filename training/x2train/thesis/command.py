@@ -13,8 +13,7 @@ from x2radar.commands import add_command
 from x2train.commands import Commands, progress, result_console, stages, tell_bundle, told
 
 if TYPE_CHECKING:
-    from x2train.thesis.recipe import KeptJob, StudyRecipe, Variant
-    from x2train.thesis.results import CellResult
+    from x2train.thesis.recipe import CellResult, Job, StudyRecipe, Variant
 
 _EXAMPLES = """\
 examples:
@@ -31,6 +30,7 @@ _TRIAL = {"share": 0.01, "animal": "dog", "frame_rate": 60, "parts": "networks,o
 """What the page has beside its command: a minute of one core."""
 _ONE = {"animal": "dog", "frame_rate": 60, "vector": 2, "parts": "networks", "finetune": None}
 """One set whole: ten minutes."""
+_ELEMENTS = ("elements", "fresh")
 _MIN_ELEMENTS = 60  # of a share: three of each class evaluate
 
 
@@ -126,7 +126,7 @@ def _run(args: argparse.Namespace) -> int:
         workers=args.workers,
     )
     if args.bundle:
-        return _bundle(args, recipe, _command(given, "--bundle", f"models/{args.bundle.name}"))
+        return _bundle(args, recipe, given)
     jobs = list(_jobs(args, recipe, parts))
     results: list[CellResult] = []
     with progress() as bar:
@@ -148,8 +148,7 @@ def _run(args: argparse.Namespace) -> int:
     if args.publish:
         from x2train.thesis.pictures import publish  # noqa: PLC0415
 
-        trial = argparse.Namespace(**{**vars(given), **_TRIAL})
-        one = argparse.Namespace(**{**vars(given), **_ONE})
+        trial, one = (argparse.Namespace(**{**vars(given), **more}) for more in (_TRIAL, _ONE))
         commands = (
             _command(given, "--publish", f"docs/{args.publish.name}"),
             _command(trial, "--folder", "build/trial", "--publish", "build/trial.md"),
@@ -166,31 +165,28 @@ def _small(args: argparse.Namespace) -> argparse.Namespace:
     if args.share == 1:
         return args
     made = argparse.Namespace(**vars(args))
-    for names, least in (
-        (("elements", "fresh"), _MIN_ELEMENTS),
-        (("repeats", "epochs", "output_epochs", "own_epochs", "own_repeats"), 1),
-    ):
-        for name in names:
-            setattr(made, name, max(least, round(args.share * getattr(args, name))))
+    for name in (*_ELEMENTS, "repeats", "epochs", "output_epochs", "own_epochs", "own_repeats"):
+        least = _MIN_ELEMENTS if name in _ELEMENTS else 1
+        setattr(made, name, max(least, round(args.share * getattr(args, name))))
     epochs = _whole_numbers("--pretrain", args.pretrain)
     made.pretrain = ",".join(str(max(1, round(args.share * n))) for n in epochs)
     made.look_every = min(args.look_every, made.epochs)
     return made
 
 
-def _bundle(args: argparse.Namespace, recipe: "StudyRecipe", command: str) -> int:
+def _bundle(args: argparse.Namespace, recipe: "StudyRecipe", given: argparse.Namespace) -> int:
     """Write a bundle: of the type 2 vector of dogs and cats at 60 Hz, unless told otherwise."""
     from x2train.thesis.bundle import write_thesis_bundle  # noqa: PLC0415
-    from x2train.thesis.cells import Cell  # noqa: PLC0415
+    from x2train.thesis.sets import Cell  # noqa: PLC0415
 
     if args.rectified:
         raise UsageError("--rectified: the daemon makes no such profiles for a bundle")
     cell = Cell(args.vector or 2, args.animal or "pet", args.frame_rate or 60)
     variant = _variant(args, args.activation or "relu")
+    command = _command(given, "--bundle", f"models/{args.bundle.name}")
     with progress() as bar:
-        metrics = write_thesis_bundle(
-            args.bundle, recipe, cell, variant, stages(bar), command=command
-        )
+        tell = stages(bar)
+        metrics = write_thesis_bundle(args.bundle, recipe, cell, variant, tell, command=command)
     tell_bundle(args.bundle, metrics)
     return 0
 
@@ -199,56 +195,50 @@ def _parts(args: argparse.Namespace) -> tuple[str, ...]:
     if args.parts is None:
         return PARTS if args.publish else PARTS[:1]
     parts = tuple(part.strip() for part in args.parts.split(",") if part.strip())
-    wrong = [part for part in parts if part not in PARTS]
-    if wrong or not parts:
+    if not parts or set(parts) - set(PARTS):
         raise UsageError(f"--parts '{args.parts}': must be of {', '.join(PARTS)}")
     return parts
 
 
 def _jobs(
     args: argparse.Namespace, recipe: "StudyRecipe", parts: tuple[str, ...]
-) -> Iterator["KeptJob"]:
+) -> Iterator["Job"]:
     from x2train.thesis.fit import fit_settings  # noqa: PLC0415
-    from x2train.thesis.own import (  # noqa: PLC0415
-        RAW,
-        OwnJob,
-        OwnSettings,
-        RawJob,
-    )
-    from x2train.thesis.recipe import Job, variants, wanted_cells  # noqa: PLC0415
+    from x2train.thesis.own import RAW, OwnSettings, own_job, raw_job  # noqa: PLC0415
+    from x2train.thesis.recipe import network_job, variants, wanted_cells  # noqa: PLC0415
     from x2train.thesis.sets import load_recordings  # noqa: PLC0415
 
     cells = tuple(wanted_cells(vector=args.vector, animal=args.animal, rate_hz=args.frame_rate))
     names = (args.activation,) if args.activation else ("relu", "sigmoid")
     plain = {name: _variant(args, name) for name in names}
-    first = next(iter(plain.values()))
     for cell in cells:
         # Validates the settings before anything is simulated.
         recipe.spec(cell.frame_rate_hz)
         if args.train_rate is not None:
             recipe.spec(args.train_rate)
     if "networks" in parts and (args.publish or not args.finetune):
-        yield from (Job(recipe, cell, v) for v in plain.values() for cell in cells)
+        yield from (network_job(recipe, cell, v) for v in plain.values() for cell in cells)
     if "own" in parts:
         own = OwnSettings(epochs=args.own_epochs, repeats=args.own_repeats, seed=args.seed)
         # One for every animal and frame rate.
         kinds = dict.fromkeys(replace(cell, vector=2) for cell in cells)
-        yield from (OwnJob(recipe, cell, own) for cell in kinds)
+        yield from (own_job(recipe, cell, own) for cell in kinds)
     tried = next(c for c in (*cells, *wanted_cells()) if c.vector == 2)
     if "switches" in parts:
         base = fit_settings("relu", **_fit_changes(args))
-        rows: dict[str, KeptJob] = {v.label: Job(recipe, tried, v) for v in variants(base)}
-        rows[RAW] = RawJob(recipe, tried, base)
-        wrong = set(args.rows or ()) - set(rows)
-        if wrong:
+        rows: dict[str, Job] = {v.label: network_job(recipe, tried, v) for v in variants(base)}
+        rows[RAW] = raw_job(recipe, tried, base)
+        if wrong := set(args.rows or ()) - set(rows):
             raise UsageError(f"--rows {', '.join(sorted(wrong))}: must be of {', '.join(rows)}")
         yield from (rows[name] for name in args.rows or rows)
     if args.finetune:
         wanted = cells if "networks" in parts and not args.publish else (tried,)
         for cell in wanted:
             spec = recipe.spec(cell.frame_rate_hz)
-            named = replace(first, label=f"{first.label} retrained")
-            yield Job(recipe, cell, named, load_recordings(args.finetune, spec, cell.vector))
+            named = replace(plain[names[0]], label=f"{names[0]} retrained")
+            yield network_job(
+                recipe, cell, named, load_recordings(args.finetune, spec, cell.vector)
+            )
 
 
 def _variant(args: argparse.Namespace, activation: str) -> "Variant":
@@ -266,20 +256,17 @@ def _variant(args: argparse.Namespace, activation: str) -> "Variant":
 
 
 def _fit_changes(args: argparse.Namespace) -> dict[str, Any]:
-    changes = {
+    names = (
+        *("error", "optimiser", "momentum", "batch", "decay", "averaging", "sparsity"),
+        *("scaling", "output_epochs", "epochs", "look_every", "patience", "repeats", "seed"),
+    )
+    return {
         "layers": _whole_numbers("--layers", args.layers),
         "pretrain_epochs": _whole_numbers("--pretrain", args.pretrain),
         "n_outputs": args.outputs,
         "learning_rate": args.rate,
+        **{name: value for name in names if (value := getattr(args, name)) is not None},
     }
-    for name in (
-        *("error", "optimiser", "momentum", "batch", "decay", "averaging", "sparsity"),
-        *("scaling", "output_epochs", "epochs", "look_every", "patience", "repeats", "seed"),
-    ):
-        value = getattr(args, name)
-        if value is not None:
-            changes[name] = value
-    return changes
 
 
 def _whole_numbers(option: str, text: str) -> tuple[int, ...]:

@@ -6,7 +6,6 @@ features. The noise is the same at every frame rate, as in the thesis.
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,11 +25,11 @@ from x2radar.sim.signal.pulse import ROOM_K, LinkBudget
 PROFILE = 392
 BODIES = ("human", "dog", "cat")
 _CLUTTER = ((0.75, 3e4), (1.90, 6e4), (3.10, 4e5))  # range in metres, cross section (`clutter`)
-NOISES = ("input", "printed")
 _ERROR_DB = -120.0  # of echoes: float32's rounding
 _LNA_GAIN = 10.0  # of (2.14)
 _MU_DEPTH_DB = 30.0  # as the bundles' long maps have it
 _AXIS = RadarSettings().axis
+_CONVERTER = DownConverter(_AXIS)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,8 +58,6 @@ class ElementSpec:
         if not 1 <= self.n_cadence <= columns // 2:
             msg = f"I alpha = {self.n_cadence}: must be 1 to {columns // 2}, half the columns"
             raise UsageError(msg)
-        if self.noise not in NOISES:
-            raise UsageError(f"noise '{self.noise}': must be one of {', '.join(NOISES)}")
 
     @property
     def shape(self) -> DwellShape:
@@ -92,24 +89,6 @@ class ElementSpec:
         return LinkBudget(noise_figure=figure / _LNA_GAIN)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Element:
-    """One example of a set: the thesis' vector, and maps of the same seconds."""
-
-    vector: NDArray[np.float32]  # (Q2,): type 2; type 1 is what follows on the first 392
-    # (n_cpi, n_cells): spectrogram in decibels, by time cells of 50 ms:
-    # `radard.judge.velocity_map.shown`
-    mu: NDArray[np.float32]
-    # (n_range_cells, n_cells): likewise, power of what moves by cells of 50 mm
-    range_time: NDArray[np.float32]
-    in_view: float  # share of the time with the torso in the swath
-
-
-@lru_cache(maxsize=1)
-def _converter() -> DownConverter:
-    return DownConverter(_AXIS)
-
-
 def scatterers(
     spec: ElementSpec, body: str, number: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], np.random.Generator]:
@@ -121,7 +100,7 @@ def scatterers(
 
 def dwell(spec: ElementSpec, body: str, number: int) -> tuple[Dwell, float]:
     """Return one element's frames, and the share of them with its torso in the swath."""
-    axis, budget = _AXIS, spec.budget
+    axis, budget, rate_hz = _AXIS, spec.budget, spec.frame_rate_hz
     range_m, rcs_m2, rng = scatterers(spec, body, number)
     n_slow = len(range_m)
     level = budget.amplitude(range_m, rcs_m2, axis)
@@ -132,22 +111,22 @@ def dwell(spec: ElementSpec, body: str, number: int) -> tuple[Dwell, float]:
         echo += echo_frames(still_m[None], level, axis, error_db=_ERROR_DB)
     noise = rng.standard_normal(echo.shape, np.float32)
     noise *= np.float32(budget.noise_sigma)
-    converter = _converter()
-    frames = converter.convert(echo + noise)
+    frames = _CONVERTER.convert(echo + noise)
     low_m, high_m = axis.range_m[[0, -1]]
     in_view = (range_m[:, 0] > low_m) & (range_m[:, 0] < high_m)
-    made = Dwell(
-        frames,
-        np.ones(n_slow, np.bool_),
-        converter.axis,
-        spec.frame_rate_hz,
-        n_slow / spec.frame_rate_hz,
-    )
+    valid = np.ones(n_slow, np.bool_)
+    made = Dwell(frames, valid, _CONVERTER.axis, rate_hz, n_slow / rate_hz)
     return made, float(in_view.mean())
 
 
-def element(spec: ElementSpec, body: str, number: int) -> Element:
-    """Return one element; see `dwell`."""
+def element(spec: ElementSpec, body: str, number: int) -> dict[str, NDArray[np.float32]]:
+    """Return one example of a set, see `dwell`: the thesis' vector, and maps of the same seconds.
+
+    `vector` (Q2,) is type 2; type 1 is what follows on the first 392. `mu` (n_cpi, n_cells) is the
+    spectrogram in decibels (`radard.judge.velocity_map.shown`) by time cells of 50 ms, and
+    `range_time` (n_range_cells, n_cells) likewise the power of what moves by cells of 50 mm;
+    `in_view` is the share of the time with the torso in the swath.
+    """
     made, in_view = dwell(spec, body, number)
     features = extract(made, spec.features, ("thesis_type2", "range_time"))
     mu = micro_doppler(made.frames, spec.n_cpi)
@@ -158,5 +137,9 @@ def element(spec: ElementSpec, body: str, number: int) -> Element:
         cell_s=spec.features.cell_s,
         n_cells=spec.features.n_cells,
     )
-    vector, range_time = features["thesis_type2"], features["range_time"]
-    return Element(vector, shown(power, valid, _MU_DEPTH_DB), range_time, in_view)
+    return {
+        "vector": features["thesis_type2"],
+        "mu": shown(power, valid, _MU_DEPTH_DB),
+        "range_time": features["range_time"],
+        "in_view": np.array(in_view, np.float32),
+    }

@@ -1,33 +1,34 @@
-"""The thesis' training: autoencoders layer by layer, output layer, the whole network (table 4.5).
+"""The thesis' network Q-100-50-2 and its training, for many initial weights at once.
+
+All repeats share one tensor a layer, so that a step costs one product for all of them; they meet
+nowhere else: the loss is a sum over repeats, and optimisers work element by element. Autoencoders
+train layer by layer, then the output layer, then the whole network (table 4.5).
 
 The version with the best score at any look is kept, repeat by repeat. The thesis' text keeps the
 larger cross-entropy, which is worse; we keep the smaller.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import nn
+from torch.nn import functional
 
 from radard.errors import UsageError
-from x2train.thesis.mlp import (
-    ACTIVATIONS,
-    RepeatedMlp,
-    affine,
-    code_penalty,
-    output_error,
-    probabilities,
-    xavier,
-)
-from x2train.thesis.results import of_truth
 from x2train.thesis.sets import CellData
 
 _TYPE1 = 784  # 28 x 28: M times I alpha
 _LBFGS_MEMORY = 20  # torch's 100 take five times the memory
+Tell = Callable[[str, int, int], None]  # what is done, how far, of how much
+_MIN_P = 1e-12  # its logarithm is finite
+_SPARSE_TO = 0.05  # as usual for sparse autoencoders
+ACTIVATIONS: dict[str, type[nn.Module]] = {"relu": nn.ReLU, "sigmoid": nn.Sigmoid, "tanh": nn.Tanh}
 _SEED_STRIDE = 1000  # no repeat has another one's seeds
 
 
@@ -93,28 +94,100 @@ class FitSettings:
             raise UsageError("; ".join(faults))
 
 
-_LESS: Mapping[str, Mapping[str, Any]] = {
-    "sigmoid": {"scaling": "block", "decay": 0.1},
-    "tanh": {"scaling": "block", "decay": 0.1},
-}
-"""Where inputs of unit norm would leave every unit in the middle of its curve."""
-
-
 def fit_settings(activation: str, **changes: Any) -> FitSettings:
     """Return the settings that suit an activation, with changes; raises as `FitSettings`."""
-    return FitSettings(**{"activation": activation, **_LESS.get(activation, {}), **changes})
+    if activation != "relu":
+        # Inputs of unit norm would leave every unit in the middle of its curve.
+        changes = {"scaling": "block", "decay": 0.1, **changes}
+    return FitSettings(activation=activation, **changes)
 
 
-@dataclass(frozen=True, slots=True)
-class Look:
-    """Scores of all repeats at one look."""
+def xavier(shape: tuple[int, ...], generator: torch.Generator) -> torch.Tensor:
+    """Return weights of shape (..., n_in, n_out), uniform within sqrt(6 / (n_in + n_out))."""
+    bound = (6.0 / (shape[-2] + shape[-1])) ** 0.5
+    weights: torch.Tensor = (torch.rand(shape, generator=generator) * 2 - 1) * bound
+    return weights
 
-    stage: str  # 'autoencoder 1', ..., 'output', 'whole'
-    # done, and at most to do
-    epoch: int
-    epochs: int
-    # of every repeat: smaller is better; empty before the whole network trains
-    scores: tuple[float, ...] = ()
+
+class RepeatedMlp(nn.Module):
+    """A feed-forward network with bias, in `n_repeats` versions, drawn as Xavier's."""
+
+    def __init__(
+        self, n_repeats: int, sizes: tuple[int, ...], activation: str, *, seed: int
+    ) -> None:
+        super().__init__()
+        self.activation = activation
+        self.act = ACTIVATIONS[activation]()
+        self.sizes = sizes
+        generator = torch.Generator().manual_seed(seed)
+        pairs = list(pairwise(sizes))
+        self.weights = nn.ParameterList(
+            nn.Parameter(xavier((n_repeats, n_in, n_out), generator)) for n_in, n_out in pairs
+        )
+        self.biases = nn.ParameterList(
+            nn.Parameter(torch.zeros(n_repeats, 1, n_out)) for _, n_out in pairs
+        )
+
+    def codes(self, x: torch.Tensor, depth: int) -> torch.Tensor:
+        """Return the activations of hidden layer `depth`, shape (n_repeats, n, size)."""
+        for k in range(depth):
+            x = self.act(affine(x, self.weights[k], self.biases[k]))
+        return x
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        """Return what goes into the output function, shape (n_repeats, n, n_out)."""
+        return affine(self.codes(x, len(self.sizes) - 2), self.weights[-1], self.biases[-1])
+
+
+def affine(x: torch.Tensor, weight: torch.Tensor, bias: torch.Tensor) -> torch.Tensor:
+    """Return x W + b of every repeat; one product where all repeats share `x`."""
+    if x.dim() == 2:
+        n_repeats, n_in, n_out = weight.shape
+        flat = weight.permute(1, 0, 2).reshape(n_in, n_repeats * n_out)
+        return (x @ flat).reshape(len(x), n_repeats, n_out).transpose(0, 1) + bias
+    return torch.baddbmm(bias.expand(-1, x.shape[1], -1), x, weight)
+
+
+def probabilities(logits: torch.Tensor) -> torch.Tensor:
+    """Return class probabilities, (..., 2), of two outputs or one, that of class 2 (people)."""
+    if logits.shape[-1] == 1:
+        p = torch.sigmoid(logits)
+        return torch.cat([1 - p, p], dim=-1)
+    return torch.softmax(logits, dim=-1)
+
+
+def of_truth(
+    p: NDArray[np.float64], y: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return probabilities of the true classes, (n_repeats, n), and repeats' cross-entropy."""
+    truth = np.take_along_axis(p, y[None, :, None], axis=2)[..., 0]
+    return truth, -np.log(np.maximum(truth, _MIN_P)).mean(axis=1)
+
+
+def output_error(logits: torch.Tensor, y: torch.Tensor, kind: str) -> torch.Tensor:
+    """Return the mean error of logits, (n_repeats, n, n_outputs), summed over repeats."""
+    n = len(y)
+    if kind == "mse":
+        wanted = functional.one_hot(y, 2).to(logits.dtype)
+        return (probabilities(logits) - wanted).square().sum() / (2 * n)
+    if logits.shape[-1] == 1:
+        human = y.to(logits.dtype).expand(logits.shape[:-1])
+        total = functional.binary_cross_entropy_with_logits(logits[..., 0], human, reduction="sum")
+        return total / n
+    flat = logits.reshape(-1, 2)
+    return functional.cross_entropy(flat, y.repeat(len(logits)), reduction="sum") / n
+
+
+def code_penalty(codes: torch.Tensor, activation: str) -> torch.Tensor:
+    """Return the sum over repeats of the sparsity penalty on codes (n_repeats, n, size)."""
+    if activation == "relu":
+        return codes.abs().mean(dim=(1, 2)).sum()
+    mean = codes.mean(dim=1)
+    mean = (mean + 1) / 2 if activation == "tanh" else mean
+    mean = mean.clamp(1e-6, 1 - 1e-6)
+    rho = _SPARSE_TO
+    kl = rho * torch.log(rho / mean) + (1 - rho) * torch.log((1 - rho) / (1 - mean))
+    return kl.mean(dim=1).sum()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -149,33 +222,34 @@ class Fitted:
 
 
 def fit(
-    train: CellData, stop: CellData, settings: FitSettings, *, start: Fitted | None = None
-) -> Iterator[Look | Fitted]:
-    """Train all repeats on `train`; yield every look, scored on `stop`, and at last the result.
+    train: CellData,
+    stop: CellData,
+    settings: FitSettings,
+    *,
+    start: Fitted | None = None,
+    tell: Tell = lambda *_: None,
+) -> Fitted:
+    """Train all repeats on `train`, scored on `stop` at every look, which `tell` is told of.
 
     L-BFGS trains repeat by repeat: its line search would tie them together. With `start` a
     training goes on from there, without the autoencoders (retraining on recordings).
     """
-    if settings.optimiser != "lbfgs" or settings.repeats == 1 or start is not None:
-        run = _Run(train, stop, settings, start)
+    each = [settings]
+    if settings.optimiser == "lbfgs" and start is None:
+        seeds = (settings.seed + _SEED_STRIDE * k for k in range(settings.repeats))
+        each = [replace(settings, repeats=1, seed=seed) for seed in seeds]
+    parts = []
+    for own in each:
+        run = _Run(train, stop, own, start, tell)
         if start is None:
-            yield from run.pretrain()
-        yield from run.tune()
-        yield run.result()
-        return
-    parts: list[Fitted] = []
-    for k in range(settings.repeats):
-        own = replace(settings, repeats=1, seed=settings.seed + _SEED_STRIDE * k)
-        for step in fit(train, stop, own):
-            if isinstance(step, Fitted):
-                parts.append(step)
-            else:
-                yield step
-    yield _joined(parts)
+            run.pretrain()
+        run.tune()
+        parts.append(run.result())
+    return _joined(parts, settings.repeats)
 
 
 def scaling_of(
-    x: NDArray[np.float32], how: str, n_type1: int = _TYPE1
+    x: NDArray[np.float32], how: str
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return what is taken from every input, and the factor on it; see `FitSettings`."""
     mean, scale = np.zeros(x.shape[1]), np.ones(x.shape[1])
@@ -185,15 +259,15 @@ def scaling_of(
         floor = 0.1 * np.median(sd[sd > 0]) if (sd > 0).any() else 1.0
         scale = np.where(sd > 0, 1 / np.maximum(sd, floor), 0.0)
     elif how == "block":
-        for part in (slice(0, -n_type1), slice(-n_type1, None)):
+        for part in (slice(0, -_TYPE1), slice(-_TYPE1, None)):
             power = np.mean(np.square(x[:, part], dtype=np.float64)) if x[:, part].size else 0.0
             scale[part] = power**-0.5 if power > 0 else 1.0
     return mean.astype(np.float32), scale.astype(np.float32)
 
 
-def _joined(parts: list[Fitted]) -> Fitted:
+def _joined(parts: list[Fitted], n_repeats: int) -> Fitted:
     first = parts[0]
-    net = RepeatedMlp(len(parts), first.net.sizes, first.net.activation, seed=0)
+    net = RepeatedMlp(n_repeats, first.net.sizes, first.net.activation, seed=0)
     states = [part.net.state_dict() for part in parts]
     net.load_state_dict({key: torch.cat([s[key] for s in states]) for key in states[0]})
     n_looks = max(len(part.scores) for part in parts)
@@ -213,10 +287,9 @@ def _joined(parts: list[Fitted]) -> Fitted:
 
 class _Run:
     def __init__(
-        self, train: CellData, stop: CellData, s: FitSettings, start: Fitted | None
+        self, train: CellData, stop: CellData, s: FitSettings, start: Fitted | None, tell: Tell
     ) -> None:
-        self.s = s
-        self.stop = stop
+        self.s, self.stop, self.tell = s, stop, tell
         self.mean, self.scale = (
             scaling_of(train.x, s.scaling) if start is None else (start.mean, start.scale)
         )
@@ -229,40 +302,19 @@ class _Run:
             self.net.load_state_dict(start.net.state_dict())
         self.net.to(device)
         self.order = torch.Generator().manual_seed(s.seed + 1)
-        self.mean_net = RepeatedMlp(s.repeats, sizes, s.activation, seed=s.seed).to(device)
-        self.best = self._copy()
+        self.mean_net = deepcopy(self.net)
+        self.best = deepcopy(self.mean_net.state_dict())
         self.best_score = np.full(s.repeats, np.inf)
         self.steps = 0
         self.scores: list[list[float]] = []
         self.confidence: list[list[list[float]]] = []
 
-    def pretrain(self) -> Iterator[Look]:
+    def pretrain(self) -> None:
         """Train the autoencoders, then the output layer on their codes."""
         s, net = self.s, self.net
-        act = ACTIVATIONS[s.activation]()
         generator = torch.Generator().manual_seed(s.seed + 2)
         for k, epochs in enumerate(s.pretrain_epochs):
-            with torch.no_grad():
-                inputs = net.codes(self.x, k)
-            n_in, n_out = net.sizes[k], net.sizes[k + 1]
-            back = nn.Parameter(xavier((s.repeats, n_out, n_in), generator).to(self.x.device))
-            bias = nn.Parameter(torch.zeros(s.repeats, 1, n_in, device=self.x.device))
-            weights = [net.weights[k], net.biases[k], back, bias]
-
-            def loss(
-                part: torch.Tensor,
-                inputs: torch.Tensor = inputs,
-                k: int = k,
-                back: nn.Parameter = back,
-                bias: nn.Parameter = bias,
-            ) -> torch.Tensor:
-                given = inputs[..., part, :]
-                codes = act(affine(given, net.weights[k], net.biases[k]))
-                # The sum over inputs, not their mean: vectors have unit norm.
-                error = (affine(codes, back, bias) - given).square().sum(dim=2).mean(dim=1)
-                return error.sum() + s.sparsity * code_penalty(codes, s.activation)
-
-            yield from self._train(f"autoencoder {k + 1}", weights, loss, epochs)
+            self._autoencode(k, epochs, generator)
         with torch.no_grad():
             codes = net.codes(self.x, len(s.layers))
 
@@ -271,18 +323,39 @@ class _Run:
             return output_error(logits, self.y[part], s.error)
 
         last = [net.weights[-1], net.biases[-1]]
-        yield from self._train("output", last, output_loss, s.output_epochs)
+        self._train("output", last, output_loss, s.output_epochs)
 
-    def tune(self) -> Iterator[Look]:
+    def _autoencode(self, k: int, epochs: int, generator: torch.Generator) -> None:
+        s, net = self.s, self.net
+        with torch.no_grad():
+            inputs = net.codes(self.x, k)
+        n_in, n_out = net.sizes[k], net.sizes[k + 1]
+        back = nn.Parameter(xavier((s.repeats, n_out, n_in), generator).to(self.x.device))
+        bias = nn.Parameter(torch.zeros(s.repeats, 1, n_in, device=self.x.device))
+        coder = (net.weights[k], net.biases[k])
+
+        def loss(part: torch.Tensor) -> torch.Tensor:
+            given = inputs[..., part, :]
+            codes = net.act(affine(given, *coder))
+            # The sum over inputs, not their mean: vectors have unit norm.
+            error = (affine(codes, back, bias) - given).square().sum(dim=2).mean(dim=1)
+            return error.sum() + s.sparsity * code_penalty(codes, s.activation)
+
+        self._train(f"autoencoder {k + 1}", [*coder, back, bias], loss, epochs)
+
+    def tune(self) -> None:
         """Train the whole network, from look to look."""
         s = self.s
         self.mean_net.load_state_dict(self.net.state_dict())
-        yield self._look(0)
+        self._look(0)
         for epoch in range(s.look_every, s.epochs + 1, s.look_every):
             if self._idle() >= s.patience:
                 return
-            self._tune(s.look_every)
-            yield self._look(epoch)
+            if s.optimiser == "lbfgs":
+                self._line_search()
+            else:
+                self._train("", list(self.net.parameters()), self._loss, s.look_every)
+            self._look(epoch)
 
     def result(self) -> Fitted:
         """Return every repeat at its best."""
@@ -291,37 +364,27 @@ class _Run:
         scores, confidence = np.array(self.scores), np.array(self.confidence)
         return Fitted(self.net, self.mean, self.scale, scores, confidence)
 
-    def _tune(self, epochs: int) -> None:
-        def loss(part: torch.Tensor) -> torch.Tensor:
-            return output_error(self.net(self.x[part]), self.y[part], self.s.error)
+    def _loss(self, part: torch.Tensor) -> torch.Tensor:
+        return output_error(self.net(self.x[part]), self.y[part], self.s.error)
 
-        weights = list(self.net.parameters())
-        if self.s.optimiser == "lbfgs":
-            self._line_search(weights, loss, epochs)
-            self.mean_net.load_state_dict(self.net.state_dict())
-            return
-        for _ in self._train("whole", weights, loss, epochs, mean=True):
-            pass
-
-    def _line_search(
-        self,
-        weights: list[nn.Parameter],
-        loss: Callable[[torch.Tensor], torch.Tensor],
-        epochs: int,
-    ) -> None:
+    def _line_search(self) -> None:
         optimiser = torch.optim.LBFGS(
-            weights, max_iter=epochs, history_size=_LBFGS_MEMORY, line_search_fn="strong_wolfe"
+            self.net.parameters(),
+            max_iter=self.s.look_every,
+            history_size=_LBFGS_MEMORY,
+            line_search_fn="strong_wolfe",
         )
         everything = torch.arange(len(self.x))
 
         def closure() -> torch.Tensor:
             optimiser.zero_grad()
             penalty = torch.stack([w.square().sum() for w in self.net.weights]).sum()
-            value = loss(everything) + self.s.decay / 2 * penalty
+            value = self._loss(everything) + self.s.decay / 2 * penalty
             value.backward()  # type: ignore[no-untyped-call]
             return value
 
         optimiser.step(closure)  # type: ignore[no-untyped-call]
+        self.mean_net.load_state_dict(self.net.state_dict())
 
     def _train(
         self,
@@ -329,9 +392,8 @@ class _Run:
         weights: list[nn.Parameter],
         loss: Callable[[torch.Tensor], torch.Tensor],
         epochs: int,
-        *,
-        mean: bool = False,
-    ) -> Iterator[Look]:
+    ) -> None:
+        """Train a stage, and tell of it; or, without a name, the whole network up to a look."""
         s = self.s
         # A new one at every look, so that momentum does not carry over what was averaged.
         optimiser: torch.optim.Optimizer = (
@@ -350,10 +412,10 @@ class _Run:
                 optimiser.zero_grad()
                 loss(part).backward()  # type: ignore[no-untyped-call]
                 optimiser.step()
-                if mean:
+                if not stage:
                     self._average()
-            if epoch % s.look_every == 0:
-                yield Look(stage, epoch, epochs)
+            if stage and epoch % s.look_every == 0:
+                self.tell(stage, epoch, epochs)
 
     def _average(self) -> None:
         self.steps += 1
@@ -364,7 +426,7 @@ class _Run:
             for mean, now in zip(means, weights, strict=True):
                 mean.lerp_(now, 1 - kept)
 
-    def _look(self, epoch: int) -> Look:
+    def _look(self, epoch: int) -> None:
         with torch.no_grad():
             inputs = torch.from_numpy((self.stop.x - self.mean) * self.scale).to(self.x.device)
             p = probabilities(self.mean_net(inputs).double()).cpu().numpy()
@@ -378,14 +440,11 @@ class _Run:
             gained = scores < self.best_score
             self.best_score = np.where(gained, scores, self.best_score)
             which = torch.from_numpy(np.flatnonzero(gained))
-            for name, value in self._copy().items():
+            for name, value in self.mean_net.state_dict().items():
                 self.best[name][which] = value[which]
-        return Look("whole", epoch, self.s.epochs, tuple(self.scores[-1]))
+        self.tell(f"whole, best score {scores.min():.3f}", epoch, self.s.epochs)
 
     def _idle(self) -> int:
         """Return how many looks have passed since any repeat was at its best."""
         trained = np.array(self.scores[1:])
         return 0 if not len(trained) else len(trained) - 1 - int(trained.argmin(axis=0).max())
-
-    def _copy(self) -> dict[str, torch.Tensor]:
-        return {k: v.detach().clone() for k, v in self.mean_net.state_dict().items()}

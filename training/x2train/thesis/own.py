@@ -19,15 +19,14 @@ from numpy.typing import NDArray
 from torch import nn
 from torch.nn import functional
 
-from x2train.thesis.cells import Cell
 from x2train.thesis.elements import ElementSpec, dwell
-from x2train.thesis.fit import FitSettings, fit
-from x2train.thesis.recipe import FRESH_FROM, KeptJob, Tell, last_of, with_stop
-from x2train.thesis.results import CellResult, judged, seen
-from x2train.thesis.sets import CellData, load_maps
+from x2train.thesis.fit import FitSettings, Tell, fit
+from x2train.thesis.recipe import FRESH_FROM, Job, StudyRecipe, reached, scores, with_stop
+from x2train.thesis.sets import Cell, CellData, load_maps
 
 Maps = dict[str, NDArray[np.float32]]
-OWN = "own"
+OWN, RAW = "own", "raw frames"
+_DECIMATION = 16
 _AT_ONCE = 500  # maps: some megabytes between the layers
 
 
@@ -124,83 +123,55 @@ def predict_maps(net: TwoMapNet, maps: Maps) -> NDArray[np.float64]:
     return torch.softmax(torch.cat(logits).double(), dim=1).numpy()
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class OwnJob(KeptJob):
-    """The map network on one set, whatever its vector."""
+def own_job(recipe: StudyRecipe, cell: Cell, s: OwnSettings) -> Job:
+    """Return the training of the map network on one set, whatever its vector."""
+    name, n_train = cell.name[2:], recipe.n_train  # without its vector: D60
 
-    settings: OwnSettings
-
-    @property
-    def _key(self) -> tuple[str, str, dict[str, Any]]:
-        settings = {
-            **asdict(self.settings),
-            "elements": self.recipe.n_elements,
-            "fresh": self.recipe.n_fresh,
-            "data_seed": self.recipe.seed,
-            "n_cpi": self.recipe.n_cpi,
-        }
-        return self.cell.name[2:], OWN, settings  # without its vector: D60
-
-    def _train(self, tell: Tell) -> CellResult:
-        recipe, s = self.recipe, self.settings
-        spec = recipe.spec(self.cell.frame_rate_hz)
-        recipe.make(spec, self.cell, tell)
-        maps, data = load_maps(recipe.data, spec, self.cell, 0, recipe.n_elements)
-        fresh_maps, fresh = load_maps(recipe.data, spec, self.cell, FRESH_FROM, recipe.n_fresh)
-        n_train = recipe.n_elements - recipe.n_evaluate
+    def train(tell: Tell) -> dict[str, Any]:
+        spec = recipe.spec(cell.frame_rate_hz)
+        recipe.make(spec, cell, tell)
+        maps, data = load_maps(recipe.data, spec, cell, 0, recipe.n_elements)
+        fresh_maps, fresh = load_maps(recipe.data, spec, cell, FRESH_FROM, recipe.n_fresh)
+        part = {key: values[:n_train] for key, values in maps.items()}
+        rest = {key: values[n_train:] for key, values in maps.items()}
         p_evaluate, p_fresh = [], []
         for k in range(s.repeats):
 
-            def done(epochs: int, what: str = f"{self.cell.name[2:]} map network {k + 1}") -> None:
+            def done(epochs: int, what: str = f"{name} map network {k + 1}") -> None:
                 tell(what, epochs, s.epochs)
 
-            own = replace(s, seed=s.seed + k)
-            part = {name: values[:n_train] for name, values in maps.items()}
-            net = train_maps(part, data.y[:n_train], own, done)
-            rest = {name: values[n_train:] for name, values in maps.items()}
+            net = train_maps(part, data.y[:n_train], replace(s, seed=s.seed + k), done)
             p_evaluate.append(predict_maps(net, rest))
             p_fresh.append(predict_maps(net, fresh_maps))
-        name, label, settings = self._key
-        return CellResult(
-            name=name,
-            label=label,
-            best=0,
-            epochs=(s.epochs,) * s.repeats,
-            evaluation=judged(np.stack(p_evaluate), data.y[n_train:]),
-            fresh=judged(np.stack(p_fresh), fresh.y),
-            in_view=seen(fresh, np.stack(p_fresh)),
-            stopped_by="nothing: a fixed number of epochs",
-            settings=settings,
-        )
+        return {
+            "best": 0,
+            "epochs": (s.epochs,) * s.repeats,
+            **scores(np.stack(p_evaluate), data.y[n_train:], np.stack(p_fresh), fresh),
+            "stopped_by": "nothing: a fixed number of epochs",
+        }
+
+    settings = {**asdict(s), **_sizes(recipe), "n_cpi": recipe.n_cpi}
+    return Job(recipe.folder, name, OWN, settings, train)
 
 
-RAW = "raw frames"
-_DECIMATION = 16
+def raw_job(recipe: StudyRecipe, cell: Cell, s: FitSettings) -> Job:
+    """Return the training of the thesis' network on the frames of one set."""
+
+    def train(tell: Tell) -> dict[str, Any]:
+        spec = recipe.spec(cell.frame_rate_hz)
+        whole = raw_frames(spec, cell, 0, recipe.n_elements, tell)
+        part, stop, stopped_by = with_stop(whole.part(0, recipe.n_train))
+        fitted = fit(part, stop, s, tell=lambda what, *far: tell(f"{cell.name} {what}", *far))
+        evaluate = whole.part(recipe.n_train, recipe.n_elements)
+        fresh = raw_frames(spec, cell, FRESH_FROM, recipe.n_fresh, tell)
+        return reached(fitted, s.look_every, evaluate, fresh, stopped_by)
+
+    settings = {"fit": asdict(s), "decimation": _DECIMATION, **_sizes(recipe)}
+    return Job(recipe.folder, cell.name, RAW, settings, train)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RawJob(KeptJob):
-    """The thesis' network on the frames of one set, whatever its vector."""
-
-    fit: FitSettings
-
-    @property
-    def _key(self) -> tuple[str, str, dict[str, Any]]:
-        recipe = self.recipe
-        sizes = {"elements": recipe.n_elements, "fresh": recipe.n_fresh, "data_seed": recipe.seed}
-        settings = {"fit": asdict(self.fit), "decimation": _DECIMATION, **sizes}
-        return self.cell.name, RAW, settings
-
-    def _train(self, tell: Tell) -> CellResult:
-        recipe = self.recipe
-        spec = recipe.spec(self.cell.frame_rate_hz)
-        whole = raw_frames(spec, self.cell, 0, recipe.n_elements, tell)
-        n_train = recipe.n_elements - recipe.n_evaluate
-        train, stop, stopped_by = with_stop(whole.part(0, n_train))
-        fitted = last_of(fit(train, stop, self.fit), self.cell, tell)
-        evaluate = whole.part(n_train, recipe.n_elements)
-        fresh = raw_frames(spec, self.cell, FRESH_FROM, recipe.n_fresh, tell)
-        return self._reached(fitted, self.fit.look_every, evaluate, fresh, stopped_by=stopped_by)
+def _sizes(recipe: StudyRecipe) -> dict[str, int]:
+    return {"elements": recipe.n_elements, "fresh": recipe.n_fresh, "data_seed": recipe.seed}
 
 
 def raw_frames(spec: ElementSpec, cell: Cell, first: int, n: int, tell: Tell) -> CellData:
@@ -215,5 +186,4 @@ def raw_frames(spec: ElementSpec, cell: Cell, first: int, n: int, tell: Tell) ->
             rows.append(row / max(float(np.linalg.norm(row)), 1e-30))
             in_view.append(share)
         tell(f"frames of {cell.name[2:]}", k + 1, n // 2)
-    y = np.tile(np.array([0, 1], np.int64), n // 2)
-    return CellData(np.stack(rows), y, np.array(in_view, np.float32))
+    return CellData.in_turn(np.stack(rows), np.array(in_view, np.float32))

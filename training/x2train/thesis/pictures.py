@@ -1,6 +1,8 @@
-"""The page and its pictures: results, bodies, pulse; elements are in `element_pictures`."""
+"""The page and its pictures (figures 2.3 to 5.2): elements, bodies, pulse and results."""
 
+import io
 from collections.abc import Sequence
+from itertools import count
 from pathlib import Path
 
 import matplotlib as mpl
@@ -12,21 +14,150 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import torch
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
+from radard.dsp.cadence import cadence_velocity_diagram, extent_profile, type1_vector
+from radard.dsp.doppler import doppler_hz, micro_doppler
+from radard.dsp.downconvert import DownConverter
+from radard.dsp.gram import gaussian_taper
+from radard.stream.ring import Dwell
 from x2radar.atomic import write_whole
 from x2radar.errors import WriteError
+from x2radar.frame import FastTimeAxis
+from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 from x2radar.sim.bodies.thesis_bodies import THESIS_BODIES, ranges_xyz
+from x2radar.sim.echo import frames as echo_frames
 from x2radar.sim.signal.pulse import pulse_sigma_s
-from x2train.thesis.cells import RATES_HZ
-from x2train.thesis.element_pictures import features, five_scatterers, profiles, save
-from x2train.thesis.elements import BODIES
-from x2train.thesis.mlp import ACTIVATIONS
+from x2train.thesis.elements import BODIES, PROFILE, ElementSpec, dwell, scatterers
+from x2train.thesis.fit import ACTIVATIONS
 from x2train.thesis.page import MAIN, page
-from x2train.thesis.recipe import StudyRecipe
-from x2train.thesis.results import CellResult
+from x2train.thesis.recipe import CellResult, StudyRecipe
+from x2train.thesis.sets import RATES_HZ
 
 _CLASSES = ("pet", "person")
+_Extent = tuple[float, float, float, float]
 _MOVED_S = 0.3  # limbs are apart
+_MIN_DB = -40.0  # as in the thesis' plots
+_NEAR_M, _FAR_M = 1.5, 3.0  # of the torso in the elements that are drawn
+# Figure 2.5: fp, M, fs, ts and fc, and five scatterers between 2.5 and 3 m at its two velocities.
+_FP_HZ, _M, _FS_HZ, _TS_S, _FC_HZ = 200.0, 20, 41e9, 6e-9, 6.8e9
+_N_FAST, _BANDWIDTH_HZ = 768, 2.3e9
+_RANGES_M = (2.55, 2.7, 2.9, 2.6, 2.8)
+_VELOCITIES_MPS = (0.9, 0.9, 0.9, -1.5, -1.5)
+
+
+def save(figure: Figure, path: Path) -> Path:
+    """Write a figure without a date, so that the same data gives the same file."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    picture = io.BytesIO()
+    figure.savefig(picture, dpi=70, bbox_inches="tight", metadata={"Software": None})
+    plt.close(figure)
+    write_whole(path, picture.getvalue())
+    return path
+
+
+def features(folder: Path, spec: ElementSpec, body: str) -> Path:
+    """Draw an element of a body, in view all the time, into a folder; return the file."""
+    number, made = _in_view(spec, body)
+    n_cpi, rate_hz, range_m = spec.n_cpi, spec.frame_rate_hz, made.axis.range_m
+    first = len(made.frames) // 2 - n_cpi // 2
+    mu = micro_doppler(made.frames, n_cpi)
+    diagram = cadence_velocity_diagram(mu)
+    lines = doppler_hz(n_cpi, rate_hz)
+    rows = (float(lines[0]), float(lines[-1]))
+    figure, axes = plt.subplots(2, 3, figsize=(13, 6), layout="constrained")
+    figure.suptitle(f"{body}, {rate_hz} Hz, element {number}")
+    middle = _range_doppler(made.frames[first : first + n_cpi])
+    _map(axes[0, 0], middle, (range_m[0], range_m[-1], *rows), "G, middle CPI", "range (m)")
+    _map(axes[0, 1], mu, (0, mu.shape[1] / rate_hz, *rows), "µ", "slow time (s)")
+    cadences = (0, spec.n_cadence / spec.dwell_s, *rows)
+    _map(axes[0, 2], diagram[:, : spec.n_cadence], cadences, "D", "cadence (Hz)")
+    type1 = type1_vector(diagram, spec.n_cadence)
+    profile = extent_profile(made.frames, n_cpi, PROFILE)
+    extent_m = np.arange(PROFILE) * made.axis.bin_length_m
+    axes[1, 0].plot(extent_m, profile, lw=0.8)
+    axes[1, 0].set(
+        title="range profile of the widest extent",
+        xlabel="behind its first sample (m)",
+        ylabel="amplitude, of its peak",
+    )
+    for axis, vector, name in (
+        (axes[1, 1], type1, "type 1 vector"),
+        (axes[1, 2], np.concatenate([profile, type1]), "type 2 vector"),
+    ):
+        axis.plot(vector, lw=0.8)
+        axis.set(title=name, xlabel="element", ylabel="value")
+    return save(figure, folder / f"features-{body}-{rate_hz}.png")
+
+
+def _in_view(spec: ElementSpec, body: str) -> tuple[int, Dwell]:
+    """Return the first element whose torso stays where the radar sees it well, and its number."""
+    ways_m = (scatterers(spec, body, k)[0][:, 0] for k in count())
+    found = (k for k, m in enumerate(ways_m) if m.min() > _NEAR_M and m.max() < _FAR_M)
+    number = next(found)
+    return number, dwell(spec, body, number)[0]
+
+
+def _range_doppler(cpi: NDArray[np.complex64]) -> NDArray[np.float64]:
+    """Return the range-Doppler map G of one CPI (2.34), shape (n_cpi, n_range), linear power."""
+    moving = cpi - cpi.mean(axis=0, dtype=np.complex128)
+    lines = np.fft.fft(moving * gaussian_taper(len(cpi))[:, None], axis=0)
+    return np.fft.fftshift(np.abs(lines) ** 2, axes=0)
+
+
+def _map(axis: Axes, power: NDArray[np.floating], extent: _Extent, title: str, label: str) -> None:
+    level_db = 10 * np.log10(np.maximum(power / max(float(power.max()), 1e-300), 1e-12))
+    image = axis.imshow(
+        level_db, aspect="auto", origin="lower", extent=extent, vmin=_MIN_DB, vmax=0
+    )
+    axis.figure.colorbar(image, ax=axis, label="dB under the peak")
+    axis.set(title=title, xlabel=label, ylabel="Doppler (Hz)")
+
+
+def five_scatterers(path: Path) -> Path:
+    """Draw the range-Doppler map of five points as figure 2.5's text says them."""
+    axis = FastTimeAxis(
+        kind="rf",
+        n_range=_N_FAST,
+        bin_length_m=SPEED_OF_LIGHT_MPS / (2 * _FS_HZ),
+        range_offset_m=SPEED_OF_LIGHT_MPS * _TS_S / 2,
+        carrier_hz=_FC_HZ,
+        bandwidth_hz=_BANDWIDTH_HZ,
+        sample_rate_hz=_FS_HZ,
+    )
+    t_s = np.arange(_M) / _FP_HZ
+    range_m = np.array(_RANGES_M) + t_s[:, None] * np.array(_VELOCITIES_MPS)
+    converter = DownConverter(axis)
+    rf = echo_frames(range_m, np.ones_like(range_m), axis, error_db=-100.0)
+    power, bins_m = _range_doppler(converter.convert(rf)), converter.axis.range_m
+    lines = doppler_hz(_M, _FP_HZ)
+    extent = (float(bins_m[0]), float(bins_m[-1]), float(lines[0]), float(lines[-1]))
+    figure, ax = plt.subplots(figsize=(6, 3.4), layout="constrained")
+    title = f"G of five scatterers: fp = {_FP_HZ:g} Hz, M = {_M}, ts = {1e9 * _TS_S:g} ns"
+    _map(ax, power, extent, title, "range (m)")
+    return save(figure, path)
+
+
+def profiles(path: Path, spec: ElementSpec) -> Path:
+    """Draw the widest extent of an element of every body, with its scatterers: 3.8 and 3.9."""
+    figure, axes = plt.subplots(1, len(BODIES), figsize=(13, 3), layout="constrained")
+    for ax, body in zip(axes, BODIES, strict=True):
+        number, made = _in_view(spec, body)
+        at = len(made.frames) // 2
+        range_m = scatterers(spec, body, number)[0][at]
+        amplitude = np.abs(made.frames[at])
+        near, far = float(range_m.min()) - 0.3, float(range_m.max()) + 0.3
+        ax.plot(made.axis.range_m, amplitude / amplitude.max(), lw=0.8)
+        ax.plot(range_m[1:], np.zeros(len(range_m) - 1), "k|", ms=14, label="limbs")
+        ax.plot(range_m[0], 0.0, "r^", label="torso")
+        ax.set(
+            title=f"{body}, middle of element {number}",
+            xlabel="range (m)",
+            ylabel="amplitude, of its peak",
+            xlim=(near, far),
+        )
+    axes[0].legend()
+    return save(figure, path)
 
 
 def pulse(path: Path) -> Path:
@@ -85,24 +216,19 @@ def confusions(path: Path, results: list[CellResult]) -> Path:
 
 
 def _confusion(axis: Axes, counts: NDArray[np.int64]) -> None:
-    total = max(int(counts.sum()), 1)
-    cells = np.full((3, 3), 0.5)
-    text = np.empty((3, 3), object)
-    for r in (0, 1):
-        for c in (0, 1):
-            cells[r, c] = 1.0 if r == c else 0.0
-            text[r, c] = f"{counts[r, c]}\n{100 * counts[r, c] / total:.1f} %"
-        text[r, 2] = _shares(counts[r, r], counts[r].sum())
-        text[2, r] = _shares(counts[r, r], counts[:, r].sum())
+    total = int(counts.sum())
+    text = {(r, c): f"{n}\n{100 * n / total:.1f} %" for (r, c), n in np.ndenumerate(counts)}
+    for k in (0, 1):
+        text[k, 2] = _shares(counts[k, k], counts[k].sum())
+        text[2, k] = _shares(counts[k, k], counts[:, k].sum())
     text[2, 2] = _shares(np.trace(counts), total)
+    cells = np.pad(np.eye(2), (0, 1), constant_values=0.5)
     axis.imshow(cells, cmap="RdYlGn", vmin=-0.6, vmax=1.6)
-    for r in range(3):
-        for c in range(3):
-            axis.text(c, r, text[r, c], ha="center", va="center", fontsize=9)
+    for (r, c), words in sorted(text.items()):
+        axis.text(c, r, words, ha="center", va="center", fontsize=9)
     axis.set_xticks((0, 1, 2), (*_CLASSES, ""))
     axis.set_yticks((0, 1, 2), (*_CLASSES, ""))
-    axis.set_xlabel("target class")
-    axis.set_ylabel("output class")
+    axis.set(xlabel="target class", ylabel="output class")
 
 
 def _shares(right: int, of: int) -> str:
@@ -132,47 +258,43 @@ def publish(
 ) -> Path:
     """Write tables of results, and pictures into a folder of the page's name beside it."""
     try:
-        return _publish(recipe, results, path, commands)
+        pictures = _pictures(recipe, results, path.parent / path.stem)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        text = page(results, pictures, commands=commands, folder=path.parent)
+        write_whole(path, text.encode())
     except OSError as err:
         raise WriteError.of(path, err) from err
+    return path
 
 
-def _publish(
-    recipe: StudyRecipe, results: Sequence[CellResult], path: Path, commands: tuple[str, str, str]
-) -> Path:
-    folder = path.parent / path.stem
-    main = [r for r in results if r.label in MAIN]
+def _pictures(
+    recipe: StudyRecipe, results: Sequence[CellResult], folder: Path
+) -> dict[str, list[Path]]:
+    """Draw all pictures; return their files by heading."""
+    by_label = {label: [r for r in results if r.label == label] for label in MAIN}
+    by_label = {label: chosen for label, chosen in by_label.items() if chosen}
     pictures: dict[str, list[Path]] = {}
-    if main:
+    if by_label:
         pictures["Confusion (table 3.1, appendix C)"] = [
             confusions(folder / f"confusion-{label}.png", chosen)
-            for label in MAIN
-            if (chosen := [r for r in main if r.label == label])
+            for label, chosen in by_label.items()
         ]
-        drawn = [
-            confidence(folder / f"confidence-{r.label}.png", r)
-            for label in MAIN
-            if (r := _widest([m for m in main if m.label == label])) is not None
+        pictures["Confidence over epochs, a good and a poor initialisation (5.1, 5.2)"] = [
+            # Of the set whose repeats differ most in score at their best.
+            confidence(
+                folder / f"confidence-{label}.png",
+                max(chosen, key=lambda r: float(np.ptp(np.min(r.scores[1:], axis=0)))),
+            )
+            for label, chosen in by_label.items()
         ]
-        pictures["Confidence over epochs, a good and a poor initialisation (5.1, 5.2)"] = drawn
-    made = [five_scatterers(folder / "five-scatterers.png")]
-    made += [
-        features(folder, recipe.spec(rate_hz), body) for rate_hz in RATES_HZ for body in BODIES
+    pictures["G, µ, D and both vectors (figures 2.5-2.7, 3.7-3.9)"] = [
+        five_scatterers(folder / "five-scatterers.png"),
+        *(features(folder, recipe.spec(rate_hz), b) for rate_hz in RATES_HZ for b in BODIES),
+        profiles(folder / "profiles.png", recipe.spec(60)),
     ]
-    made.append(profiles(folder / "profiles.png", recipe.spec(60)))
-    pictures["G, µ, D and both vectors (figures 2.5-2.7, 3.7-3.9)"] = made
     pictures["Scatterers from above (figures 4.1-4.3)"] = [bodies(folder / "bodies.png")]
     pictures["Pulse and activation functions"] = [
         pulse(folder / "pulse.png"),
         activations(folder / "activations.png"),
     ]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    text = page(results, pictures, commands=commands, folder=path.parent)
-    write_whole(path, text.encode())
-    return path
-
-
-def _widest(results: Sequence[CellResult]) -> CellResult | None:
-    """Return the result whose repeats differ most in score at their best."""
-    spread = [float(np.ptp(np.min(r.scores[1:], axis=0))) for r in results]
-    return results[int(np.argmax(spread))] if results else None
+    return pictures

@@ -1,36 +1,30 @@
 """The recipe: data sets, trainings and switches of the thesis, each made once and kept."""
 
-import hashlib
-from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, replace
+import json
+import statistics
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from pydantic import TypeAdapter
 
 from radard.errors import UsageError
+from x2radar.atomic import write_whole
 from x2train.sets.workers import Crew
-from x2train.thesis.cells import CELLS, Cell
 from x2train.thesis.elements import ElementSpec
-from x2train.thesis.fit import FitSettings, Fitted, Look, fit
-from x2train.thesis.results import (
-    CellResult,
-    judged,
-    load_result,
-    result_path,
-    save_result,
-    seen,
-)
-from x2train.thesis.sets import CellData, load_cell, make_bodies
+from x2train.thesis.fit import FitSettings, Fitted, Tell, fit, of_truth
+from x2train.thesis.sets import CELLS, Cell, CellData, load_cell, make_bodies
 
-_FRESH = 5000
 FRESH_FROM = 1_000_000  # number of the first fresh element: no training set reaches it
+IN_VIEW = 0.25  # of the time: half a second
 _STOP_SHARE = 20  # one in so many training elements scores instead, when there are no recordings
 _SHORT_S = 2.0 - 27 / 60  # of columns that 2 s of frames make at 60 Hz, M = 28; 2.45 s make 2 s
 _RETRAIN_RATE = 0.25  # of the learning rate
-
-Tell = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,42 +46,38 @@ class Variant:
 
 def variants(base: FitSettings) -> tuple[Variant, ...]:
     """Return the rows of section 7: what the thesis leaves to be tried, one at a time."""
-
-    def row(label: str, **changes: Any) -> Variant:
-        return Variant(label=label, fit=replace(base, **changes))
-
-    first = base.pretrain_epochs[:1]
+    bare: dict[str, Any] = {"pretrain_epochs": (), "output_epochs": 0}
+    # The thesis' own (3.5). Behind autoencoders of unit-norm inputs most repeats stay on a
+    # plateau, 50 %, with ReLU units at a rate of 0.05 as with sigmoid units.
+    momentum: dict[str, Any] = {"optimiser": "momentum", "learning_rate": 0.05, "decay": 1e-4}
+    of_data: dict[str, dict[str, Any]] = {
+        "rectified profile": {"rectified": True},
+        "static clutter": {"clutter": True},
+        "noise as printed": {"noise": "printed"},
+        "trained at 200 Hz": {"train_rate_hz": 200},
+        "2 s of frames": {"dwell_s": _SHORT_S},
+        "all 4500 train": {"trains_on_all": True},
+        "classes drawn": {"draws_classes": True},
+    }
+    of_training: dict[str, dict[str, Any]] = {
+        "single output": {"n_outputs": 1},
+        "layers 200-100": {"layers": (200, 100)},
+        "layers 50-25": {"layers": (50, 25)},
+        "one layer of 100": {"layers": (100,), "pretrain_epochs": base.pretrain_epochs[:1]},
+        "tanh": {"activation": "tanh"},
+        "mean square error": {"error": "mse"},
+        "momentum SGD": momentum,
+        "momentum SGD, no pre-training": momentum | bare,
+        "L-BFGS": {"optimiser": "lbfgs", "decay": 1e-4},
+        "no L2": {"decay": 0.0},
+        "no weight averaging": {"averaging": 0.0},
+        "sparse codes": {"sparsity": 0.1},
+        "no pre-training": bare,
+        "inputs scaled each": {"scaling": "each"},
+    }
     return (
-        Variant(label="rectified profile", fit=base, rectified=True),
-        Variant(label="static clutter", fit=base, clutter=True),
-        Variant(label="noise as printed", fit=base, noise="printed"),
-        Variant(label="trained at 200 Hz", fit=base, train_rate_hz=200),
-        Variant(label="2 s of frames", fit=base, dwell_s=_SHORT_S),
-        Variant(label="all 4500 train", fit=base, trains_on_all=True),
-        Variant(label="classes drawn", fit=base, draws_classes=True),
-        row("single output", n_outputs=1),
-        row("layers 200-100", layers=(200, 100)),
-        row("layers 50-25", layers=(50, 25)),
-        row("one layer of 100", layers=(100,), pretrain_epochs=first),
-        row("tanh", activation="tanh"),
-        row("mean square error", error="mse"),
-        # The thesis' own (3.5). Behind autoencoders of unit-norm inputs most repeats stay on a
-        # plateau, 50 %, with ReLU units at a rate of 0.05 as with sigmoid units.
-        row("momentum SGD", optimiser="momentum", learning_rate=0.05, decay=1e-4),
-        row(
-            "momentum SGD, no pre-training",
-            optimiser="momentum",
-            learning_rate=0.05,
-            decay=1e-4,
-            pretrain_epochs=(),
-            output_epochs=0,
-        ),
-        row("L-BFGS", optimiser="lbfgs", decay=1e-4),
-        row("no L2", decay=0.0),
-        row("no weight averaging", averaging=0.0),
-        row("sparse codes", sparsity=0.1),
-        row("no pre-training", pretrain_epochs=(), output_epochs=0),
-        row("inputs scaled each", scaling="each"),
+        *(Variant(label=label, fit=base, **how) for label, how in of_data.items()),
+        *(Variant(label=label, fit=replace(base, **how)) for label, how in of_training.items()),
     )
 
 
@@ -97,7 +87,7 @@ class StudyRecipe:
 
     folder: Path  # of data, results and checkpoints
     n_elements: int = 5000  # of a data set; a tenth of it evaluates
-    n_fresh: int = _FRESH  # further elements that judge
+    n_fresh: int = 5000  # further elements that judge
     seed: int = 0
     # M and I alpha
     n_cpi: int = 28
@@ -119,20 +109,19 @@ class StudyRecipe:
         return self.folder / "data"
 
     @property
-    def n_evaluate(self) -> int:
-        """Elements of the thesis' evaluation part."""
-        return max(2, self.n_elements // 10 // 2 * 2)
+    def n_train(self) -> int:
+        """Elements before the thesis' evaluation part."""
+        return self.n_elements - max(2, self.n_elements // 10 // 2 * 2)
 
     def spec(self, rate_hz: int, variant: Variant | None = None) -> ElementSpec:
         """Return what the elements of a rate are drawn from."""
+        names = ("clutter", "noise", "dwell_s") if variant else ()
         return ElementSpec(
             frame_rate_hz=rate_hz,
             seed=self.seed,
-            clutter=variant is not None and variant.clutter,
-            noise="input" if variant is None else variant.noise,
-            dwell_s=2.0 if variant is None else variant.dwell_s,
             n_cpi=self.n_cpi,
             n_cadence=self.n_cadence,
+            **{name: getattr(variant, name) for name in names},
         )
 
     def make(self, spec: ElementSpec, cell: Cell, tell: Tell) -> None:
@@ -145,35 +134,20 @@ class StudyRecipe:
 
     def load(self, cell: Cell, variant: Variant) -> tuple[CellData, CellData, CellData]:
         """Return what trains, what evaluates, and the fresh elements."""
-        own = self.spec(cell.frame_rate_hz, variant)
-        theirs = replace(cell, frame_rate_hz=variant.train_rate_hz or cell.frame_rate_hz)
 
-        def part(spec: ElementSpec, of: Cell, first: int, n: int) -> CellData:
-            return load_cell(self.data, spec, of, first, n, rectified=variant.rectified)
+        def elements(rate_hz: int, first: int, n: int) -> CellData:
+            spec = self.spec(rate_hz, variant)
+            return load_cell(self.data, spec, cell, first, n, rectified=variant.rectified)
 
-        whole = part(own, cell, 0, self.n_elements)
-        n_train = self.n_elements - self.n_evaluate
-        train = whole
-        if theirs != cell:
-            train = part(self.spec(theirs.frame_rate_hz, variant), theirs, 0, self.n_elements)
-        fresh = part(own, cell, FRESH_FROM, self.n_fresh)
-        train = train.part(0, n_train)
+        own_hz = cell.frame_rate_hz
+        train = whole = elements(own_hz, 0, self.n_elements)
+        if (rate_hz := variant.train_rate_hz or own_hz) != own_hz:
+            train = elements(rate_hz, 0, self.n_elements)
+        train = train.part(0, self.n_train)
         if variant.draws_classes:
             train = drawn_classes(train, np.random.default_rng(self.seed))
-        return train, whole.part(n_train, self.n_elements), fresh
-
-    def settings(self, variant: Variant, recordings: CellData | None) -> dict[str, Any]:
-        """Return everything that a result depends on."""
-        digest = "" if recordings is None else hashlib.sha256(recordings.x.tobytes()).hexdigest()
-        return {
-            **asdict(variant),
-            "elements": self.n_elements,
-            "fresh": self.n_fresh,
-            "seed": self.seed,
-            "n_cpi": self.n_cpi,
-            "n_cadence": self.n_cadence,
-            "recordings": digest,
-        }
+        evaluate = whole.part(self.n_train, self.n_elements)
+        return train, evaluate, elements(own_hz, FRESH_FROM, self.n_fresh)
 
     def train(
         self, cell: Cell, variant: Variant, tell: Tell, recordings: CellData | None = None
@@ -193,94 +167,169 @@ class StudyRecipe:
             train, stop, stopped_by = with_stop(train)
         else:
             stop, stopped_by = recordings, f"{len(recordings.y)} windows of recordings"
-        fitted = last_of(fit(train, stop, variant.fit), cell, tell)
+
+        def named(what: str, done: int, total: int) -> None:
+            tell(f"{cell.name} {what}", done, total)
+
+        fitted = fit(train, stop, variant.fit, tell=named)
         if recordings is not None:
             n = len(recordings.y)
             half, rest = recordings.part(0, n // 2), recordings.part(n // 2, n)
             rate = variant.fit.learning_rate * _RETRAIN_RATE
             short = replace(variant.fit, learning_rate=rate)
-            fitted = last_of(fit(half, rest, short, start=fitted), cell, tell)
+            fitted = fit(half, rest, short, start=fitted, tell=named)
             stopped_by = f"{len(rest.y)} windows of recordings, after retraining on {len(half.y)}"
         return fitted, evaluate, fresh, stopped_by
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class KeptJob:
-    """One training that is due; its result is kept."""
+@dataclass(frozen=True, slots=True)
+class SetResult:
+    """Scores of the repeats on one set of elements."""
 
-    recipe: StudyRecipe  # where things lie, and how many elements there are
-    cell: Cell
+    n: int
+    total: tuple[float, ...]
+    class1: tuple[float, ...]
+    class2: tuple[float, ...]
+    cross_entropy: tuple[float, ...]
+    confusion: tuple[tuple[tuple[int, int], tuple[int, int]], ...]
 
     @property
-    def _key(self) -> tuple[str, str, dict[str, Any]]:
-        """Name of the set, what differs, and everything that the result depends on."""
-        raise NotImplementedError
+    def median(self) -> float:
+        """Median of the repeats' total accuracy."""
+        return statistics.median(self.total)
 
-    def _train(self, tell: Tell) -> CellResult:
-        raise NotImplementedError
+
+@dataclass(frozen=True, slots=True)
+class CellResult:
+    """What one configuration reached on one set of the thesis."""
+
+    name: str
+    label: str  # what differs from the thesis' configuration; its activation in the main tables
+    best: int  # which repeat had the best score while it trained
+    epochs: tuple[int, ...]  # looks that were best, of each repeat
+    # the thesis' 500 elements, fresh ones, and those of the fresh ones in the swath for at least
+    # a quarter of the time
+    evaluation: SetResult
+    fresh: SetResult
+    in_view: SetResult
+    stopped_by: str  # what the score was computed on
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    # of every look and repeat: cross-entropy, and the mean probability of the true class of pets
+    # and of people, on what stopped the training; the first before it began
+    scores: tuple[tuple[float, ...], ...] = ()
+    confidence: tuple[tuple[tuple[float, ...], ...], ...] = ()
+
+
+def judged(p: NDArray[np.float64], y: NDArray[np.int64]) -> SetResult:
+    """Return what probabilities of shape (n_repeats, n, 2) are worth."""
+    said = p.argmax(axis=2)
+    right = said == y
+    confusion = tuple(
+        tuple(tuple(int(((row == out) & (y == true)).sum()) for true in (0, 1)) for out in (0, 1))
+        for row in said
+    )
+
+    def percent(which: NDArray[np.bool_] | slice) -> tuple[float, ...]:
+        return tuple(float(round(100 * r[which].mean(), 2)) for r in right)
+
+    return SetResult(
+        len(y),
+        percent(slice(None)),
+        percent(y == 0),
+        percent(y == 1),
+        tuple(float(round(v, 4)) for v in of_truth(p, y)[1]),
+        confusion,  # type: ignore[arg-type]
+    )
+
+
+def scores(
+    p_evaluate: NDArray[np.float64], y: NDArray[np.int64], p: NDArray[np.float64], fresh: CellData
+) -> dict[str, SetResult]:
+    """Return what a network says of elements that evaluate, with labels `y`, and of fresh ones."""
+    which = fresh.in_view >= IN_VIEW
+    return {
+        "evaluation": judged(p_evaluate, y),
+        "fresh": judged(p, fresh.y),
+        "in_view": judged(p[:, which], fresh.y[which]),
+    }
+
+
+_RESULT = TypeAdapter(CellResult)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Job:
+    """One training that is due; its result is kept, one JSON file each."""
+
+    folder: Path
+    name: str  # of the set
+    label: str  # what differs
+    settings: dict[str, Any]  # everything that the result depends on
+    train: Callable[[Tell], dict[str, Any]]  # returns what else is in the result
 
     @property
     def _path(self) -> Path:
-        name, label, _ = self._key
-        return result_path(self.recipe.folder / "results", name, label)
+        file = f"{self.name}-{self.label.replace(' ', '-').lower()}.json"
+        return self.folder / "results" / file
 
     def kept(self) -> CellResult | None:
-        """Return the result of an earlier run of the same settings."""
-        return load_result(self._path, self._key[-1])
+        """Return the result of an earlier run of the same settings; UsageError if cut short."""
+        if not self._path.exists():
+            return None
+        try:
+            known = _RESULT.validate_json(self._path.read_bytes())
+        except ValueError as err:
+            msg = f"{self._path}: no result ({err}); remove it to make it again"
+            raise UsageError(msg) from err
+        return known if known.settings == json.loads(json.dumps(self.settings)) else None
 
     def run(self, tell: Tell) -> CellResult:
         """Train, or return what was kept."""
-        result = self.kept()
-        if result is None:
-            result = self._train(tell)
-            save_result(self._path, result)
+        if (known := self.kept()) is not None:
+            return known
+        made = self.train(tell)
+        result = CellResult(name=self.name, label=self.label, settings=self.settings, **made)
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(self._path, json.dumps(asdict(result)).encode())
         return result
 
-    def _reached(
-        self, fitted: Fitted, look_every: int, evaluate: CellData, fresh: CellData, **more: Any
-    ) -> CellResult:
-        """Return what a network in repeats has reached."""
-        name, label, settings = self._key
-        p = fitted.predict(fresh.x)
-        return CellResult(
-            name=name,
-            label=label,
-            best=fitted.best_repeat,
-            epochs=tuple(int(k) * look_every for k in fitted.best_looks),
-            evaluation=judged(fitted.predict(evaluate.x), evaluate.y),
-            fresh=judged(p, fresh.y),
-            in_view=seen(fresh, p),
-            settings=settings,
-            **more,
-        )
+
+def reached(
+    fitted: Fitted, look_every: int, evaluate: CellData, fresh: CellData, stopped_by: str
+) -> dict[str, Any]:
+    """Return what a network in repeats has reached."""
+    return {
+        "best": fitted.best_repeat,
+        "epochs": tuple(int(k) * look_every for k in fitted.best_looks),
+        **scores(fitted.predict(evaluate.x), evaluate.y, fitted.predict(fresh.x), fresh),
+        "stopped_by": stopped_by,
+    }
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Job(KeptJob):
-    """The thesis' network on one set."""
+def network_job(
+    recipe: StudyRecipe, cell: Cell, variant: Variant, recordings: CellData | None = None
+) -> Job:
+    """Return the training of the thesis' network on one set; windows stop it and retrain it."""
 
-    variant: Variant
-    recordings: CellData | None = None  # windows to stop by and to retrain on
-
-    @property
-    def _key(self) -> tuple[str, str, dict[str, Any]]:
-        settings = self.recipe.settings(self.variant, self.recordings)
-        return self.cell.name, self.variant.label, settings
-
-    def _train(self, tell: Tell) -> CellResult:
-        fitted, evaluate, fresh, stopped_by = self.recipe.train(
-            self.cell, self.variant, tell, self.recordings
-        )
+    def train(tell: Tell) -> dict[str, Any]:
+        fitted, evaluate, fresh, stopped_by = recipe.train(cell, variant, tell, recordings)
         looks = fitted.confidence.round(4).tolist()
-        return self._reached(
-            fitted,
-            self.variant.fit.look_every,
-            evaluate,
-            fresh,
-            stopped_by=stopped_by,
-            scores=tuple(map(tuple, fitted.scores.round(4).tolist())),
-            confidence=tuple(tuple(map(tuple, look)) for look in looks),
-        )
+        return {
+            **reached(fitted, variant.fit.look_every, evaluate, fresh, stopped_by),
+            "scores": tuple(map(tuple, fitted.scores.round(4).tolist())),
+            "confidence": tuple(tuple(map(tuple, look)) for look in looks),
+        }
+
+    settings = {
+        **asdict(variant),
+        "elements": recipe.n_elements,
+        "fresh": recipe.n_fresh,
+        "seed": recipe.seed,
+        "n_cpi": recipe.n_cpi,
+        "n_cadence": recipe.n_cadence,
+        "recordings": sha256(recordings.x.tobytes()).hexdigest() if recordings else "",
+    }
+    return Job(recipe.folder, cell.name, variant.label, settings, train)
 
 
 def wanted_cells(
@@ -311,16 +360,3 @@ def with_stop(train: CellData) -> tuple[CellData, CellData, str]:
     n_fit = len(train.y) - max(2, len(train.y) // _STOP_SHARE // 2 * 2)
     stop = train.part(n_fit, len(train.y))
     return train.part(0, n_fit), stop, f"a validation part of {len(stop.y)} training elements"
-
-
-def last_of(steps: Iterator[Look | Fitted], cell: Cell, tell: Tell) -> Fitted:
-    """Return a training's result, telling how far it is."""
-    result: Fitted | None = None
-    for step in steps:
-        if isinstance(step, Fitted):
-            result = step
-        else:
-            best = f", best score {min(step.scores):.3f}" if step.scores else ""
-            tell(f"{cell.name} {step.stage}{best}", step.epoch, step.epochs)
-    assert result is not None  # noqa: S101 - trainings end with their result
-    return result

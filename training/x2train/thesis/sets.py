@@ -1,12 +1,12 @@
-"""The data sets: shards of elements made once and kept, and put together cell by cell."""
+"""The eight data sets: shards of elements made once and kept, and put together cell by cell."""
 
 import hashlib
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,16 +15,44 @@ from radard.dsp.downconvert import DownConverter
 from radard.errors import UsageError
 from radard.judge.features import extract
 from radard.stream.ring import Dwell
-from x2radar.frame import FastTimeAxis
-from x2radar.recording.blocks import Label
 from x2radar.recording.registry import open_recording
 from x2train.sets.shards import ShardSet, fill
 from x2train.sets.workers import Crew, Rows
-from x2train.thesis.cells import Cell
 from x2train.thesis.elements import PROFILE, ElementSpec, element
 
 _SHARD = 250  # elements of a shard: a run that is stopped loses a minute or two
 _LEVELS = 255  # maps are kept as bytes: a step is 0.12 dB
+_MAPS = ("mu", "range_time")
+RATES_HZ = (60, 200)  # the thesis'
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One of the thesis' data sets: vector, animal and frame rate."""
+
+    vector: int  # 1, or 2 for the range profile in front of type 1
+    # class 1; people are class 2. 'pet', dogs and cats in turn, is not the thesis'
+    animal: Literal["dog", "cat", "pet"]
+    frame_rate_hz: int  # 60 or 200 in the thesis; any in this recipe
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """What class 1 is drawn from."""
+        return ("dog", "cat") if self.animal == "pet" else (self.animal,)
+
+    @property
+    def name(self) -> str:
+        """Name of the set as the thesis writes it, such as T1D60."""
+        return f"T{self.vector}{self.animal[0].upper()}{self.frame_rate_hz}"
+
+
+CELLS = tuple(
+    Cell(vector, animal, rate)
+    for animal in ("dog", "cat")
+    for vector in (1, 2)
+    for rate in RATES_HZ
+)
+"""In the thesis' order (table 4.2)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,8 +60,13 @@ class CellData:
     """Vectors and labels of one set, ready to train on."""
 
     x: NDArray[np.float32]  # (n, Q): feature vectors
-    y: NDArray[np.int64]  # (n,): 0 for the animal (class 1), 1 for people (class 2), in turn
+    y: NDArray[np.int64]  # (n,): 0 for the animal (class 1), 1 for people (class 2)
     in_view: NDArray[np.float32]  # (n,): share of the time in the swath
+
+    @classmethod
+    def in_turn(cls, x: NDArray[np.float32], in_view: NDArray[np.float32]) -> "CellData":
+        """Return animal and person in turn."""
+        return cls(x, np.tile(np.array([0, 1], np.int64), len(in_view) // 2), in_view)
 
     def part(self, first: int, last: int) -> "CellData":
         """Return elements `first` to before `last`."""
@@ -41,18 +74,10 @@ class CellData:
 
 
 def make_bodies(
-    folder: Path,
-    spec: ElementSpec,
-    body: str,
-    first: int,
-    n: int,
-    *,
-    crew: Crew,
+    folder: Path, spec: ElementSpec, body: str, first: int, n: int, *, crew: Crew
 ) -> None:
     """Make the shards of one body's elements `first` to before `first + n`."""
-    bounds = {_name(*ends): ends for ends in _bounds(first, n)}
-    shards = _shards(folder, spec, body)
-    fill(shards, bounds, partial(_row, spec, body), crew)
+    fill(_shards(folder, spec, body), _bounds(first, n), partial(_row, spec, body), crew)
 
 
 def load_cell(
@@ -64,21 +89,19 @@ def load_cell(
         x = np.ascontiguousarray(x[:, PROFILE:])
     elif rectified:
         x = rectify(x)
-    return CellData(x, np.tile(np.array([0, 1], np.int64), n // 2), in_view)
+    return CellData.in_turn(x, in_view)
 
 
 def load_maps(
     folder: Path, spec: ElementSpec, cell: Cell, first: int, n: int
 ) -> tuple[dict[str, NDArray[np.float32]], CellData]:
     """Return the maps of a data set, 'mu' and 'range_time', and the set (without vectors)."""
-    keys = ("mu", "range_time", "in_view")
-    mu, range_time, in_view = _in_turn(folder, spec, cell, (first, n), keys)
-    maps = {
+    *maps, in_view = _in_turn(folder, spec, cell, (first, n), (*_MAPS, "in_view"))
+    made = {
         name: (values / np.float32(_LEVELS)).astype(np.float32)
-        for name, values in (("mu", mu), ("range_time", range_time))
+        for name, values in zip(_MAPS, maps, strict=True)
     }
-    y = np.tile(np.array([0, 1], np.int64), n // 2)
-    return maps, CellData(np.empty((len(y), 0), np.float32), y, in_view)
+    return made, CellData.in_turn(np.empty((n // 2 * 2, 0), np.float32), in_view)
 
 
 def _in_turn(
@@ -86,13 +109,15 @@ def _in_turn(
 ) -> list[NDArray[Any]]:
     first, n = which
     number = np.arange(n // 2)
-    parts = [
-        _load(_shards(folder, spec, body), first, n // 2, keys) for body in (*cell.bodies, "human")
-    ]
+    parts = []
+    for body in (*cell.bodies, "human"):
+        shards = _shards(folder, spec, body)
+        parts.append([shards.read(name) for name in _bounds(first, n // 2)])
     made = []
     for key in keys:
-        animals = np.stack([part[key] for part in parts[:-1]])
-        both = np.stack([animals[number % len(animals), number], parts[-1][key]], axis=1)
+        *bodies, people = (np.concatenate([row[key] for row in rows]) for rows in parts)
+        animals = np.stack(bodies)
+        both = np.stack([animals[number % len(animals), number], people], axis=1)
         made.append(both.reshape(-1, *both.shape[2:]))
     return made
 
@@ -108,19 +133,10 @@ def rectify(x: NDArray[np.float32]) -> NDArray[np.float32]:
     return out
 
 
-def _load(shards: ShardSet, first: int, n: int, keys: tuple[str, ...]) -> dict[str, NDArray[Any]]:
-    parts = [shards.read(_name(*ends)) for ends in _bounds(first, n)]
-    return {key: np.concatenate([p[key] for p in parts]) for key in keys}
-
-
 def _row(spec: ElementSpec, body: str, number: int) -> Rows:
     made = element(spec, body, number)
-    return {
-        "vector": made.vector[None],
-        "mu": np.rint(made.mu[None] * _LEVELS).astype(np.uint8),
-        "range_time": np.rint(made.range_time[None] * _LEVELS).astype(np.uint8),
-        "in_view": np.array([made.in_view], np.float32),
-    }
+    levels = {name: np.rint(made[name] * _LEVELS).astype(np.uint8) for name in _MAPS}
+    return {name: values[None] for name, values in (made | levels).items()}
 
 
 def _shards(folder: Path, spec: ElementSpec, body: str) -> ShardSet:
@@ -130,12 +146,10 @@ def _shards(folder: Path, spec: ElementSpec, body: str) -> ShardSet:
     return ShardSet(folder / name, {"set": "thesis elements", "body": body, **about})
 
 
-def _bounds(first: int, n: int) -> list[tuple[int, int]]:
-    return [(at, min(at + _SHARD, first + n)) for at in range(first, first + n, _SHARD)]
-
-
-def _name(first: int, last: int) -> str:
-    return f"{first:07d}-{last:07d}"
+def _bounds(first: int, n: int) -> dict[str, tuple[int, int]]:
+    starts = range(first, first + n, _SHARD)
+    ends = ((at, min(at + _SHARD, first + n)) for at in starts)
+    return {f"{at:07d}-{end:07d}": (at, end) for at, end in ends}
 
 
 LABELS = {"pet": 0, "dog": 0, "cat": 0, "human": 1, "person": 1}
@@ -144,10 +158,9 @@ LABELS = {"pet": 0, "dog": 0, "cat": 0, "human": 1, "person": 1}
 def load_recordings(paths: Sequence[Path], spec: ElementSpec, vector: int) -> CellData:
     """Return the windows inside labels of recordings, hop one second, with a cell's vector.
 
-    Labels are pet, dog, cat, human or person; others are left out. FILE=LABEL is a label of all of
-    the file; otherwise those in it count. A recording may differ by 5 %
-    in its rate from the spec's. Raises UsageError if one differs more, or none holds a labelled
-    window of each class.
+    Of labels that are not in `LABELS` nothing is taken. FILE=LABEL is a label of all of the file;
+    otherwise those in it count. A recording may differ by 5 % in its rate from the spec's. Raises
+    UsageError if one differs more, or none holds a labelled window of each class.
     """
     rows: list[NDArray[np.float32]] = []
     classes: list[int] = []
@@ -166,10 +179,16 @@ def load_recordings(paths: Sequence[Path], spec: ElementSpec, vector: int) -> Ce
             msg = f"{path}: no labels of {', '.join(LABELS)} in it; FILE=LABEL gives it one"
             raise UsageError(msg)
         samples = np.stack([frame.samples for frame in reader.frames()])
-        for label in labels:
-            for dwell in _windows(samples, reader.stream.axis, label, spec):
+        converter, n_slow = DownConverter(reader.stream.axis), spec.shape.n_slow
+        for begin_s, end_s, label in labels:
+            first, last = (round(s * spec.frame_rate_hz) for s in (begin_s, end_s))
+            last = min(last, len(samples)) - n_slow + 1
+            for at in range(first, last, spec.frame_rate_hz):
+                frames, valid = converter.convert(samples[at : at + n_slow]), np.ones(n_slow, bool)
+                t_s = at / spec.frame_rate_hz
+                dwell = Dwell(frames, valid, converter.axis, spec.frame_rate_hz, t_s)
                 rows.append(extract(dwell, spec.features, ("thesis_type2",))["thesis_type2"])
-                classes.append(LABELS[label[2]])
+                classes.append(LABELS[label])
     if len(set(classes)) < 2:
         msg = "recordings: both classes are needed, pets and people, for two seconds each"
         raise UsageError(msg)
@@ -182,16 +201,3 @@ def load_recordings(paths: Sequence[Path], spec: ElementSpec, vector: int) -> Ce
     x = np.stack(rows)[order]
     x = x if vector == 2 else np.ascontiguousarray(x[:, PROFILE:])
     return CellData(x, y[order], np.ones(len(y), np.float32))
-
-
-def _windows(
-    samples: NDArray[Any], axis: FastTimeAxis, label: Label, spec: ElementSpec
-) -> Iterator[Dwell]:
-    shape = spec.shape
-    first = round(label[0] * spec.frame_rate_hz)
-    last = min(round(label[1] * spec.frame_rate_hz), len(samples))
-    converter = DownConverter(axis)
-    for at in range(first, last - shape.n_slow + 1, spec.frame_rate_hz):
-        frames = converter.convert(samples[at : at + shape.n_slow])
-        valid = np.ones(shape.n_slow, np.bool_)
-        yield Dwell(frames, valid, converter.axis, spec.frame_rate_hz, at / spec.frame_rate_hz)
