@@ -1,24 +1,124 @@
 """Feet: when and where each foot of a body stands, for any number of legs; the finer planner.
 
 Feet on the floor do not move; everything else of a body follows from where they stand and
-when. A path and a gait give all footfalls at once, and from them the feet at any time.
+when. A path and a gait give all footfalls at once, and from them the feet at any time. The stride
+clock says how far a body is in its strides.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Self
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from x2radar.sim.bodies.path.clock import STEP_S, Clock
 from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.points import Array
 
+_STEP_S = 0.02  # of the table: a tenth of the quickest stride or less
+# By eye: over how long, and how much, steps get shorter before they get slower; the duty
+# factor of somebody who comes to a stand; below which speed a body stands; and how long the table
+# goes on after that.
+_NEAR_S = 1.0
+_SLOWED = 0.64
+_STANDING_DUTY = 0.62
+_STILL_MPS = 1e-3
+_TAIL_S = 8.0
 _EVER_S = 1e9  # beyond any scene
 # Steps that bring a foot less far, in metres and radians, are not made: nobody would see them.
 _SAME_PLACE_M = 0.01
 _SAME_HEADING = 0.05
+
+OfSpeed = Callable[[Array], Array]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Clock:
+    """Strides gone at any time, tabulated every `_STEP_S`."""
+
+    start_s: float  # of the first entry
+    rate_hz: Array  # (n_times,): strides per second; 0 where the body stands
+    duty: Array  # (n_times,)
+    spans: NDArray[np.int64]  # (n_spans, 2): first and last entries in which feet step
+    strides: Array  # (n_times,): strides gone; never less than before. In between, parabolas
+
+    @classmethod
+    def along(
+        cls,
+        path: Path,
+        stride_m: OfSpeed,
+        duty: OfSpeed,
+        *,
+        arm_m: float,
+        ahead_s: float,
+    ) -> Self:
+        """Return the clock on a path; feet are `arm_m` off and start `ahead_s` before the body."""
+        first = path.start_s - ahead_s - _NEAR_S
+        n = int((path.end_s + _TAIL_S - first) / _STEP_S) + 2
+        state = path.at(first + _STEP_S * np.arange(n, dtype=np.float64))
+        speed = np.hypot(state.speed_mps, arm_m * state.turn_rad_s)
+        reach = int(_NEAR_S / _STEP_S)
+        around = sliding_window_view(np.pad(speed, reach, mode="edge"), 2 * reach + 1)
+        near = around.max(axis=1)
+        # Steps get shorter rather than slower where the body slows down for a moment.
+        drive = np.maximum(speed, _SLOWED * near)
+        spans = _spans(speed, drive, stride_m, int(ahead_s / _STEP_S))
+        moving = np.zeros(n, dtype=bool)
+        for a, b in spans:
+            moving[a : b + 1] = True
+        safe = np.maximum(drive, _STILL_MPS)
+        rate = np.where(moving, safe / stride_m(safe), 0.0)
+        # A runner who stops does not go on hopping: he stands on both feet as he slows down.
+        share = np.where(moving, np.maximum(duty(safe), _STANDING_DUTY * (1 - speed / safe)), 1.0)
+        gone = np.concatenate([[0.0], np.cumsum((rate[1:] + rate[:-1]) * (_STEP_S / 2))])
+        return cls(first, rate, share, spans, gone)
+
+    def started(self, offset: float, more_duty: float) -> Self:
+        """Return a clock set so that the first leg lifts off at the beginning of every span."""
+        gone = self.strides.copy()
+        last = 0
+        for a, b in self.spans:
+            begin = self.duty[a] + more_duty + offset
+            begin += np.ceil(gone[last] - begin)
+            gone[a : b + 1] = begin + self.strides[a : b + 1] - self.strides[a]
+            if last:
+                gone[last : a + 1] = np.linspace(gone[last], begin, a + 1 - last)
+            else:
+                gone[:a] = begin
+            last = b
+        gone[last:] = gone[last]
+        return replace(self, strides=gone)
+
+    def at(self, t_s: Array) -> Array:
+        """Return the strides gone at given times; shape (n_slow,), float64."""
+        place = np.clip((t_s - self.start_s) / _STEP_S, 0.0, len(self.rate_hz) - 1.000001)
+        k = place.astype(np.int64)
+        u = place - k
+        # Between two entries the rate goes straight from one to the other.
+        ra, rb = self.rate_hz[k], self.rate_hz[k + 1]
+        bend = np.where((ra > 0) & (rb > 0), (rb - ra) * (_STEP_S / 2), 0.0)
+        step = self.strides[k + 1] - self.strides[k]
+        return np.asarray(self.strides[k] + u * (step - bend * (1 - u)), dtype=np.float64)
+
+
+def _spans(speed: Array, drive: Array, stride_m: OfSpeed, n_ahead: int) -> NDArray[np.int64]:
+    """Return where feet step; `drive` is filled in where the body already, or yet, stands."""
+    moves = speed > _STILL_MPS
+    edges = np.flatnonzero(np.diff(moves.astype(np.int8)))
+    found: list[list[int]] = []
+    # It stands at both ends, so starts and stops come in pairs.
+    for a, b in edges.reshape(-1, 2):
+        begin = max(int(a) + 1 - n_ahead, 0)
+        drive[begin : a + 1] = drive[a + 1]
+        rate = drive[b] / stride_m(drive[b : b + 1])[0]
+        end = min(int(b) + 1 + int(np.ceil(1.0 / (rate * _STEP_S))), len(speed) - 1)
+        drive[b + 1 : end + 1] = np.maximum(drive[b], drive[b + 1 : end + 1])
+        if found and begin <= found[-1][1] + 1:
+            found[-1][1] = max(end, found[-1][1])
+        else:
+            found.append([begin, end])
+    return np.array(found, dtype=np.int64).reshape(-1, 2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,7 +152,7 @@ def _leg(
     path: Path, clock: Clock, offset: float, more_duty: float, home_m: tuple[float, float]
 ) -> tuple[Array, ...]:
     """Return when a leg touches down and lifts off, duty, period and place of each stance."""
-    times = clock.start_s + STEP_S * np.arange(len(clock.rate_hz))
+    times = clock.start_s + _STEP_S * np.arange(len(clock.rate_hz))
     lifts, lands, duties, periods = [], [], [], []
     for a, b in clock.spans:
         t = times[a : b + 1]
@@ -97,9 +197,6 @@ def _moved(place: Array) -> NDArray[np.bool_]:
         if keep[k]:
             last = there
     return keep
-
-
-OfSpeed = Callable[[Array], Array]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

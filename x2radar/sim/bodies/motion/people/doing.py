@@ -5,7 +5,7 @@ to 0.9 m/s and the head 0.1 to 0.6 rad/s, rms; exercise is a few sinusoids of 0.
 double), drawn for each person.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -48,11 +48,6 @@ def within_reach(hands: Array) -> Array:
     return np.asarray(short)
 
 
-def draw_busy(rng: np.random.Generator) -> Doer:
-    """Draw an activity of hands and trunk: fidgeting, working, searching."""
-    return _busy(*_draw_work(rng))
-
-
 def _draw_work(rng: np.random.Generator) -> tuple[Wander, Wander, float]:
     """Draw how hips (2), crouch, lean, twist and two hands (6) move, when they rest, and size.
 
@@ -93,7 +88,7 @@ _TURN_RAD, _NOD_RAD = 0.9, 0.3
 _HEAD_ALONE_SHARE = 0.25  # of people who move the head alone, listening or watching (a guess)
 
 
-def draw_seated(rng: np.random.Generator, leg_m: float) -> Doer:
+def _draw_seated(rng: np.random.Generator, leg_m: float) -> Doer:
     """Draw a seat and somebody on it, with small movements, whose legs are so long."""
     u, pace = rng.random(10), float(np.exp(rng.uniform(-0.7, 0.7)))
     limits = np.array([_TRUNK_RAD, _TURN_RAD, _NOD_RAD])
@@ -148,7 +143,7 @@ _EXERCISED = np.array([0.50, 0.25, -0.20])
 _EXERCISE_SPAN = np.array([0.22, 0.40, 0.75])
 
 
-def draw_exercise(rng: np.random.Generator, leg_m: float) -> Doer:
+def _draw_exercise(rng: np.random.Generator, leg_m: float) -> Doer:
     """Draw squats and hops in one place, in a beat that drifts, of legs that are so long."""
     u = rng.random(11)
     low, high = np.log(_BEAT_HZ)
@@ -195,3 +190,11 @@ def draw_exercise(rng: np.random.Generator, leg_m: float) -> Doer:
         )
 
     return at
+
+
+DOERS: Mapping[str, Callable[[np.random.Generator, float], Doer]] = {
+    "busy": lambda rng, _: _busy(*_draw_work(rng)),  # fidgeting, working, searching
+    "sit": _draw_seated,
+    "exercise": _draw_exercise,
+}
+"""What somebody may do besides going: how it is drawn, given the length of the legs."""

@@ -1,35 +1,30 @@
-"""People on two feet by the first generator: trunk and arms over legs that reach for footfalls.
+"""People by the first generator, on two feet or on hands and knees: limbs reach for footfalls.
 
 The ball of a standing foot does not move; the heel rises over it in the last third of the stance.
 Knees and elbows follow by two-link inverse kinematics.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
 
-from x2radar.sim.bodies.motion.people.doing import (
-    Doer,
-    Doing,
-    draw_busy,
-    draw_exercise,
-    draw_seated,
-)
+from x2radar.sim.bodies.motion.people.doing import DOERS, Doer, Doing
 from x2radar.sim.bodies.motion.people.gait import Carriage, PersonStyle, carriage_at, gait_of
 from x2radar.sim.bodies.motion.people.striding import SIDES
-from x2radar.sim.bodies.path.feet import Feet, FootState
+from x2radar.sim.bodies.path.feet import Feet, FootState, Gait
 from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.bodies.skeleton.people import TRUNK_AT, Age, PersonBuild
 from x2radar.sim.bodies.skeleton.skeleton import direction, two_links
 from x2radar.sim.bodies.wander import Wander, smooth_step
-from x2radar.sim.points import UP, Array, Ends, Pose, rod
+from x2radar.sim.points import UP, Array, Ends, Motion, Pose, rod
 
 Traits = tuple[Array, Array]  # drawn whatever the style: 12 normal numbers and 8 shares
 
-STIFF_TO = 0.93  # share of a limb's length up to which it reaches; beyond, its upper joint gives
+_STIFF_TO = 0.93  # share of a limb's length up to which it reaches; beyond, its upper joint gives
 _HEEL_OFF = 0.65  # share of the stance after which the heel rises: 40 % of a stride (Perry)
+_KNEE_M = 0.06  # height of a kneeling knee's middle (recalled)
 _FACE = 0.015  # of the stature: the head's middle ahead of the neck
 _QUICKER: Mapping[Age, float] = {"adult": 1.0, "child": 1.1, "toddler": 1.35}
 """Cadence against that of an adult of the same leg length and speed (recalled)."""
@@ -93,7 +88,7 @@ class OnFeet:
             cruise,
             float(gait.duty(np.array([cruise]))[0]),
             Wander.draw(rng, limits, [0.012, 0.010, 0.003, 0.10, 0.05]),
-            _draw_doer(rng, style.does, build.leg_m),
+            DOERS[style.does](rng, build.leg_m) if style.does else None,
         )
 
     def __call__(self, t_s: Array) -> Pose:
@@ -230,13 +225,7 @@ def _reach(
 ) -> tuple[Array, Array]:
     """Return middle and upper joint of a limb whose end is fixed: its upper joint gives."""
     slack = 0.15 * upper_m
-    return two_links(fixed, joint, lower_m, upper_m, bend, stiff_to=STIFF_TO, slack_m=slack)
-
-
-def _draw_doer(rng: np.random.Generator, does: str, leg_m: float) -> Doer | None:
-    if does in {"sit", "exercise"}:
-        return (draw_seated if does == "sit" else draw_exercise)(rng, leg_m)
-    return draw_busy(rng) if does else None
+    return two_links(fixed, joint, lower_m, upper_m, bend, stiff_to=_STIFF_TO, slack_m=slack)
 
 
 def _scattered(c: Carriage, z: Array, build: PersonBuild) -> Carriage:
@@ -253,3 +242,73 @@ def _scattered(c: Carriage, z: Array, build: PersonBuild) -> Carriage:
         elbow_rad=c.elbow_rad * float(np.exp(0.2 * z[5])),
         yaw_rad=c.yaw_rad * float(np.exp(0.25 * z[7])),
     )
+
+
+def draw_crawling(rng: np.random.Generator, path: Path, b: PersonBuild, traits: Traits) -> Motion:
+    """Draw somebody who crawls, knees with opposite hands (Patrick et al. 2009, recalled).
+
+    The middle of the trunk goes along the path.
+    """
+    z, share = traits
+    width = (0.10 + 0.05 * share[0]) * b.stature_m / 1.75
+    reach, cadence = 0.45 * b.trunk_m, 1 + 0.08 * z[6]
+    knee_m, hand_m = (-reach, width), (reach, 1.2 * width)
+    stride = 0.75 * b.hip_height_m / cadence
+    gait = Gait(
+        # Left knee, left hand, right knee, right hand.
+        offset=(0.0, 0.58, 0.5, 0.08),
+        home_m=(knee_m, hand_m, (knee_m[0], -knee_m[1]), (hand_m[0], -hand_m[1])),
+        stride_m=lambda v: stride * np.sqrt(v / 0.5),
+        duty=lambda v: np.full(len(v), 0.62),
+        lift_m=(0.03, 0.08, 0.03, 0.08),
+    )
+    # Of the trunk, in metres, and turn and nod of the head, in radians.
+    wander = Wander.draw(rng, [0.01, 0.01, 0.01, 0.4, 0.2], np.full(5, 0.05))
+    cruise_mps, feet = max(path.cruise_mps, 0.05), Feet.plan(path, gait)
+    roll_m = 0.02 + 0.03 * share[1]  # amplitude of the trunk to the sides, once a stride
+
+    def pose(t_s: Array) -> Pose:
+        state = path.at(t_s)
+        strides = feet.clock.at(t_s)
+        vigour = np.minimum(state.speed_mps / cruise_mps, 1.0)
+        sway, heading = wander.at(t_s), state.heading_rad
+        left = direction(heading + np.pi / 2)
+        aside = roll_m * vigour * np.sin(2 * np.pi * strides) + sway[:, 1]
+        hip_height = 0.95 * b.thigh_m + _KNEE_M
+        shoulder_height = 0.93 * (b.upper_arm_m + b.forearm_m)
+        lift = 0.012 * vigour * np.cos(4 * np.pi * strides)
+        pitch = np.arcsin(np.clip((shoulder_height - hip_height) / b.trunk_m, -0.5, 0.5))
+        spine = direction(heading, pitch)
+        middle = np.stack([state.x_m, state.y_m, np.zeros_like(heading)], axis=-1)
+        middle = middle + aside[:, None] * left
+        middle[:, 2] = 0.5 * (hip_height + shoulder_height) + lift + sway[:, 2]
+        hips, nape = middle - 0.5 * b.trunk_m * spine, middle + 0.5 * b.trunk_m * spine
+        head = direction(heading + sway[:, 3], 0.5 + sway[:, 4])
+        ends = [
+            *(rod(middle + (along - 0.5) * b.trunk_m * spine, spine) for along in TRUNK_AT),
+            rod(nape + b.neck_m * head, head),
+        ]
+        ends += _limbs(b, feet.at(t_s).position_m, (hips, nape), heading)
+        return Pose.between(ends, left[:, None])
+
+    return pose
+
+
+def _limbs(
+    b: PersonBuild, contact: Array, trunk: tuple[Array, Array], heading: Array
+) -> Iterator[Ends]:
+    """Yield the ends of arms and legs between hips, nape and what is on the floor."""
+    (hips, nape), forward = trunk, direction(heading)
+    left = direction(heading + np.pi / 2)
+    for k, side in enumerate(SIDES):
+        hand = contact[:, 2 * k + 1] + np.array([0.0, 0.0, 0.03])
+        joint = nape + side * b.shoulder_m * left
+        elbow, top = _reach(hand, joint, b.forearm_m, b.upper_arm_m, -forward)
+        yield from ((top, elbow), (elbow, hand), rod(hand, forward))
+    for k, side in enumerate(SIDES):
+        knee = contact[:, 2 * k] + np.array([0.0, 0.0, _KNEE_M])
+        thigh = hips + side * b.hip_m * left - knee
+        thigh *= b.thigh_m / np.maximum(np.linalg.norm(thigh, axis=-1, keepdims=True), 1e-6)
+        # Shins lie on the floor behind the knees.
+        ankle = knee - b.shank_m * forward
+        yield from ((knee, knee + thigh), (ankle, knee), (ankle, ankle - 0.5 * b.foot_m * forward))

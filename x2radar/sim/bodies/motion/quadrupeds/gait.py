@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from x2radar.sim.bodies.motion.quadrupeds.hung import Action, Stance
-from x2radar.sim.bodies.motion.quadrupeds.staying import STANDING
+from x2radar.sim.bodies.motion.quadrupeds.staying import GRAVITY_MPS2, STANDING
 from x2radar.sim.bodies.path.feet import Feet, Gait
 from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.bodies.skeleton.quadrupeds import ENDS, SIDES, QuadrupedBuild
@@ -19,7 +19,6 @@ from x2radar.sim.bodies.skeleton.species import Species
 from x2radar.sim.bodies.wander import smooth_step
 from x2radar.sim.points import Array
 
-GRAVITY_MPS2 = 9.81
 DUTY = (0.28, 0.70)  # least and greatest duty factor: galloping and creeping animals (recalled)
 
 
