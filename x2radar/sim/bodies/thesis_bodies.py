@@ -42,22 +42,6 @@ _SPREAD = {
 _RCS_SPREAD, _MIN_RCS = 0.3, 0.05  # standard deviation (table B.4), and least share left
 
 
-def _dog_like(
-    *,
-    torso: tuple[float, float, float],
-    limb: tuple[float, float, float],
-    x_m: float,
-    hind_m: float,
-) -> tuple[Scatterer, ...]:
-    (torso_hz, torso_m, torso_rcs), (limb_hz, limb_m, limb_rcs) = torso, limb
-    legs = [
-        Scatterer(side * x_m, y, 0, -1, limb_hz, side * sign * _HALF_TURN, limb_m, 0.01, limb_rcs)
-        for y, sign in ((2.5, 1), (hind_m, -1))
-        for side in (1, -1)
-    ]
-    return (Scatterer(0, 2.5, 0, -1, torso_hz, _HALF_TURN, torso_m, 0, torso_rcs), *legs)
-
-
 THESIS_BODIES: Mapping[str, tuple[Scatterer, ...]] = {
     "thesis_human": (
         Scatterer(0, 2.5, 0, -1, 2, _HALF_TURN, 0.1, 0, 10_000),
@@ -66,9 +50,19 @@ THESIS_BODIES: Mapping[str, tuple[Scatterer, ...]] = {
         Scatterer(0.12, 2.5, -0.6, -1, 1, -_HALF_TURN, 0.2, 0.01, 1_000),
         Scatterer(-0.12, 2.5, -0.6, -1, 1, _HALF_TURN, 0.2, 0.01, 1_000),
     ),
-    "thesis_dog": _dog_like(torso=(2, 0.1, 5_000), limb=(1, 0.1, 500), x_m=0.10, hind_m=3.0),
-    "thesis_cat": _dog_like(
-        torso=(2.6, 0.04, 2_000), limb=(1.3, 0.05, 200), x_m=0.075, hind_m=2.8
+    "thesis_dog": (
+        Scatterer(0, 2.5, 0, -1, 2, _HALF_TURN, 0.1, 0, 5_000),
+        Scatterer(0.1, 2.5, 0, -1, 1, _HALF_TURN, 0.1, 0.01, 500),
+        Scatterer(-0.1, 2.5, 0, -1, 1, -_HALF_TURN, 0.1, 0.01, 500),
+        Scatterer(0.1, 3, 0, -1, 1, -_HALF_TURN, 0.1, 0.01, 500),
+        Scatterer(-0.1, 3, 0, -1, 1, _HALF_TURN, 0.1, 0.01, 500),
+    ),
+    "thesis_cat": (
+        Scatterer(0, 2.5, 0, -1, 2.6, _HALF_TURN, 0.04, 0, 2_000),
+        Scatterer(0.075, 2.5, 0, -1, 1.3, _HALF_TURN, 0.05, 0.01, 200),
+        Scatterer(-0.075, 2.5, 0, -1, 1.3, -_HALF_TURN, 0.05, 0.01, 200),
+        Scatterer(0.075, 2.8, 0, -1, 1.3, -_HALF_TURN, 0.05, 0.01, 200),
+        Scatterer(-0.075, 2.8, 0, -1, 1.3, _HALF_TURN, 0.05, 0.01, 200),
     ),
 }
 """Bodies by name; torso first."""

@@ -7,7 +7,6 @@ support 0.752 periods - 0.143 s. Running: strides of 1.3 to 1.6 a second, with a
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -28,10 +27,11 @@ class Carriage:
 
     bend: float = 0.012  # how much lower the hips are than on straight legs, as a share of the leg
     lean_rad: float = 0.05  # of the trunk, forward
-    bob_m: float = 0.022  # of the hips, up and down twice a stride, at cruising speed
+    # Of the hips, up and down twice a stride, at cruising speed: highest over the standing foot;
+    # if negative, as in running, lowest.
+    bob_m: float = 0.022
     sway_m: float = 0.02  # and to the sides, once a stride
     surge_m: float = 0.0  # and ahead of their even way: slowest over the standing foot
-    is_spring: bool = False  # lowest over the standing foot, as in running, not highest
     arm_rad: float = 0.40  # amplitude of the arms' swing
     arm_rest_rad: float = 0.05  # about which the arms swing, forward
     elbow_rad: float = 0.45  # bend of the elbows
@@ -43,7 +43,6 @@ class Carriage:
 class PersonStyle:
     """How a style of people moves: speed, carriage and what it does besides."""
 
-    sentence: str
     speed_mps: tuple[float, float] | None  # None for a body that stays in place
     carriage: Carriage = Carriage()
     lift: float = 0.06  # of the feet, as a share of the stature
@@ -55,81 +54,55 @@ class PersonStyle:
     does: Literal["", "busy", "sit", "exercise"] = ""  # besides going, or instead
 
 
-_Running = partial(Carriage, is_spring=True)
-
 STYLES: Mapping[str, PersonStyle] = {
-    "walk": PersonStyle("walks", (0.7, 1.7), grows=True),
-    "stroll": PersonStyle("walks slowly", (0.3, 0.8), grows=True),
+    "walk": PersonStyle((0.7, 1.7), grows=True),
+    "stroll": PersonStyle((0.3, 0.8), grows=True),
     "stealth": PersonStyle(
-        "sneaks: slow, careful steps on bent knees",
         (0.2, 0.5),
         Carriage(bend=0.10, lean_rad=0.25, arm_rad=0.08, elbow_rad=0.9, bob_m=0.008),
         lift=0.10,
     ),
     "crouch": PersonStyle(
-        "walks crouched",
-        (0.3, 1.0),
-        Carriage(bend=0.28, lean_rad=0.65, arm_rad=0.12, elbow_rad=1.0, bob_m=0.012),
-        lift=0.06,
+        (0.3, 1.0), Carriage(bend=0.28, lean_rad=0.65, arm_rad=0.12, elbow_rad=1.0, bob_m=0.012)
     ),
     "jog": PersonStyle(
-        "jogs",
         (1.8, 2.8),
-        _Running(bend=0.07, lean_rad=0.10, bob_m=0.035, arm_rad=0.5, elbow_rad=1.5, heel_rad=1.1),
+        Carriage(bend=0.07, lean_rad=0.10, bob_m=-0.035, arm_rad=0.5, elbow_rad=1.5, heel_rad=1.1),
         lift=0.16,
         kind="run",
     ),
     "run": PersonStyle(
-        "runs",
         (2.8, 4.5),
-        _Running(bend=0.08, lean_rad=0.17, bob_m=0.04, arm_rad=0.8, elbow_rad=1.6, heel_rad=1.2),
+        Carriage(bend=0.08, lean_rad=0.17, bob_m=-0.04, arm_rad=0.8, elbow_rad=1.6, heel_rad=1.2),
         lift=0.24,
         kind="run",
     ),
-    "crawl": PersonStyle("crawls on hands and knees", (0.2, 0.7), lift=0.04, kind="crawl"),
-    "limp": PersonStyle(
-        "limps", (0.4, 1.0), Carriage(bob_m=0.03, sway_m=0.04), grows=True, limps=True
-    ),
+    "crawl": PersonStyle((0.2, 0.7), lift=0.04, kind="crawl"),
+    "limp": PersonStyle((0.4, 1.0), Carriage(bob_m=0.03, sway_m=0.04), grows=True, limps=True),
     "carry": PersonStyle(
-        "carries a box before the chest",
-        (0.5, 1.4),
-        Carriage(arm_rad=0.03, arm_rest_rad=0.35, elbow_rad=1.5, lean_rad=-0.04),
+        (0.5, 1.4), Carriage(arm_rad=0.03, arm_rest_rad=0.35, elbow_rad=1.5, lean_rad=-0.04)
     ),
-    "carry_pet": PersonStyle(
-        "carries a pet in the arms",
-        (0.5, 1.3),
-        Carriage(arm_rad=0.03, arm_rest_rad=0.25, elbow_rad=1.8),
-    ),
+    "carry_pet": PersonStyle((0.5, 1.3), Carriage(arm_rad=0.03, arm_rest_rad=0.25, elbow_rad=1.8)),
     "toddler": PersonStyle(
-        "toddles: a small child on short, wide, quick steps",
         (0.3, 0.9),
-        Carriage(bend=0.06, arm_rad=0.10, arm_rest_rad=0.5, elbow_rad=1.4, sway_m=0.02),
+        Carriage(bend=0.06, arm_rad=0.10, arm_rest_rad=0.5, elbow_rad=1.4),
         lift=0.08,
         age="toddler",
     ),
-    "child": PersonStyle(
-        "a child of 0.95 to 1.45 m walks about", (0.4, 1.5), grows=True, age="child"
-    ),
+    "child": PersonStyle((0.4, 1.5), grows=True, age="child"),
     "child_run": PersonStyle(
-        "a child of 0.95 to 1.45 m runs about",
         (1.3, 3.0),
-        _Running(bend=0.07, lean_rad=0.12, bob_m=0.03, arm_rad=0.6, elbow_rad=1.3, heel_rad=1.1),
+        Carriage(bend=0.07, lean_rad=0.12, bob_m=-0.03, arm_rad=0.6, elbow_rad=1.3, heel_rad=1.1),
         lift=0.18,
         kind="run",
         age="child",
     ),
-    "stop_and_go": PersonStyle("goes, stops and goes on", (0.5, 1.3), stops=True, grows=True),
-    "stand": PersonStyle("stands and breathes", None),
-    "busy": PersonStyle("stands and reaches, bends and turns", None, does="busy"),
-    "sit": PersonStyle("sits, looks about and uses the hands", None, does="sit"),
-    "exercise": PersonStyle("exercises or dances in one place", None, does="exercise"),
-    "search": PersonStyle(
-        "goes from place to place and searches each",
-        (0.4, 1.2),
-        stops=True,
-        grows=True,
-        does="busy",
-    ),
+    "stop_and_go": PersonStyle((0.5, 1.3), stops=True, grows=True),
+    "stand": PersonStyle(None),
+    "busy": PersonStyle(None, does="busy"),
+    "sit": PersonStyle(None, does="sit"),
+    "exercise": PersonStyle(None, does="exercise"),
+    "search": PersonStyle((0.4, 1.2), stops=True, grows=True, does="busy"),
 }
 """What people do, by name; speeds and carriages by eye, where no source stands above."""
 

@@ -97,7 +97,7 @@ class OnFeet:
         strides = self.feet.clock.at(t_s)
         vigour = np.minimum(state.speed_mps / self.cruise_mps, 1.0)
         middle_stance = strides - 0.5 * self.duty
-        bob = np.cos(4 * np.pi * middle_stance) * (-1.0 if c.is_spring else 1.0)
+        bob = np.cos(4 * np.pi * middle_stance)
         # Long steps lower the hips.
         rate_hz = float(self.feet.clock.rate_hz.max(initial=0.0))
         step_m = 0.25 * vigour * self.cruise_mps / max(rate_hz, 0.1)

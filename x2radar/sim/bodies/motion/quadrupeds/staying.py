@@ -1,4 +1,4 @@
-"""Four-legged animals in their place: they stand, sit, lie, pant, groom, scratch, play and jump."""
+"""Four-legged animals in one place: stand, sit, lie, pant, groom, scratch, play, jump."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
