@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from radard.config.sections import GateSettings
-from radard.detect.calibration import FORMAT, load_calibration
+from radard.detect.calibration import load_calibration
 from radard.detect.clutter_map import ClutterRemover
 from radard.detect.gate import Gate
 from radard.errors import ConfigError
@@ -155,7 +155,7 @@ def test_calibration_of_another_stream_is_refused(axis, rate_hz, word):
 )
 def test_wrong_calibration_files_name_their_fault(change, word, tmp_path):
     content = {
-        "format": FORMAT,
+        "format": "radard-calibration",
         "format_version": 2,
         "frame_rate_hz": 60.0,
         "bin_length_m": 0.03,

@@ -115,21 +115,14 @@ def _products(real: Steps, imag: Steps) -> Reals:
         even += imag @ imag.T
         cross = imag @ real.T
         odd = cross - cross.T
-        energy = _energy(real, imag)
+        # More exact than a matrix product, whose long chains of additions round squares of whole
+        # quanta (ADC samples, or anything under strong clutter) all the same way: an odd number's
+        # square is 1 modulo 8. The map to mu amplifies what all the diagonal has in common.
+        energy = np.vecdot(real, real) + np.vecdot(imag, imag)
     q = even.astype(np.float64)
     np.copyto(q, odd, where=_above(len(q)))
     np.fill_diagonal(q, energy)
     return q
-
-
-def _energy(real: Steps, imag: Steps) -> Reals:
-    """Return the rows' energies, more exactly than a matrix product does.
-
-    Its long chains of additions round squares of whole quanta (ADC samples, or anything
-    under strong clutter) all the same way: an odd number's square is 1 modulo 8. The map to
-    mu amplifies what all the diagonal has in common. Dot products use many short chains.
-    """
-    return np.asarray(np.vecdot(real, real) + np.vecdot(imag, imag), np.float64)
 
 
 @lru_cache(maxsize=32)

@@ -7,7 +7,6 @@ away; a cell's vote falls with what the fit leaves there (Cauchy weights, iterat
 correction is scaled by the share of it that the cell itself confirms over the dwell.
 """
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -33,19 +32,14 @@ _UNIQUE = 1e-9  # least determinant, by its largest possible one
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class JitterFit:
-    """Delay and gain of every frame that the clutter showed."""
+def take_out_jitter(rows: NDArray[np.complex64], usable: Flags, axis: FastTimeAxis) -> Array:
+    """Take the clutter's common delay and gain out of rows from `sound_rows`, in place.
 
-    delay_s: Array  # of every frame about the dwell's mean, shape (n_slow,); later is positive
-    gain: Array  # of every frame, less one; likewise
-
-
-def take_out_jitter(rows: NDArray[np.complex64], usable: Flags, axis: FastTimeAxis) -> JitterFit:
-    """Take the clutter's common delay and gain out of rows from `sound_rows`, in place."""
-    none = np.zeros(len(rows))
+    Return both, shape (2, n_slow): the delay about the dwell's mean in radians of the carrier,
+    later is positive, and the gain less one.
+    """
     if np.count_nonzero(usable) < _MIN_FRAMES or axis.carrier_hz <= 0:
-        return JitterFit(none, none)
+        return np.zeros((2, len(rows)))
     used = rows if usable.all() else rows[usable]
     mean = used.mean(axis=0, dtype=np.complex128)
     starts = _cell_starts(axis)
@@ -53,11 +47,10 @@ def take_out_jitter(rows: NDArray[np.complex64], usable: Flags, axis: FastTimeAx
     parts = rows.view(np.float32)
     model = _Model(parts - mean.astype(np.complex64).view(np.float32), usable, columns, starts)
     theta, weight = model.fit_all()
-    turn = 2 * np.pi * axis.carrier_hz
-    most = np.array([turn * MAX_DELAY_S, MAX_GAIN])
+    most = np.array([2 * np.pi * axis.carrier_hz * MAX_DELAY_S, MAX_GAIN])
     by_cell = model.fit_without_own(theta, weight, most)
     parts -= by_cell.transpose(1, 2, 0).reshape(len(rows), -1).astype(np.float32) @ columns
-    return JitterFit(theta[0] / turn, theta[1])
+    return theta
 
 
 @lru_cache(maxsize=8)

@@ -186,15 +186,12 @@ class VelocityTransform(ColumnStream):
 
     def advance(self, steps: StepBuffer, n_new: int) -> int:
         """Make the columns that the newest `n_new` frames complete, by their spectra."""
-        return self._advance(steps.product(self._dft, n_new), steps.flags(n_new))
-
-    def _advance(self, planar: NDArray[np.float32], flags: Flags) -> int:
-        n_freq = len(self.frequency_hz)
-        steps = np.empty((len(planar), n_freq), np.complex64)
-        steps.real, steps.imag = planar[:, :n_freq], planar[:, n_freq:]
-        steps, flags = self._means.add(steps, flags)
-        n_new = len(steps)
-        self._spectra.append(steps, flags)
+        planar, n_freq = steps.product(self._dft, n_new), len(self.frequency_hz)
+        spectra = np.empty((n_new, n_freq), np.complex64)
+        spectra.real, spectra.imag = planar[:, :n_freq], planar[:, n_freq:]
+        spectra, flags = self._means.add(spectra, steps.flags(n_new))
+        n_new = len(spectra)
+        self._spectra.append(spectra, flags)
         self._n_seen += n_new
         earliest = max(0, self._n_seen - n_new - self.n_cpi + 1)
         first = -(-earliest // self.stride) * self.stride
