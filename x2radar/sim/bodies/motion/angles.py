@@ -20,8 +20,8 @@ from x2radar.sim.bodies.motion.quadrupeds.footfalls import (
     draw_lags,
 )
 from x2radar.sim.bodies.motion.quadrupeds.hung import Trunk
+from x2radar.sim.bodies.path.feet import StridePhase
 from x2radar.sim.bodies.path.path import Path
-from x2radar.sim.bodies.path.prints import StridePhase
 from x2radar.sim.bodies.skeleton import quadrupeds
 from x2radar.sim.bodies.skeleton.people import PersonBuild
 from x2radar.sim.bodies.skeleton.quadrupeds import QuadrupedBuild

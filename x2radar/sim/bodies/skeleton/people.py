@@ -20,8 +20,7 @@ from x2radar.sim.bodies.skins.base import EchoGain
 from x2radar.sim.points import Array
 
 _STATURE_M = (0.6, 2.3)  # that a scene may ask for: beyond, shares of the stature hold no more
-_TODDLER_M = (0.75, 0.95)
-_CHILD_M = (0.95, 1.45)
+_SMALL_M = {"toddler": (0.75, 0.95), "child": (0.95, 1.45)}
 Age = Literal["adult", "child", "toddler"]
 _GROWN: Mapping[Age, float] = {"toddler": 0.0, "adult": 1.0}
 _GROWTH = (0.85, 1.05, 1.45), (0.0, 0.55, 1.0)  # statures of children, toddler (0) to adult (1)
@@ -100,12 +99,10 @@ def draw_person_build(
 ) -> PersonBuild:
     """Draw a person's sizes about their shares of `height_m`, 0.6 to 2.3; or SceneError."""
     is_man, z, share = rng.random(), rng.standard_normal(10), rng.random()
-    if age == "toddler":
-        stature = _TODDLER_M[0] + share * (_TODDLER_M[1] - _TODDLER_M[0])
-    elif age == "child":
-        stature = _CHILD_M[0] + share * (_CHILD_M[1] - _CHILD_M[0])
-    else:
-        stature = float(np.clip((1.77 if is_man < 0.5 else 1.63) + 0.07 * z[0], 1.45, 2.05))
+    stature = float(np.clip((1.77 if is_man < 0.5 else 1.63) + 0.07 * z[0], 1.45, 2.05))
+    if age != "adult":
+        low_m, high_m = _SMALL_M[age]
+        stature = low_m + share * (high_m - low_m)
     if height_m is not None:
         Key(*_STATURE_M).judge(height_m, "height_m")
         stature = height_m

@@ -12,8 +12,8 @@ import numpy as np
 
 from x2radar.sim.bodies.motion.people import striding
 from x2radar.sim.bodies.motion.people.striding import RUNS, SIDES, Moment, StridingPerson, Swing
+from x2radar.sim.bodies.path.feet import Footprints, StridePhase
 from x2radar.sim.bodies.path.path import Path
-from x2radar.sim.bodies.path.prints import Footprints, StridePhase
 from x2radar.sim.bodies.skeleton.people import PersonBuild
 from x2radar.sim.bodies.skeleton.skeleton import STRETCHED_TO, direction, two_links
 from x2radar.sim.points import UP, Array, Ends, Pose

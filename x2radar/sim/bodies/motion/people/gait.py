@@ -12,13 +12,17 @@ from typing import Literal
 import numpy as np
 
 from x2radar.sim.bodies.path.feet import Gait
-from x2radar.sim.bodies.skeleton.people import Age
+from x2radar.sim.bodies.skeleton.people import Age, PersonBuild
 from x2radar.sim.points import Array
+
+Traits = tuple[Array, Array]  # drawn whatever the style: 12 normal numbers and 8 shares
 
 _STRIDE = 1.346
 FASTEST_WALK = 3.0  # RV up to which the relation holds (Boulic and Thalmann, recalled)
-_SURGE = 0.084  # of the hips, see `carriage_at`
+_SURGE = 0.084  # of the hips, see `carriage_of`
 _BRISK = 1.5  # relative speed of the carriage that a free walk has: about 1.4 m/s
+_QUICKER: Mapping[Age, float] = {"adult": 1.0, "child": 1.1, "toddler": 1.35}
+"""Cadence against that of an adult of the same leg length and speed (recalled)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,44 +111,55 @@ STYLES: Mapping[str, PersonStyle] = {
 """What people do, by name; speeds and carriages by eye, where no source stands above."""
 
 
-def carriage_at(style: PersonStyle, speed_mps: float, hip_height_m: float) -> Carriage:
-    """Return how a body is carried at a speed.
+def carriage_of(style: PersonStyle, build: PersonBuild, speed_mps: float, z: Array) -> Carriage:
+    """Return how a body is carried at a speed, with a manner of its own by normal numbers `z`.
 
     Boulic and Thalmann 1990 (recalled) let the bob (0.015 RV), the swing of the arms and the
     turn of the pelvis grow with the relative speed RV, and the surge of the hips be
     0.084 RV (1 - RV) of the hip height up to RV = 0.5 and 0.021 beyond. Somebody who goes at
     0.3 m/s does not swing the arms as at 1.4 m/s.
     """
-    if style.kind != "walk":
-        return style.carriage
-    c, rv = style.carriage, speed_mps / hip_height_m
+    c, rv, size = style.carriage, speed_mps / build.hip_height_m, build.stature_m / 1.75
     slow = min(rv, 0.5)
-    c = replace(c, surge_m=hip_height_m * _SURGE * slow * (1 - slow))
-    if not style.grows:
-        return c
-    share = min(rv / _BRISK, 1.3)
-    return replace(c, bob_m=c.bob_m * share, arm_rad=c.arm_rad * share, yaw_rad=c.yaw_rad * share)
+    surge_m = build.hip_height_m * _SURGE * slow * (1 - slow) if style.kind == "walk" else 0.0
+    share = min(rv / _BRISK, 1.3) if style.grows else 1.0
+    return replace(
+        c,
+        bend=c.bend * float(np.exp(0.2 * z[0])),
+        lean_rad=c.lean_rad + 0.03 * z[1],
+        surge_m=surge_m * float(np.exp(0.2 * z[8])),
+        bob_m=c.bob_m * share * size * float(np.exp(0.2 * z[2])),
+        sway_m=c.sway_m * size * float(np.exp(0.2 * z[3])),
+        arm_rad=c.arm_rad * share * float(np.exp(0.35 * z[4])),
+        elbow_rad=c.elbow_rad * float(np.exp(0.2 * z[5])),
+        yaw_rad=c.yaw_rad * share * float(np.exp(0.25 * z[7])),
+    )
 
 
-def gait_of(
-    kind: str, hip_height_m: float, *, cadence: float, width_m: float, lift_m: float, limp: float
-) -> Gait:
-    """Return the footwork of a walk or a run; `limp` is the share the right foot is spared."""
-    h = hip_height_m
+def gait_of(style: PersonStyle, build: PersonBuild, traits: Traits) -> Gait:
+    """Return the footwork of somebody who walks or runs."""
+    z, share = traits
+    h, toe_m = build.hip_height_m, 0.45 * build.foot_m
+    cadence = _QUICKER[style.age] * (1 + 0.06 * z[6])
+    width_m = (0.045 + 0.03 * share[0]) * (1.8 if style.age == "toddler" else 1.0)
+    width_m = width_m * max(build.stature_m, 1.0) / 1.75 + 0.01
+    lift_m = style.lift * build.stature_m * (0.7 + 0.6 * share[3])
+    # The share that the right foot is spared.
+    limp = 0.10 + 0.10 * share[2] if style.limps else 0.0
 
     def stride(v: Array) -> Array:
-        if kind == "run":
+        if style.kind == "run":
             return v / (cadence * (1.22 + 0.07 * v))
         return np.asarray(_STRIDE * np.sqrt(v / h) * h / cadence)
 
     def duty(v: Array) -> Array:
-        if kind == "run":
+        if style.kind == "run":
             return np.clip(0.47 - 0.045 * v, 0.25, 0.42)
         return np.clip(0.752 - 0.143 * np.sqrt(np.maximum(v / h, 0.02)) / _STRIDE, 0.55, 0.76)
 
     return Gait(
         offset=(0.0, 0.5 - limp / 2),
-        home_m=((0.0, width_m), (0.0, -width_m)),
+        home_m=((toe_m, width_m), (toe_m, -width_m)),
         stride_m=stride,
         duty=duty,
         lift_m=(lift_m, lift_m * (1 - 2 * limp)),

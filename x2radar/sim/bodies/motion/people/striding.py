@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from x2radar.sim.bodies.path.feet import StridePhase
 from x2radar.sim.bodies.path.path import Path
-from x2radar.sim.bodies.path.prints import StridePhase
 from x2radar.sim.bodies.skeleton.people import PersonBuild
 from x2radar.sim.bodies.skeleton.skeleton import direction, hang
 from x2radar.sim.bodies.wander import Wander

@@ -4,30 +4,32 @@ The ball of a standing foot does not move; the heel rises over it in the last th
 Knees and elbows follow by two-link inverse kinematics.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
 
 from x2radar.sim.bodies.motion.people.doing import DOERS, Doer, Doing
-from x2radar.sim.bodies.motion.people.gait import Carriage, PersonStyle, carriage_at, gait_of
+from x2radar.sim.bodies.motion.people.gait import (
+    Carriage,
+    PersonStyle,
+    Traits,
+    carriage_of,
+    gait_of,
+)
 from x2radar.sim.bodies.motion.people.striding import SIDES
 from x2radar.sim.bodies.path.feet import Feet, FootState, Gait
 from x2radar.sim.bodies.path.path import Path
-from x2radar.sim.bodies.skeleton.people import TRUNK_AT, Age, PersonBuild
+from x2radar.sim.bodies.skeleton.people import TRUNK_AT, PersonBuild
 from x2radar.sim.bodies.skeleton.skeleton import direction, two_links
 from x2radar.sim.bodies.wander import Wander, smooth_step
 from x2radar.sim.points import UP, Array, Ends, Motion, Pose, rod
-
-Traits = tuple[Array, Array]  # drawn whatever the style: 12 normal numbers and 8 shares
 
 _STIFF_TO = 0.93  # share of a limb's length up to which it reaches; beyond, its upper joint gives
 _HEEL_OFF = 0.65  # share of the stance after which the heel rises: 40 % of a stride (Perry)
 _KNEE_M = 0.06  # height of a kneeling knee's middle (recalled)
 _FACE = 0.015  # of the stature: the head's middle ahead of the neck
-_QUICKER: Mapping[Age, float] = {"adult": 1.0, "child": 1.1, "toddler": 1.35}
-"""Cadence against that of an adult of the same leg length and speed (recalled)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,25 +68,14 @@ class OnFeet:
         traits: Traits,
     ) -> Self:
         """Draw how somebody goes and what is done besides."""
-        z, share = traits
-        width = (0.045 + 0.03 * share[0]) * (1.8 if style.age == "toddler" else 1.0)
-        gait = gait_of(
-            style.kind,
-            build.hip_height_m,
-            cadence=_QUICKER[style.age] * (1 + 0.06 * z[6]),
-            width_m=width * max(build.stature_m, 1.0) / 1.75 + 0.01,
-            lift_m=style.lift * build.stature_m * (0.7 + 0.6 * share[3]),
-            limp=0.10 + 0.10 * share[2] if style.limps else 0.0,
-        )
-        toe_m = 0.45 * build.foot_m
-        gait = replace(gait, home_m=tuple((toe_m, y) for _, y in gait.home_m))
+        gait = gait_of(style, build, traits)
         cruise = max(path.cruise_mps, 0.1)
         limits = (0.02, 0.015, 0.004, 0.5, 0.15)
         return cls(
             path,
             Feet.plan(path, gait),
             build,
-            _scattered(carriage_at(style, cruise, build.hip_height_m), z, build),
+            carriage_of(style, build, cruise, traits[0]),
             cruise,
             float(gait.duty(np.array([cruise]))[0]),
             Wander.draw(rng, limits, [0.012, 0.010, 0.003, 0.10, 0.05]),
@@ -113,7 +104,9 @@ class OnFeet:
             bend, lean, look = bend + doing.crouch, lean + doing.lean_rad, look + doing.look_rad
             ahead, aside = ahead + doing.shift_m[:, 0], aside + doing.shift_m[:, 1]
             up = up + doing.shift_m[:, 2]
-            feet = _moved(feet, cos[:, None], sin[:, None], doing.feet_m)
+            on, left, lift = np.moveaxis(doing.feet_m, -1, 0)
+            by = (on * cos[:, None] - left * sin[:, None], on * sin[:, None] + left * cos[:, None])
+            feet = replace(feet, position_m=feet.position_m + np.stack([*by, lift], axis=-1))
         height = b.ankle_m + (1 - bend) * straight + c.bob_m * vigour * bob
         middle = np.stack(
             [
@@ -197,13 +190,6 @@ class OnFeet:
         return ends
 
 
-def _moved(feet: FootState, cos: Array, sin: Array, by_m: Array) -> FootState:
-    """Return feet moved ahead, to the left and up, shape (n_slow, 2, 3), in metres."""
-    ahead, left, up = np.moveaxis(by_m, -1, 0)
-    by = np.stack([ahead * cos - left * sin, ahead * sin + left * cos, up], axis=-1)
-    return replace(feet, position_m=feet.position_m + by)
-
-
 def _elbow(
     b: PersonBuild, shoulder: Array, wrist: Array, frame: tuple[Array, Array, float]
 ) -> tuple[Array, Array]:
@@ -226,22 +212,6 @@ def _reach(
     """Return middle and upper joint of a limb whose end is fixed: its upper joint gives."""
     slack = 0.15 * upper_m
     return two_links(fixed, joint, lower_m, upper_m, bend, stiff_to=_STIFF_TO, slack_m=slack)
-
-
-def _scattered(c: Carriage, z: Array, build: PersonBuild) -> Carriage:
-    """Return a carriage of one's own."""
-    size = build.stature_m / 1.75
-    return replace(
-        c,
-        bend=c.bend * float(np.exp(0.2 * z[0])),
-        lean_rad=c.lean_rad + 0.03 * z[1],
-        surge_m=c.surge_m * float(np.exp(0.2 * z[8])),
-        bob_m=c.bob_m * size * float(np.exp(0.2 * z[2])),
-        sway_m=c.sway_m * size * float(np.exp(0.2 * z[3])),
-        arm_rad=c.arm_rad * float(np.exp(0.35 * z[4])),
-        elbow_rad=c.elbow_rad * float(np.exp(0.2 * z[5])),
-        yaw_rad=c.yaw_rad * float(np.exp(0.25 * z[7])),
-    )
 
 
 def draw_crawling(rng: np.random.Generator, path: Path, b: PersonBuild, traits: Traits) -> Motion:
