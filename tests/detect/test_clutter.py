@@ -144,7 +144,7 @@ def test_noise_of_single_bins():
 
 
 def test_map_begins_as_a_mean_and_follows_drift():
-    room_map = ClutterMap(3, 60.0, memory_s=20, longest_s=600)
+    room_map = ClutterMap(3, 60.0)
     blocks = [np.array([1, 2j, 3.0]) * k for k in range(5)]
     for block in blocks:
         room_map.update(block, 60, np.ones(3))
@@ -156,7 +156,7 @@ def test_map_begins_as_a_mean_and_follows_drift():
 
 @pytest.mark.parametrize(("motion", "time_s"), [(1, 20), (2, 20), (20, 200), (1e9, 600)])
 def test_rates_are_bounded_and_slower_where_something_moves(motion, time_s):
-    room_map = ClutterMap(1, 60.0, memory_s=20, longest_s=600)
+    room_map = ClutterMap(1, 60.0)
     for _ in range(60):
         room_map.update(np.zeros(1, np.complex128), 60, np.ones(1))
     for _ in range(10):
@@ -172,7 +172,7 @@ def test_map_is_as_good_after_a_million_frames_as_after_a_thousand(level):
     rng = np.random.default_rng(5)
     blocks = 1e4 + rng.standard_normal((1000, 4)) + 1j * rng.standard_normal((1000, 4))
     exact, count = np.zeros(4, np.clongdouble), np.longdouble(0)
-    room_map = ClutterMap(4, 60.0, memory_s=20)
+    room_map = ClutterMap(4, 60.0)
     errors = []
     for k in range(n_hops):
         block = blocks[k % 1000]

@@ -26,18 +26,19 @@ _FLATTEN = 1.5  # see `VelocityTransform`
 _BLOCK = 64  # frames at once: a hop at 60 Hz
 _LOW, _HIGH = 1e-15, 1e15  # of parts: their squares stay well inside float32
 _REACH = 1.3 / 2.3  # of the -10 dB band, to either side: beyond it is noise
+_MAX_FREQUENCIES = 64
 _UNKNOWN_BANDWIDTH = 0.2  # of the carrier: less than any module's
 
 
-def range_frequencies(axis: FastTimeAxis, n_most: int = 64) -> Reals:
+def range_frequencies(axis: FastTimeAxis) -> Reals:
     """Return the absolute frequencies at which a stream's frames are looked at, in hertz.
 
     Shape (n_freq,), float64: around the carrier, ascending, over 1.13 of the -10 dB band (1.3 GHz
     to either side for the X2) as far as the bins sample it. They are c / (2 swath) apart, all that
-    differ for that many bins, or a multiple of it to stay within `n_most`. An unknown bandwidth is
+    differ for that many bins, or a multiple of it to stay within 64. An unknown bandwidth is
     taken for a fifth of the carrier. Raises FeatureError if the axis has no carrier or no bins.
     """
-    if axis.carrier_hz <= 0 or axis.bin_length_m <= 0 or n_most < 1:
+    if axis.carrier_hz <= 0 or axis.bin_length_m <= 0:
         msg = f"no frequencies: carrier {axis.carrier_hz:g} Hz, bins of {axis.bin_length_m:g} m"
         raise FeatureError(msg)
     bandwidth_hz = axis.bandwidth_hz or _UNKNOWN_BANDWIDTH * axis.carrier_hz
@@ -45,7 +46,7 @@ def range_frequencies(axis: FastTimeAxis, n_most: int = 64) -> Reals:
     reach_hz = min(_REACH * bandwidth_hz, 0.49 * sampled_hz)
     spacing_hz = sampled_hz / axis.n_range
     n_side = int(reach_hz / spacing_hz)
-    thin = -(-(2 * n_side + 1) // n_most)
+    thin = -(-(2 * n_side + 1) // _MAX_FREQUENCIES)
     n_side //= thin
     return np.asarray(axis.carrier_hz + np.arange(-n_side, n_side + 1) * (thin * spacing_hz))
 
@@ -67,17 +68,6 @@ def range_dft(axis: FastTimeAxis, frequency_hz: Reals, flatten: float) -> NDArra
         weight *= 10 ** (0.5 * flatten * (2 * baseband_hz / axis.bandwidth_hz) ** 2)
     turns = np.outer(np.arange(axis.n_range) * delay_s, baseband_hz)
     return np.asarray(np.exp(-2j * np.pi * (turns % 1.0)) * weight)
-
-
-def velocity_operator(
-    frequency_hz: Reals, velocity_mps: Reals, frame_rate_hz: float, taper: Reals
-) -> NDArray[np.complex128]:
-    """Return what leads from steps to velocities, (n_freq, n_velocity, n_cpi - 1)."""
-    n_cpi = len(taper)
-    time_s = (np.arange(n_cpi) - (n_cpi - 1) / 2) / frame_rate_hz
-    doppler_hz = 2 / SPEED_OF_LIGHT_MPS * np.multiply.outer(frequency_hz, velocity_mps)
-    turns = np.multiply.outer(doppler_hz, time_s) % 1.0
-    return np.asarray((np.exp(-2j * np.pi * turns) * taper) @ centring(n_cpi))
 
 
 class FrameMeans:
@@ -219,8 +209,10 @@ def _design(
     n_side, step_mps = grid
     frequency_hz = range_frequencies(axis)
     velocity_mps = np.arange(-n_side, n_side + 1, dtype=np.float64) * step_mps
-    taper = gaussian_taper(n_cpi)
-    operator = velocity_operator(frequency_hz, velocity_mps[n_side:], frame_rate_hz, taper)
+    time_s = (np.arange(n_cpi) - (n_cpi - 1) / 2) / frame_rate_hz
+    doppler_hz = 2 / SPEED_OF_LIGHT_MPS * np.multiply.outer(frequency_hz, velocity_mps[n_side:])
+    turns = np.multiply.outer(doppler_hz, time_s) % 1.0
+    operator = (np.exp(-2j * np.pi * turns) * gaussian_taper(n_cpi)) @ centring(n_cpi)
     half = operator[..., : n_cpi // 2].copy()
     if n_cpi % 2 == 0:
         # The step in the middle is its own partner.

@@ -44,16 +44,11 @@ class Clock:
     strides: Array  # (n_times,): strides gone; never less than before. In between, parabolas
 
     @classmethod
-    def along(
-        cls,
-        path: Path,
-        stride_m: OfSpeed,
-        duty: OfSpeed,
-        *,
-        arm_m: float,
-        ahead_s: float,
-    ) -> Self:
-        """Return the clock on a path; feet are `arm_m` off and start `ahead_s` before the body."""
+    def along(cls, path: Path, gait: "Gait") -> Self:
+        """Return the clock of a gait on a path."""
+        stride_m, duty, ahead_s = gait.stride_m, gait.duty, gait.ahead_s
+        # How far off the middle the feet are.
+        arm_m = max(float(np.hypot(*home)) for home in gait.home_m)
         first = path.start_s - ahead_s - _NEAR_S
         n = int((path.end_s + _TAIL_S - first) / _STEP_S) + 2
         state = path.at(first + _STEP_S * np.arange(n, dtype=np.float64))
@@ -240,10 +235,8 @@ class Feet:
     @classmethod
     def plan(cls, path: Path, gait: Gait) -> Self:
         """Return the footfalls of a gait along a path."""
-        arm = max(float(np.hypot(*home)) for home in gait.home_m)
-        clock = Clock.along(path, gait.stride_m, gait.duty, arm_m=arm, ahead_s=gait.ahead_s)
         more = gait.more_duty or (0.0,) * len(gait.offset)
-        clock = clock.started(gait.offset[0], more[0])
+        clock = Clock.along(path, gait).started(gait.offset[0], more[0])
         rows = zip(gait.offset, more, gait.home_m, strict=True)
         legs = [_leg(path, clock, *row) for row in rows]
         n = max(len(leg[0]) for leg in legs)
