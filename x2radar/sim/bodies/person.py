@@ -66,11 +66,11 @@ def draw_person(
     if row.kind == "crawl":
         moves = draw_crawling(rng, course, build, traits)
     elif motion == "gait" or row.speed_mps is None or row.does:
-        moves = OnFeet.draw(rng, row, course, build, traits)
+        moves = OnFeet(rng, row, course, build, traits)
     elif motion == "footfalls":
-        moves = FootfallPerson.draw(rng, course, build, style)
+        moves = FootfallPerson(rng, course, build, style)
     else:
-        moves = AnglePerson.draw(rng, course, build, style, draw_gesture(rng))
+        moves = AnglePerson(rng, course, build, style, draw_gesture(rng))
     half, names = build.half_lengths(), PERSON.names
     if style in _CARRIED:
         name, size = _CARRIED[style]

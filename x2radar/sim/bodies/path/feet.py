@@ -203,6 +203,7 @@ class FootState:
     # (n_slow, n_legs): of the stride, from 0 at touch-down over the duty factor at lift-off to 1.
     # In a stance that lasts because the body stands, it waits in the middle.
     phase: Array
+    duty: Array  # (n_slow, n_legs): duty factor of each one's stride
     swing: Array  # (n_slow, n_legs): share of the swing that is done; 0 on the floor
     is_stance: NDArray[np.bool_]  # (n_slow, n_legs)
 
@@ -274,6 +275,7 @@ class Feet:
             position_m=np.concatenate([position[..., :2], height[..., None]], axis=-1),
             heading_rad=position[..., 2],
             phase=f.duty * stance + (1.0 - f.duty) * swing,
+            duty=f.duty,
             swing=swing,
             is_stance=is_stance,
         )

@@ -66,16 +66,16 @@ def draw_torso(rng: np.random.Generator) -> Torso:
     return up
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class StridingPerson(ABC):
     """A person who walks a path with a trunk that swings; a `Motion`."""
 
-    path: Path
-    build: PersonBuild
     phase: StridePhase  # strides done
-    cruise_mps: float  # speed at which amplitudes are whole
     gesture: Wander  # what arms and head do besides, see `Moment`
     torso: Torso
+
+    def __init__(self, path: Path, build: PersonBuild) -> None:
+        self.path, self.build = path, build
+        self.cruise_mps = max(path.cruise_mps, 0.1)  # speed at which amplitudes are whole
 
     @abstractmethod
     def _arm_swing(self, k: int, now: Moment, chest_rad: Array) -> Swing:

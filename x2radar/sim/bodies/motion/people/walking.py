@@ -6,13 +6,11 @@ Knees and elbows follow by two-link inverse kinematics.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Self
 
 import numpy as np
 
-from x2radar.sim.bodies.motion.people.doing import DOERS, Doer, Doing
+from x2radar.sim.bodies.motion.people.doing import DOERS, Doing
 from x2radar.sim.bodies.motion.people.gait import (
-    Carriage,
     PersonStyle,
     Traits,
     carriage_of,
@@ -45,42 +43,27 @@ class _Hips:
     look_rad: Array  # (n_slow, 2): turn and nod of the head
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class OnFeet:
     """A person who walks a path on two feet and stands where it stops; a `Motion`."""
 
-    path: Path
-    feet: Feet
-    build: PersonBuild
-    carriage: Carriage
-    cruise_mps: float
-    duty: float
-    sway: Wander  # of the hips ahead, aside and up, in metres, and turn and nod of the head
-    doer: Doer | None = None  # what is done besides
-
-    @classmethod
-    def draw(
-        cls,
+    def __init__(
+        self,
         rng: np.random.Generator,
         style: PersonStyle,
         path: Path,
         build: PersonBuild,
         traits: Traits,
-    ) -> Self:
-        """Draw how somebody goes and what is done besides."""
-        gait = gait_of(style, build, traits)
-        cruise = max(path.cruise_mps, 0.1)
+    ) -> None:
+        gait, cruise = gait_of(style, build, traits), max(path.cruise_mps, 0.1)
+        self.path, self.build, self.cruise_mps = path, build, cruise
+        self.feet = Feet.plan(path, gait)
+        self.carriage = carriage_of(style, build, cruise, traits[0])
+        self.duty = float(gait.duty(np.array([cruise]))[0])
+        # Of the hips ahead, aside and up, in metres, and turn and nod of the head.
         limits = (0.02, 0.015, 0.004, 0.5, 0.15)
-        return cls(
-            path,
-            Feet.plan(path, gait),
-            build,
-            carriage_of(style, build, cruise, traits[0]),
-            cruise,
-            float(gait.duty(np.array([cruise]))[0]),
-            Wander.draw(rng, limits, [0.012, 0.010, 0.003, 0.10, 0.05]),
-            DOERS[style.does](rng, build.leg_m) if style.does else None,
-        )
+        self.sway = Wander.draw(rng, limits, [0.012, 0.010, 0.003, 0.10, 0.05])
+        # What is done besides.
+        self.doer = DOERS[style.does](rng, build.leg_m) if style.does else None
 
     def __call__(self, t_s: Array) -> Pose:
         b, c = self.build, self.carriage
@@ -118,10 +101,9 @@ class OnFeet:
         )
         swing = np.cos(2 * np.pi * strides)
         hips = _Hips(middle, heading, -c.yaw_rad * vigour * swing, vigour, swing, lean, look)
-        return self._upright(hips, feet, self.feet.falls.at(t_s).duty, doing)
+        return self._upright(hips, feet, doing)
 
-    def _upright(self, hips: _Hips, feet: FootState, duty: Array, doing: Doing | None) -> Pose:
-        """Return the pose over feet, given the duty factor (n_slow, 2) of the stride of each."""
+    def _upright(self, hips: _Hips, feet: FootState, doing: Doing | None) -> Pose:
         b, look = self.build, hips.look_rad
         spine = direction(hips.heading_rad, np.pi / 2 - hips.lean_rad)
         nape = hips.middle_m + b.trunk_m * spine
@@ -136,7 +118,7 @@ class OnFeet:
         ]
         for side in range(2):
             ends += self._arm(side, hips, nape, direction(facing + np.pi / 2), doing)
-        ends += self._legs(hips, feet, duty)
+        ends += self._legs(hips, feet)
         return Pose.between(ends, direction(hips.heading_rad + np.pi / 2)[:, None])
 
     def _arm(
@@ -164,12 +146,12 @@ class OnFeet:
             fore = (wrist - elbow) / b.forearm_m
         return [(shoulder, elbow), (elbow, wrist), (wrist, wrist + 0.1 * b.stature_m * fore)]
 
-    def _legs(self, hips: _Hips, feet: FootState, duty: Array) -> list[Ends]:
+    def _legs(self, hips: _Hips, feet: FootState) -> list[Ends]:
         b = self.build
         toes = direction(feet.heading_rad)
         sole = 0.7 * b.foot_m
         # The heel's rise grows to its most at toe-off; in the swing it goes back.
-        push = smooth_step((feet.phase / duty - _HEEL_OFF) / (1 - _HEEL_OFF))
+        push = smooth_step((feet.phase / feet.duty - _HEEL_OFF) / (1 - _HEEL_OFF))
         back_again = 1.0 - smooth_step(feet.swing / 0.55)
         rise = self.carriage.heel_rad * np.where(feet.is_stance, push, back_again)
         rise = rise * hips.vigour[:, None]

@@ -1,8 +1,7 @@
 """Four-legged animals in one place: stand, sit, lie, pant, groom, scratch, play, jump."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Self
+from dataclasses import replace
 
 import numpy as np
 
@@ -167,60 +166,37 @@ _CROUCH, _PUSH, _LANDING = 0.3, 0.9, 0.4
 _CLEAR_M, _TUCK_S, _RISE_S = 0.08, 0.3, 0.6
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class Leap:
-    """One jump from rest to rest, as seen from where it begins, along the heading and up."""
+    """One jump from rest to rest, as seen from where it begins, along the heading and up.
 
-    begin_s: float  # when the crouch begins
-    leave_s: float  # when the push begins; the fore feet leave the floor
-    take_off_s: float  # when the hind feet leave the floor
-    touch_down_s: float  # when the fore feet land
-    still_s: float  # when the trunk stops going ahead
-    velocity_mps: tuple[float, float]  # ahead and up at take-off
-    landing_mps: float  # upward velocity at touch-down, negative
-    climb_m: float  # height of where it lands over where it begins
-    hip_m: float  # hip height
+    It goes `climb_m` up (negative: down) and `ahead_m` ahead in the air.
+    """
 
-    @classmethod
-    def over(
-        cls, begin_s: float, climb_m: float, ahead_m: float, hip_m: float, crouch_s: float
-    ) -> Self:
-        """Return a jump `climb_m` up (negative: down) that goes `ahead_m` in the air."""
+    def __init__(
+        self, begin_s: float, climb_m: float, ahead_m: float, hip_m: float, crouch_s: float
+    ) -> None:
         # The trunk leaves at 0.6 hip heights over standing and touches down at 0.
         rise = max(climb_m - 0.6 * hip_m, 0.0) + _CLEAR_M
         up = float(np.sqrt(2.0 * GRAVITY_MPS2 * rise))
         down = float(np.sqrt(2.0 * GRAVITY_MPS2 * (0.6 * hip_m + rise - climb_m)))
         flight = (up + down) / GRAVITY_MPS2
-        leave = begin_s + crouch_s
-        take_off = leave + 2.0 * _PUSH * hip_m / up
-        touch_down = take_off + flight
-        still = touch_down + 2.0 * _LANDING * hip_m / down
-        velocity = (ahead_m / flight, up)
-        return cls(begin_s, leave, take_off, touch_down, still, velocity, -down, climb_m, hip_m)
-
-    @property
-    def end_s(self) -> float:
-        """When the body stands again, in seconds."""
-        return self.still_s + _RISE_S
-
-    @property
-    def ahead_m(self) -> float:
-        """How far the body gets from push to standstill, in metres."""
-        push, flight, landing = self._parts_s
-        return self.velocity_mps[0] * (0.5 * push + flight + 0.5 * landing)
-
-    @property
-    def _parts_s(self) -> tuple[float, float, float]:
-        """How long push, flight and landing take."""
-        return (
-            self.take_off_s - self.leave_s,
-            self.touch_down_s - self.take_off_s,
-            self.still_s - self.touch_down_s,
-        )
+        self.begin_s, self.climb_m, self.hip_m = begin_s, climb_m, hip_m
+        self.leave_s = begin_s + crouch_s  # when the push begins; fore feet leave the floor
+        self.take_off_s = self.leave_s + 2.0 * _PUSH * hip_m / up  # the hind feet do
+        self.touch_down_s = self.take_off_s + flight  # when the fore feet land
+        self.still_s = self.touch_down_s + 2.0 * _LANDING * hip_m / down  # the trunk goes no more
+        self.end_s = self.still_s + _RISE_S  # when the body stands again
+        self.push_s = self.take_off_s - self.leave_s
+        self.flight_s = self.touch_down_s - self.take_off_s
+        self.landing_s = self.still_s - self.touch_down_s
+        # Ahead and up at take-off, and up at touch-down.
+        self.velocity_mps, self.landing_mps = (ahead_m / flight, up), -down
+        way_s = 0.5 * self.push_s + self.flight_s + 0.5 * self.landing_s
+        self.ahead_m = self.velocity_mps[0] * way_s  # from push to standstill
 
     def trunk(self, t_s: Array) -> tuple[Array, Array, Array]:
         """Return how far the trunk's middle is ahead and up, and its pitch, from standing."""
-        push_s, flight_s, landing_s = self._parts_s
+        push_s, flight_s, landing_s = self.push_s, self.flight_s, self.landing_s
         push = np.clip(t_s - self.leave_s, 0.0, push_s)
         air = np.clip(t_s - self.take_off_s, 0.0, flight_s)
         land = np.clip(t_s - self.touch_down_s, 0.0, landing_s)
@@ -260,9 +236,9 @@ def draw_jumping(
     h = build.hip_m
     climb = float(np.clip(h * rng.uniform(*species.jump), 0.2, 0.9))
     crouch = rng.uniform(0.3, 0.7, 2)
-    up = Leap.over(rng.uniform(0.8, 2.0), climb, h * rng.uniform(1.2, 2.2), h, crouch[0])
+    up = Leap(rng.uniform(0.8, 2.0), climb, h * rng.uniform(1.2, 2.2), h, crouch[0])
     stays = rng.uniform(1.5, 6.0)
-    down = Leap.over(up.end_s + stays, -climb, h * rng.uniform(1.5, 2.5), h, crouch[1])
+    down = Leap(up.end_s + stays, -climb, h * rng.uniform(1.5, 2.5), h, crouch[1])
 
     def at(t_s: Array) -> Stance:
         s = standing(t_s)
