@@ -69,9 +69,9 @@ def test_any_path_is_gone_along_within_its_limits(points, speed, stops, radius):
 def test_a_standing_foot_stands_and_a_standing_body_takes_no_strides(seed):
     rng = np.random.default_rng(seed)
     path = Path.through([(0.0, 6.0), (1.0, 3.0), (-1.0, 1.0)], 1.1, [(2.0, 1.5)])
-    phase = StridePhase.along(path, lambda v: 0.4 + 0.6 * v)
+    phase = StridePhase(path, lambda v: 0.4 + 0.6 * v)
     duty = rng.uniform(0.4, 0.7)
-    prints = Footprints.plan(path, phase, offset=0.3, duty=duty, home_m=(0.0, 0.1), lift_m=0.1)
+    prints = Footprints(path, phase, offset=0.3, duty=duty, home_m=(0.0, 0.1), lift_m=0.1)
     t_s = np.arange(0, path.end_s, 0.01)
     place, swing = prints.at(t_s, np.ones(len(t_s)))
     stands = (swing[1:] == 0) & (swing[:-1] == 0)

@@ -125,7 +125,7 @@ class AnglePerson(StridingPerson):
         self.hop_m = float(0.04 * run * np.exp(0.3 * z[9]))  # height of the flight
         # How far hips swing ahead and back.
         self.surge_m = float(0.018 * leg_m * np.exp(0.6 * rng.standard_normal()))
-        self.phase = StridePhase.along(path, lambda v: stride * (v / cruise) ** 0.5)
+        self.phase = StridePhase(path, lambda v: stride * (v / cruise) ** 0.5)
         self.torso = striding.draw_torso(rng)
 
     def __call__(self, t_s: Array) -> Pose:
@@ -192,7 +192,7 @@ def draw_angle_quadruped(
         for k, mean in enumerate(DOG)
     ]
     w = Bearing(rng, gait, style)
-    strides = StridePhase.along(path, lambda v: stride * (v / cruise_mps) ** 0.7)
+    strides = StridePhase(path, lambda v: stride * (v / cruise_mps) ** 0.7)
     crouch_rad = (0.45 if style == "stalk" else 0.0) + 0.12 * float(u[1])  # of all legs
     flight = float((0.08 if gait in LEAPS else 0.02) * np.exp(0.3 * z[1]))  # in hip heights
 

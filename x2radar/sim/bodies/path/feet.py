@@ -6,7 +6,7 @@ clock for any number of legs (`Feet`), or by a phase that counts strides and pla
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import Self
 
 import numpy as np
@@ -33,57 +33,50 @@ _SAME_HEADING = 0.05
 OfSpeed = Callable[[Array], Array]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class Clock:
-    """Strides gone at any time, tabulated every `_STEP_S`."""
+    """Strides gone at any time on a path, tabulated every `_STEP_S`.
 
-    start_s: float  # of the first entry
-    rate_hz: Array  # (n_times,): strides per second; 0 where the body stands
-    duty: Array  # (n_times,)
-    spans: NDArray[np.int64]  # (n_spans, 2): first and last entries in which feet step
-    strides: Array  # (n_times,): strides gone; never less than before. In between, parabolas
+    It is set so that the first leg lifts off at the beginning of every span in which feet step.
+    """
 
-    @classmethod
-    def along(cls, path: Path, gait: "Gait") -> Self:
-        """Return the clock of a gait on a path."""
-        stride_m, duty, ahead_s = gait.stride_m, gait.duty, gait.ahead_s
+    def __init__(self, path: Path, gait: "Gait") -> None:
         # How far off the middle the feet are.
         arm_m = max(float(np.hypot(*home)) for home in gait.home_m)
-        first = path.start_s - ahead_s - _NEAR_S
-        n = int((path.end_s + _TAIL_S - first) / _STEP_S) + 2
-        state = path.at(first + _STEP_S * np.arange(n, dtype=np.float64))
+        self.start_s = path.start_s - gait.ahead_s - _NEAR_S
+        n = int((path.end_s + _TAIL_S - self.start_s) / _STEP_S) + 2
+        state = path.at(self.start_s + _STEP_S * np.arange(n, dtype=np.float64))
         speed = np.hypot(state.speed_mps, arm_m * state.turn_rad_s)
         reach = int(_NEAR_S / _STEP_S)
         around = sliding_window_view(np.pad(speed, reach, mode="edge"), 2 * reach + 1)
         near = around.max(axis=1)
         # Steps get shorter rather than slower where the body slows down for a moment.
         drive = np.maximum(speed, _SLOWED * near)
-        spans = _spans(speed, drive, stride_m, int(ahead_s / _STEP_S))
+        self.spans = _spans(speed, drive, gait.stride_m, int(gait.ahead_s / _STEP_S))
         moving = np.zeros(n, dtype=bool)
-        for a, b in spans:
+        for a, b in self.spans:
             moving[a : b + 1] = True
         safe = np.maximum(drive, _STILL_MPS)
-        rate = np.where(moving, safe / stride_m(safe), 0.0)
+        # Strides per second; 0 where the body stands.
+        self.rate_hz = np.where(moving, safe / gait.stride_m(safe), 0.0)
         # A runner who stops does not go on hopping: he stands on both feet as he slows down.
-        share = np.where(moving, np.maximum(duty(safe), _STANDING_DUTY * (1 - speed / safe)), 1.0)
-        gone = np.concatenate([[0.0], np.cumsum((rate[1:] + rate[:-1]) * (_STEP_S / 2))])
-        return cls(first, rate, share, spans, gone)
-
-    def started(self, offset: float, more_duty: float) -> Self:
-        """Return a clock set so that the first leg lifts off at the beginning of every span."""
-        gone = self.strides.copy()
+        duty = np.maximum(gait.duty(safe), _STANDING_DUTY * (1 - speed / safe))
+        self.duty = np.where(moving, duty, 1.0)
+        steps = (self.rate_hz[1:] + self.rate_hz[:-1]) * (_STEP_S / 2)
+        own = np.concatenate([[0.0], np.cumsum(steps)])
+        first = gait.more_duty[0] if gait.more_duty else 0.0
+        # Never less than before; in between, parabolas.
+        self.strides = gone = own.copy()
         last = 0
         for a, b in self.spans:
-            begin = self.duty[a] + more_duty + offset
+            begin = self.duty[a] + first + gait.offset[0]
             begin += np.ceil(gone[last] - begin)
-            gone[a : b + 1] = begin + self.strides[a : b + 1] - self.strides[a]
+            gone[a : b + 1] = begin + own[a : b + 1] - own[a]
             if last:
                 gone[last : a + 1] = np.linspace(gone[last], begin, a + 1 - last)
             else:
                 gone[:a] = begin
             last = b
         gone[last:] = gone[last]
-        return replace(self, strides=gone)
 
     def at(self, t_s: Array) -> Array:
         """Return the strides gone at given times; shape (n_slow,), float64."""
@@ -98,7 +91,10 @@ class Clock:
 
 
 def _spans(speed: Array, drive: Array, stride_m: OfSpeed, n_ahead: int) -> NDArray[np.int64]:
-    """Return where feet step; `drive` is filled in where the body already, or yet, stands."""
+    """Return first and last entries, (n_spans, 2), of where feet step.
+
+    `drive` is filled in where the body already, or yet, stands.
+    """
     moves = speed > _STILL_MPS
     edges = np.flatnonzero(np.diff(moves.astype(np.int8)))
     found: list[list[int]] = []
@@ -225,19 +221,12 @@ class Gait:
     ahead_s: float = 0.2  # how long before the body the first foot starts
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class Feet:
-    """All footfalls of one body on one path."""
+    """All footfalls of one body on one path, by a gait."""
 
-    clock: Clock  # strides gone, as a function of time
-    falls: Footfalls  # stances of each leg in order
-    ramp: float  # as in `Gait`
-
-    @classmethod
-    def plan(cls, path: Path, gait: Gait) -> Self:
-        """Return the footfalls of a gait along a path."""
+    def __init__(self, path: Path, gait: Gait) -> None:
+        self.clock = clock = Clock(path, gait)  # strides gone, as a function of time
         more = gait.more_duty or (0.0,) * len(gait.offset)
-        clock = Clock.along(path, gait).started(gait.offset[0], more[0])
         rows = zip(gait.offset, more, gait.home_m, strict=True)
         legs = [_leg(path, clock, *row) for row in rows]
         n = max(len(leg[0]) for leg in legs)
@@ -257,7 +246,7 @@ class Feet:
             falls.lift_m[: m - 1, k] = gait.lift_m[k] * np.minimum(way / (0.6 * usual), 1.0)
             falls.place[:m, k] = place
             falls.step[: m - 1, k] = step
-        return cls(clock, falls, gait.ramp)
+        self.falls, self.ramp = falls, gait.ramp  # stances of each leg in order
 
     def at(self, t_s: Array) -> FootState:
         """Return the feet at times (n_slow,); on the floor one is still to the last bit."""
@@ -295,24 +284,19 @@ _TICK_S, _MARGIN_S = 0.01, 0.5  # of the table, and how far it goes on before an
 _RAMP = 0.25  # of a swing: a foot's peak speed is 1.2 times its mean (recalled)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class StridePhase:
-    """Strides done since the path's beginning: the integral of speed over stride length.
+    """Strides done since a path's beginning: the integral of speed over stride length.
 
-    A table of 10 ms steps, straight in between; standing still stops it.
+    A table of 10 ms steps, straight in between; standing still stops it. `stride_m` is metres by
+    speeds in m/s.
     """
 
-    t_s: Array  # (n_steps,): times of the table
-    strides: Array  # (n_steps,): strides done; never falls
-
-    @classmethod
-    def along(cls, path: Path, stride_m: OfSpeed) -> Self:
-        """Return the phase along a path; `stride_m` is metres by speeds in m/s."""
-        t_s = np.arange(path.start_s - _MARGIN_S, path.end_s + _MARGIN_S, _TICK_S)
-        speed = path.at(t_s).speed_mps
+    def __init__(self, path: Path, stride_m: OfSpeed) -> None:
+        self.t_s = np.arange(path.start_s - _MARGIN_S, path.end_s + _MARGIN_S, _TICK_S)
+        speed = path.at(self.t_s).speed_mps
         rate_hz = speed / np.maximum(stride_m(np.maximum(speed, 0.05)), 0.02)
         steps = 0.5 * (rate_hz[1:] + rate_hz[:-1]) * _TICK_S
-        return cls(t_s, np.concatenate([[0.0], np.cumsum(steps)]))
+        self.strides = np.concatenate([[0.0], np.cumsum(steps)])
 
     def at(self, t_s: Array) -> Array:
         """Return the strides done at times of shape (n_slow,)."""
@@ -325,21 +309,15 @@ class StridePhase:
         return np.interp(strides, rising, self.t_s)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class Footprints:
-    """Where one foot stands, stance after stance, and how it gets from one to the next."""
+    """Where one foot stands, stance after stance, and how it gets from one to the next.
 
-    phase: StridePhase  # of the body
-    offset: float  # phase at which the foot lands, in strides
-    duty: float  # share of a stride that it stands
-    first: int  # number of the first print
-    place_m: Array  # (n_prints, 2): prints on the floor
-    lift_m: float  # height of the swing
-    lift_skew: float  # where its top is: 1 in the middle, less is earlier
+    It lands at the phase `offset` and stands for `duty`, both in strides, `home_m` ahead of and
+    beside the middle; `lift_skew` says where a swing is highest: 1 in the middle, less is earlier.
+    """
 
-    @classmethod
-    def plan(
-        cls,
+    def __init__(
+        self,
         path: Path,
         phase: StridePhase,
         *,
@@ -350,16 +328,16 @@ class Footprints:
         lift_m: float,
         lift_skew: float = 1.0,
         scatter_m: Array | None = None,
-    ) -> Self:
-        """Return the prints of a foot along a path, `home_m` ahead of and beside the middle."""
-        first = int(np.floor(phase.strides[0] - offset)) - 1
+    ) -> None:
+        self.phase, self.offset, self.duty = phase, offset, duty
+        self.lift_m, self.lift_skew = lift_m, lift_skew
+        self.first = int(np.floor(phase.strides[0] - offset)) - 1  # number of the first print
         last = int(np.ceil(phase.strides[-1] - offset)) + 1
-        number = np.arange(first, last + 1)
+        number = np.arange(self.first, last + 1)
         state = path.at(phase.time_s(np.asarray(number + offset + 0.5 * duty, np.float64)))
-        place = state.beside(*home_m, facing_rad)
+        self.place_m = state.beside(*home_m, facing_rad)
         if scatter_m is not None:
-            place = place + scatter_m[number % len(scatter_m)]
-        return cls(phase, offset, duty, first, place, lift_m, lift_skew)
+            self.place_m = self.place_m + scatter_m[number % len(scatter_m)]
 
     def at(self, t_s: Array, vigour: Array) -> tuple[Array, Array]:
         """Return the sole, shape (n_slow, 3), and how far its swing is, 0 to 1."""

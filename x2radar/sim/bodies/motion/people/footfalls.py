@@ -70,12 +70,12 @@ class FootfallPerson(StridingPerson):
         self.elbow_swing = 0.2 * float(u[5])
         self.splay = 0.12 + 0.1 * float(u[6])  # of the arms, outward
         self.gesture = striding.draw_gesture(rng)
-        self.phase = StridePhase.along(
+        self.phase = StridePhase(
             path, lambda v: stride * leg_m * (v / np.sqrt(9.81 * leg_m)) ** power
         )
         scatter = 0.012 * rng.standard_normal((64, 2)).clip(-2, 2)
         self.prints = [
-            Footprints.plan(
+            Footprints(
                 path,
                 self.phase,
                 offset=0.0 if side > 0 else 0.5 + limp,

@@ -56,7 +56,7 @@ class OnFeet:
     ) -> None:
         gait, cruise = gait_of(style, build, traits), max(path.cruise_mps, 0.1)
         self.path, self.build, self.cruise_mps = path, build, cruise
-        self.feet = Feet.plan(path, gait)
+        self.feet = Feet(path, gait)
         self.carriage = carriage_of(style, build, cruise, traits[0])
         self.duty = float(gait.duty(np.array([cruise]))[0])
         # Of the hips ahead, aside and up, in metres, and turn and nod of the head.
@@ -216,7 +216,7 @@ def draw_crawling(rng: np.random.Generator, path: Path, b: PersonBuild, traits: 
     )
     # Of the trunk, in metres, and turn and nod of the head, in radians.
     wander = Wander.draw(rng, [0.01, 0.01, 0.01, 0.4, 0.2], np.full(5, 0.05))
-    cruise_mps, feet = max(path.cruise_mps, 0.05), Feet.plan(path, gait)
+    cruise_mps, feet = max(path.cruise_mps, 0.05), Feet(path, gait)
     roll_m = 0.02 + 0.03 * share[1]  # amplitude of the trunk to the sides, once a stride
 
     def pose(t_s: Array) -> Pose:

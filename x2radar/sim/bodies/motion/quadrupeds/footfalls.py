@@ -84,12 +84,10 @@ def draw_footfall_quadruped(
     fr = cruise_mps**2 / (9.81 * b.hip_m)
     factor, power = 2.6 * float(np.exp(0.15 * z[0])), 0.34 + 0.05 * z[1]
     duty = float(np.clip(0.52 * fr**-0.14 * np.exp(0.1 * z[2]), 0.25, 0.75))
-    phase = StridePhase.along(
-        path, lambda v: factor * b.hip_m * (v**2 / (9.81 * b.hip_m)) ** power
-    )
+    phase = StridePhase(path, lambda v: factor * b.hip_m * (v**2 / (9.81 * b.hip_m)) ** power)
     lift = b.hip_m * 0.12 * float(np.exp(0.5 * z[3]))
     prints = tuple(
-        Footprints.plan(
+        Footprints(
             path,
             phase,
             offset=float(lags[k]),

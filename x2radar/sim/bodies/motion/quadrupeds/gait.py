@@ -112,7 +112,7 @@ def draw_going(
     share = float(duty(np.array([cruise_mps]), h)[0])
     # A nose at the floor lowers the trunk in front.
     crouch_m, height_m = (0.12 if style == "sniff" else 0.0) * h, low * h
-    planned = Feet.plan(path, gait)
+    planned = Feet(path, gait)
     # Each end of the trunk goes up and down by the legs that carry it.
     lh, lf, rh, rf = gait.offset
     ends = (lh, lf) if work.bobs == 2 else (_between(lh, rh), _between(lf, rf))
