@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from radard.stream.ring import Dwell
 
-# tests/detect/test_tamper.py holds what they give.
 CELL_M = 0.3  # a piece of furniture
 _PARTS = 4  # of a dwell, for the unrest
 _EVERY = 4  # of so many frames one is looked at

@@ -16,7 +16,6 @@ from radard.dsp.cfar import Peak, find_peaks, power_map
 from radard.dsp.velocity import CPI_S
 from radard.stream.ring import Dwell
 
-# tests/detect/test_tracks.py holds what they give.
 _MIN_DB = 9.0  # of a peak over its floor
 _ACCELERATION_MPS2 = 1.5  # sigma of what a body does between blocks
 _RANGE_ERROR_M = 0.08  # sigma of a peak

@@ -18,7 +18,6 @@ from x2radar.frame import FastTimeAxis
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 
 Array = NDArray[np.float64]
-# tests/detect/test_cfar.py and tests/detect/test_tracks.py hold what they give.
 BLOCK_S = 0.12  # a quarter of a CPI
 GUARD_M = 0.25  # a body's own extent on either side
 WINDOW_M = 1.0  # how far the surroundings reach

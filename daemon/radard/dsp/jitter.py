@@ -18,7 +18,6 @@ from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 
 MAX_DELAY_S = 1e-12  # a common delay of more rms is no jitter (modules: 0.13 to 0.23 ps)
 MAX_GAIN = 0.01  # a common gain of more rms is no gain noise (modules: up to 0.12 %): left alone
-# tests/detect/test_jitter.py holds what they give.
 _ITERATIONS = 2  # of the weights
 _TOLERANCE = 4.0  # of the Cauchy weights, in usual powers of a cell
 _OUTLIER = 9.0  # six sigmas of a Gaussian, in medians of its magnitude

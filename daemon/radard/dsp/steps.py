@@ -23,22 +23,23 @@ Flags = NDArray[np.bool_]
 
 def blocks(
     frames: ArrayLike, valid: ArrayLike | None, size: int
-) -> Iterator[tuple[Frames, Flags | None]]:
+) -> Iterator[tuple[Frames, Flags]]:
     """Yield a frame or many, cut into blocks of at most `size` with their flags, as views.
 
-    Frames have the shape (n_slow, n_range) or (n_range,), any numbers; without `valid`, shape
-    (n_slow,), the blocks' flags are None. Raises FeatureError if shapes or types do not fit.
+    Frames have the shape (n_slow, n_range) or (n_range,), any numbers; all are good without
+    `valid`, shape (n_slow,). Raises FeatureError if shapes or types do not fit.
     """
     rows = np.atleast_2d(np.asarray(frames))
     if rows.ndim != 2 or rows.shape[1] == 0 or rows.dtype.kind not in "iufc":
         msg = f"frames of shape {np.shape(frames)} and type {rows.dtype} are no record of frames"
         raise FeatureError(msg)
-    flags = None if valid is None else np.atleast_1d(np.asarray(valid, np.bool_))
-    if flags is not None and flags.shape != rows.shape[:1]:
+    good = np.ones(len(rows), np.bool_) if valid is None else valid
+    flags = np.atleast_1d(np.asarray(good, np.bool_))
+    if flags.shape != rows.shape[:1]:
         raise FeatureError(f"{rows.shape[0]} frames, but {flags.size} flags")
     for first in range(0, len(rows), size):
         part = slice(first, first + size)
-        yield rows[part], None if flags is None else flags[part]
+        yield rows[part], flags[part]
 
 
 def whole(valid: Flags, n_cpi: int, stride: int = 1) -> Flags:
@@ -67,7 +68,7 @@ class StepBuffer:
         self._product: tuple[NDArray[np.float32], NDArray[np.float32]] | None = None
         self.n_frames = 0
 
-    def push(self, frames: Frames, valid: Flags | None = None) -> None:
+    def push(self, frames: Frames, valid: Flags) -> None:
         """Add frames and flags from `blocks`; those that are not finite count as lost unnamed."""
         n, n_range = frames.shape
         if self.n_frames == 0 and n_range != self.n_range:
@@ -85,7 +86,7 @@ class StepBuffer:
             self._fill = self._n_keep
         new = slice(self._fill, self._fill + n)
         flags = self._flags[new]
-        flags[:] = True if valid is None else valid
+        flags[:] = valid
         rows = self._rows[new]
         # A first frame has no step that would show what is wrong with it.
         looks_good = self._last is not None or _usable(frames[:1]).all()

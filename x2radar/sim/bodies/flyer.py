@@ -211,8 +211,8 @@ def draw_moth(
     flight = _flight(
         _place(home_m),
         (*radius_and_rate, rng.uniform(0.0, 2.0 * np.pi)),
-        Wander.draw(rng, [reach, reach, reach, 1.0], rng.uniform(0.25, 0.7) * np.ones(4)),
-        Wander.draw(rng, [1.0], [1.0]),
+        Wander(rng, [reach, reach, reach, 1.0], rng.uniform(0.25, 0.7) * np.ones(4)),
+        Wander(rng, [1.0], [1.0]),
         -2.0,
     )
     return _flyer(rng, "other", build, flight, (total_rcs_dbsm, skin))
@@ -233,8 +233,8 @@ def _bird_flight(
     limits = (reach, reach, 0.6 * reach, 0.3 if style == "circle" else 1.2)
     orbit_rad_s = rng.choice([-1.0, 1.0]) * rate
     rounds = (orbit, orbit_rad_s, rng.uniform(0.0, 2.0 * np.pi))
-    wander = Wander.draw(rng, limits, np.array([1.0, 1.0, 0.6, 0.5]) * speed)
-    effort = Wander.draw(rng, [1.0], [1.2])
+    wander = Wander(rng, limits, np.array([1.0, 1.0, 0.6, 0.5]) * speed)
+    effort = Wander(rng, [1.0], [1.2])
     begin_s = slot * (np.arange(n_hops) + rng.uniform(0.1, 0.8, n_hops))
     perch_m = rng.uniform(-1.0, 1.0, (n_hops, 3)) * np.array([0.2, 0.2, 0.1])
     hops = _hops(begin_s, perch_m, period) if n_hops else None

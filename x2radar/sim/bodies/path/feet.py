@@ -292,11 +292,11 @@ class StridePhase:
     """
 
     def __init__(self, path: Path, stride_m: OfSpeed) -> None:
-        self.t_s = np.arange(path.start_s - _MARGIN_S, path.end_s + _MARGIN_S, _TICK_S)
+        self.t_s: Array = np.arange(path.start_s - _MARGIN_S, path.end_s + _MARGIN_S, _TICK_S)
         speed = path.at(self.t_s).speed_mps
         rate_hz = speed / np.maximum(stride_m(np.maximum(speed, 0.05)), 0.02)
         steps = 0.5 * (rate_hz[1:] + rate_hz[:-1]) * _TICK_S
-        self.strides = np.concatenate([[0.0], np.cumsum(steps)])
+        self.strides: Array = np.concatenate([[0.0], np.cumsum(steps)])
 
     def at(self, t_s: Array) -> Array:
         """Return the strides done at times of shape (n_slow,)."""

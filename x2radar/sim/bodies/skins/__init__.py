@@ -11,7 +11,6 @@ Each takes poses and gives `Points`; all fluctuation is a function of the aspect
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -30,10 +29,10 @@ TotalRcs = float | Literal["physical"] | None
 TOTAL_RCS_DBSM = (-15.0, 3.0)  # from a cat end-on to a large man: holds both, whatever the body is
 _TINY_M2 = 1e-12
 SKINS: Mapping[str, Callable[[np.random.Generator, Array, int, EchoGain], Skin]] = {
-    "surface": lambda rng, half, n, _: SurfaceSkin.draw(rng, half, n),
-    "points": lambda rng, half, _, gain: PointSkin.draw(rng, half, gain),
-    "ellipsoids": lambda rng, half, _, gain: SurfaceSkin.draw_apart(rng, half, gain),
-    "capsules": lambda rng, half, _, gain: CapsuleSkin.draw(rng, half, gain),
+    "surface": lambda rng, half, n, _: SurfaceSkin(rng, half, n),
+    "points": lambda rng, half, _, gain: PointSkin(rng, half, gain),
+    "ellipsoids": lambda rng, half, _, gain: SurfaceSkin(rng, half, 1, gain),
+    "capsules": lambda rng, half, _, gain: CapsuleSkin(rng, half, gain),
 }
 """Every skin: how it is drawn, from half-lengths, the number of trunk segments, the gains."""
 
@@ -51,7 +50,7 @@ def draw_skin(
 
 
 def sized(skin: Skin, rng: np.random.Generator, total_rcs_dbsm: TotalRcs, pose: Pose) -> Skin:
-    """Return the skin with another mean total over a pose; SceneError outside -70 to 30 dBsm."""
+    """Return a new skin, its mean total over a pose set; SceneError outside -70 to 30 dBsm."""
     # Were people larger than pets, a classifier would learn size instead of movement.
     total_m2 = float(10.0 ** (rng.uniform(*TOTAL_RCS_DBSM) / 10.0))
     if total_rcs_dbsm == "physical":
@@ -61,4 +60,5 @@ def sized(skin: Skin, rng: np.random.Generator, total_rcs_dbsm: TotalRcs, pose: 
         total_m2 = 10.0 ** (total_rcs_dbsm / 10.0)
     side = np.broadcast_to(pose.side, pose.axis.shape)
     mean_m2 = skin.mean_total_m2(Pose(pose.centre_m, pose.axis, side))
-    return replace(skin, scale=skin.scale * (total_m2 / max(mean_m2, _TINY_M2)))
+    skin.scale *= total_m2 / max(mean_m2, _TINY_M2)
+    return skin

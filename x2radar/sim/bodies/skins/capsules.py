@@ -6,9 +6,6 @@ limbs are bent. Away from the side that lobe falls, and both ends remain with ha
 each; they lie apart in range, so their echoes interfere.
 """
 
-from dataclasses import dataclass
-from typing import Self
-
 import numpy as np
 
 from x2radar.sim.bodies.skins.base import DEEPEST, SKIN_REFLECTION, WAVELENGTH_M, EchoGain, Skin
@@ -18,22 +15,15 @@ _COHERENT_M = (0.03, 0.08)  # over which skin or cloth is straight to an eighth 
 _SHADOW_DB = (3.0, 20.0)  # of a part right behind another: diffraction fills shadows
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class CapsuleSkin(Skin):
     """A skin of cylinders with round ends, which shade what lies behind them."""
 
-    half_m: Array  # (n_segments, 3): half-lengths
-    coherent_m: float  # coherent length
-    shadow_db: float  # what a segment right behind another loses
-    gain: Array  # (n_segments,): of each segment, mean 1
-
-    @classmethod
-    def draw(cls, rng: np.random.Generator, half_m: Array, gain: EchoGain) -> Self:
-        """Draw coherent length, depth of the shadows, and gains."""
-        area = half_m[:, 0] * np.sqrt(half_m[:, 1] * half_m[:, 2])
-        drawn = gain.draw(rng, area)
-        coherent, shadow = rng.uniform(*_COHERENT_M), rng.uniform(*_SHADOW_DB)
-        return cls(half_m, coherent, shadow, drawn)
+    def __init__(self, rng: np.random.Generator, half_m: Array, gain: EchoGain) -> None:
+        self.half_m = half_m
+        self._radius_m = np.asarray(np.sqrt(half_m[:, 1] * half_m[:, 2]))
+        self.gain = gain.draw(rng, half_m[:, 0] * self._radius_m)  # of each segment, mean 1
+        self.coherent_m = rng.uniform(*_COHERENT_M)
+        self.shadow_db = rng.uniform(*_SHADOW_DB)  # what a segment right behind another loses
 
     def names(self, parts: tuple[str, ...]) -> tuple[str, ...]:
         """Return the names of sides, far ends and near ends."""
@@ -59,10 +49,6 @@ class CapsuleSkin(Skin):
         middle = pose.centre_m
         place = np.concatenate([middle, middle + end, middle - end], axis=1)
         return Points(place, np.concatenate([broad, cap, cap], axis=1), np.tile(near, (1, 3)))
-
-    @property
-    def _radius_m(self) -> Array:
-        return np.asarray(np.sqrt(self.half_m[:, 1] * self.half_m[:, 2]))
 
     def _lit(self, centre: Array, axis: Array, antenna_m: Array) -> Array:
         """Return what shadows leave of each segment's power, shape (n_slow, n_segments)."""

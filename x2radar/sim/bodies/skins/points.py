@@ -4,11 +4,7 @@ Chen (The Micro-Doppler Effect in Radar) and the thesis put one scatterer of con
 on each body part; here there may be several, off the axis, with drawn weights.
 """
 
-from dataclasses import dataclass
-from typing import Self
-
 import numpy as np
-from numpy.typing import NDArray
 
 from x2radar.sim.bodies.skins.base import SKIN_REFLECTION, EchoGain, Skin
 from x2radar.sim.points import Array, Points, Pose
@@ -22,17 +18,13 @@ _AREA_POWER = (0.0, 1.6)
 as the first studies have them, to a trunk that outshines all else."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class PointSkin(Skin):
-    """A skin of scatterers whose cross sections stay as they were drawn."""
+    """A skin of scatterers whose cross sections stay as they were drawn.
 
-    segment: NDArray[np.int64]  # (n_points,): on which segment each is
-    place_m: Array  # (n_points, 3): along its axis, to the side and across both, from its middle
-    rcs_m2: Array  # (n_points,): cross sections, before `scale`; about what the areas reflect
+    Their weights follow the segments' areas to a drawn power.
+    """
 
-    @classmethod
-    def draw(cls, rng: np.random.Generator, half_m: Array, gain: EchoGain) -> Self:
-        """Draw places, and weights that follow the segments' areas to a drawn power."""
+    def __init__(self, rng: np.random.Generator, half_m: Array, gain: EchoGain) -> None:
         share = rng.random()
         fewest, most = next(span for top, span in _COUNTS if share < top)
         count = rng.integers(fewest, most + 1, len(half_m))
@@ -46,8 +38,10 @@ class PointSkin(Skin):
         weight = area ** rng.uniform(*_AREA_POWER) * 10 ** (spread_db / 10)
         weight *= gain.draw_losses(rng, len(half_m))[segment]
         total = SKIN_REFLECTION * np.pi * (half_m[:, 0] * half_m[:, 1:].mean(axis=1)).sum()
-        place = np.stack([along, aside, across], axis=1)
-        return cls(segment, place, total * weight / weight.sum())
+        self.segment = segment  # on which segment each point is
+        # Along its axis, to the side and across both, from its middle.
+        self.place_m = np.stack([along, aside, across], axis=1)
+        self.rcs_m2 = total * weight / weight.sum()  # before `scale`; about what the areas reflect
 
     def names(self, parts: tuple[str, ...]) -> tuple[str, ...]:
         """Return the segments' names, repeated."""

@@ -140,7 +140,7 @@ def gait_of(style: PersonStyle, build: PersonBuild, traits: Traits) -> Gait:
     """Return the footwork of somebody who walks or runs."""
     z, share = traits
     h, toe_m = build.hip_height_m, 0.45 * build.foot_m
-    cadence = _QUICKER[style.age] * (1 + 0.06 * z[6])
+    cadence = float(_QUICKER[style.age] * (1 + 0.06 * z[6]))
     width_m = (0.045 + 0.03 * share[0]) * (1.8 if style.age == "toddler" else 1.0)
     width_m = width_m * max(build.stature_m, 1.0) / 1.75 + 0.01
     lift_m = style.lift * build.stature_m * (0.7 + 0.6 * share[3])

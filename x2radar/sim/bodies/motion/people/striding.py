@@ -53,7 +53,7 @@ def draw_torso(rng: np.random.Generator) -> Torso:
     swings_rad = _SWING_RAD * np.abs(rng.standard_normal(2)).clip(0, _MAX_SIGMAS)
     pitch_rad, roll_rad = (float(x) for x in swings_rad)
     # Added to lean and roll, whether the body goes or stands.
-    wanders = Wander.draw(rng, _WANDER_RAD, _WANDER_RAD_S)
+    wanders = Wander(rng, _WANDER_RAD, _WANDER_RAD_S)
 
     def up(t_s: Array, now: Moment, lean_rad: Array) -> Array:
         wander, phase = wanders.at(t_s), now.phase
@@ -143,4 +143,4 @@ def draw_gesture(rng: np.random.Generator) -> Wander:
     if u[1] < 0.5:
         order = [2, 3, 0, 1, 4, 5]
         limits, rates = limits[order], rates[order]
-    return Wander.draw(rng, limits, rates)
+    return Wander(rng, limits, rates)

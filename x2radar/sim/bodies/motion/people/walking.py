@@ -61,7 +61,7 @@ class OnFeet:
         self.duty = float(gait.duty(np.array([cruise]))[0])
         # Of the hips ahead, aside and up, in metres, and turn and nod of the head.
         limits = (0.02, 0.015, 0.004, 0.5, 0.15)
-        self.sway = Wander.draw(rng, limits, [0.012, 0.010, 0.003, 0.10, 0.05])
+        self.sway = Wander(rng, limits, [0.012, 0.010, 0.003, 0.10, 0.05])
         # What is done besides.
         self.doer = DOERS[style.does](rng, build.leg_m) if style.does else None
 
@@ -215,7 +215,7 @@ def draw_crawling(rng: np.random.Generator, path: Path, b: PersonBuild, traits: 
         lift_m=(0.03, 0.08, 0.03, 0.08),
     )
     # Of the trunk, in metres, and turn and nod of the head, in radians.
-    wander = Wander.draw(rng, [0.01, 0.01, 0.01, 0.4, 0.2], np.full(5, 0.05))
+    wander = Wander(rng, [0.01, 0.01, 0.01, 0.4, 0.2], np.full(5, 0.05))
     cruise_mps, feet = max(path.cruise_mps, 0.05), Feet(path, gait)
     roll_m = 0.02 + 0.03 * share[1]  # amplitude of the trunk to the sides, once a stride
 

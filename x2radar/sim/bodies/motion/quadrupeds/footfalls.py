@@ -62,7 +62,7 @@ class Bearing:
             wag_hz=1.5 + 2.5 * u[4] if u[0] < 0.25 else 0.3 + 0.7 * u[4],
             wag_rad=0.1 + 0.4 * u[5],
             wag_lag_rad=0.1 + 0.8 * u[6],
-            gaze=Wander.draw(rng, [0.3, 0.15], [0.3, 0.15]),
+            gaze=Wander(rng, [0.3, 0.15], [0.3, 0.15]),
         )
         # Up, aside and ahead.
         self.bob = float((0.07 if leaps else 0.03) * np.exp(0.4 * z[2]))

@@ -54,7 +54,7 @@ def _standing(
     size = {"stand": 0.02, "sit": 0.006, "lie": 0.0005}[name] * h
     restless = 4.0 if style in {"groom", "scratch"} else 1.0
     limits = restless * np.array([size, size, 0.2 * size, size / build.back_m])
-    return stance, Wander.draw(rng, limits, 0.8 * restless * limits)
+    return stance, Wander(rng, limits, 0.8 * restless * limits)
 
 
 def draw_staying(
@@ -91,7 +91,7 @@ def _draw_scratch(
     """
     u = rng.random(4)
     ahead, up, stroke_m = -0.05 * h, (0.10 + 0.08 * u[1]) * h, (0.05 + 0.05 * u[2]) * h
-    hz, bout = float(8.0 - 4.0 * u[3]), Wander.draw(rng, [1.0], [0.5])
+    hz, bout = float(8.0 - 4.0 * u[3]), Wander(rng, [1.0], [0.5])
 
     def at(t_s: Array) -> tuple[Array, Array]:
         share, stroke = bouts(bout, t_s), stroke_m * np.sin(2.0 * np.pi * hz * t_s)
@@ -109,7 +109,7 @@ def draw_romping(rng: np.random.Generator, build: QuadrupedBuild, path: Path) ->
     u, h, lively = rng.random(6), build.hip_m, float(np.exp(rng.uniform(-0.7, 0.7)))
     limits = (0.6 * h, 0.6 * h, 2.0, 0.12)
     # Of the trunk: x and y, in metres, heading and pitch, in radians.
-    wander = Wander.draw(rng, limits, lively * np.array([0.5 * h, 0.5 * h, 0.9, 0.25]))
+    wander = Wander(rng, limits, lively * np.array([0.5 * h, 0.5 * h, 0.9, 0.25]))
     step_hz, lift_m = float(1.0 + 2.0 * u[0]), float(0.08 + 0.22 * u[1]) * h  # of each paw
     # When each paw steps, in steps: diagonal paws nearly together.
     offset = (0.0, 0.5 + 0.2 * u[2], 0.5, 0.2 * u[2])
@@ -117,7 +117,7 @@ def draw_romping(rng: np.random.Generator, build: QuadrupedBuild, path: Path) ->
     bow_rad, shake_m = float(0.3 + 0.3 * u[4]), float(0.01 + 0.015 * u[5]) * h
     shake_hz = float(np.clip(9.4 * build.mass_kg**-0.22, 3.5, 8.0))
     # It bows and shakes itself where its number, -1 to 1, is above 0.4.
-    bout_of_each = Wander.draw(rng, [1.0, 1.0], [0.5, 0.5])
+    bout_of_each = Wander(rng, [1.0, 1.0], [0.5, 0.5])
     home = s.paw_m[0] - s.middle_m[0]
 
     def under(leg: int, t_s: Array) -> Array:
