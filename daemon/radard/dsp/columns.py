@@ -18,34 +18,21 @@ class ColumnStore:
 
     def __init__(self, n_keep: int) -> None:
         self.n_keep = n_keep
-        self._columns: Values = np.zeros((0, 0))
-        self._flags = np.zeros(0, np.bool_)
         self.restart()
 
     def restart(self) -> None:
         """Drop all columns; the next ones follow no gap."""
-        self._fill = 0
+        self._columns: Values = np.zeros((0, 0))
+        self._flags = np.zeros(0, np.bool_)
 
     def __len__(self) -> int:
-        return min(self._fill, self.n_keep)
+        return len(self._flags)
 
     def append(self, columns: Values, flags: Flags) -> None:
         """Add columns, shape (n, ...); further axes and type are those of the first ones."""
-        n, *shape = columns.shape
-        if list(self._columns.shape[1:]) != shape or not len(self._flags):
-            self._columns = np.zeros((2 * self.n_keep, *shape), columns.dtype)
-            self._flags = np.zeros(2 * self.n_keep, np.bool_)
-            self._fill = 0
-        if n > self.n_keep:
-            columns, flags, n = columns[-self.n_keep :], flags[-self.n_keep :], self.n_keep
-        if self._fill + n > len(self._flags):
-            kept = slice(self._fill - (self.n_keep - n), self._fill)
-            self._fill = self.n_keep - n
-            self._columns[: self._fill] = self._columns[kept]
-            self._flags[: self._fill] = self._flags[kept]
-        self._columns[self._fill : self._fill + n] = columns
-        self._flags[self._fill : self._fill + n] = flags
-        self._fill += n
+        kept = self._columns if len(self) else columns[:0]
+        self._columns = np.concatenate([kept, columns])[-self.n_keep :]
+        self._flags = np.concatenate([self._flags, flags])[-self.n_keep :]
 
     def last(self, n: int | None) -> tuple[Values, Flags]:
         """Return the last `n` columns and flags, views; raise FeatureError if there are fewer."""
@@ -53,7 +40,7 @@ class ColumnStore:
         if not 0 <= n <= len(self):
             msg = f"{n} columns wanted, {len(self)} are there (at most {self.n_keep} are kept)"
             raise FeatureError(msg)
-        part = slice(self._fill - n, self._fill)
+        part = slice(len(self) - n, len(self))
         return self._columns[part], self._flags[part]
 
 

@@ -52,18 +52,15 @@ class StepBuffer:
     """The last `n_keep` steps of one stream: all real parts of a row, then all imaginary ones."""
 
     def __init__(self, n_keep: int, n_block: int) -> None:
-        self._n_keep = n_keep
-        self._capacity = n_keep + n_block
-        self._n_block = n_block
-        self._flags = np.zeros(self._capacity, np.bool_)
-        self._rows = np.zeros((0, 0), np.float32)
+        self._n_keep, self._n_block = n_keep, n_block
         self._scratch = np.zeros((0, 0), np.complex64)
         self.n_range = 0
         self.restart()
 
     def restart(self) -> None:
         """Forget all frames, as after a gap of unknown length; the next may be of any size."""
-        self._fill = 0
+        self._rows = np.zeros((0, 2 * self.n_range), np.float32)
+        self._flags = np.zeros(0, np.bool_)
         self._last: Frames | None = None
         self._product: tuple[NDArray[np.float32], NDArray[np.float32]] | None = None
         self.n_frames = 0
@@ -73,21 +70,13 @@ class StepBuffer:
         n, n_range = frames.shape
         if self.n_frames == 0 and n_range != self.n_range:
             self.n_range = n_range
-            self._rows = np.zeros((self._capacity, 2 * n_range), np.float32)
+            self._rows = np.zeros((0, 2 * n_range), np.float32)
             n_scratch = min(self._n_block, max(1, _IN_CACHE // n_range))
             self._scratch = np.zeros((n_scratch, n_range), np.complex64)
         if n_range != self.n_range:
             raise FeatureError(f"a frame of {n_range} bins in a stream of {self.n_range}")
         self._product = None
-        if self._fill + n > self._capacity:
-            kept = slice(self._fill - self._n_keep, self._fill)
-            self._rows[: self._n_keep] = self._rows[kept]
-            self._flags[: self._n_keep] = self._flags[kept]
-            self._fill = self._n_keep
-        new = slice(self._fill, self._fill + n)
-        flags = self._flags[new]
-        flags[:] = valid
-        rows = self._rows[new]
+        flags, rows = valid.copy(), np.empty((n, 2 * n_range), np.float32)
         # A first frame has no step that would show what is wrong with it.
         looks_good = self._last is not None or _usable(frames[:1]).all()
         if not flags.all() or not looks_good or not self._write(frames, rows):
@@ -95,12 +84,14 @@ class StepBuffer:
             self._write(frames, rows)
         if flags.any():
             self._last = frames[-1].astype(np.result_type(frames.dtype, np.complex64))
-        self._fill += n
+        kept = slice(-(self._n_keep + n), None)
+        self._rows = np.concatenate([self._rows, rows])[kept]
+        self._flags = np.concatenate([self._flags, flags])[kept]
         self.n_frames += n
 
     def rows(self, n: int) -> NDArray[np.float32]:
         """Return the last `n` steps, shape (n, 2 n_range), float32, a view."""
-        return self._rows[self._fill - n : self._fill]
+        return self._rows[len(self._rows) - n :]
 
     def product(self, matrix: NDArray[np.float32], n: int) -> NDArray[np.float32]:
         """Return the last `n` steps times a matrix, (n, columns), float32; kept for maps alike."""
@@ -110,7 +101,7 @@ class StepBuffer:
 
     def flags(self, n: int) -> Flags:
         """Return which of the last `n` frames are good, shape (n,), bool, a view."""
-        return self._flags[self._fill - n : self._fill]
+        return self._flags[len(self._flags) - n :]
 
     def _write(self, frames: Frames, rows: NDArray[np.float32]) -> bool:
         """Write the steps that lead to `frames`; return False if one is not finite."""
