@@ -93,7 +93,7 @@ class SharedSteps:
     def __init__(self, *streams: ColumnStream) -> None:
         self._streams = streams
         self._n_block = min(stream.n_block for stream in streams)
-        self._steps = StepBuffer(max(stream.n_history for stream in streams), self._n_block)
+        self._steps = StepBuffer(max(stream.n_history for stream in streams))
 
     def restart(self) -> None:
         """Restart all maps."""

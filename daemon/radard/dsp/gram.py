@@ -120,13 +120,6 @@ def _products(real: Steps, imag: Steps) -> Reals:
         # square is 1 modulo 8. The map to mu amplifies what all the diagonal has in common.
         energy = np.vecdot(real, real) + np.vecdot(imag, imag)
     q = even.astype(np.float64)
-    np.copyto(q, odd, where=_above(len(q)))
+    np.copyto(q, odd, where=~np.tri(len(q), dtype=np.bool_))
     np.fill_diagonal(q, energy)
     return q
-
-
-@lru_cache(maxsize=32)
-def _above(n: int) -> NDArray[np.bool_]:
-    mask = ~np.tri(n, dtype=np.bool_)
-    mask.flags.writeable = False
-    return mask

@@ -7,8 +7,6 @@ away; a cell's vote falls with what the fit leaves there (Cauchy weights, iterat
 correction is scaled by the share of it that the cell itself confirms over the dwell.
 """
 
-from functools import lru_cache
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -52,16 +50,13 @@ def take_out_jitter(rows: NDArray[np.complex64], usable: Flags, axis: FastTimeAx
     return theta
 
 
-@lru_cache(maxsize=8)
 def _cell_starts(axis: FastTimeAxis) -> NDArray[np.intp]:
     n_bins = _CELL_BINS
     if axis.bandwidth_hz > 0:
         length_m = _CELL_PULSES * SPEED_OF_LIGHT_MPS / (2 * axis.bandwidth_hz)
         n_bins = max(1, round(length_m / axis.bin_length_m))
     n_cells = max(1, round(axis.n_range / n_bins))
-    starts = np.arange(n_cells) * axis.n_range // n_cells
-    starts.flags.writeable = False
-    return starts
+    return np.arange(n_cells) * axis.n_range // n_cells
 
 
 def _columns(

@@ -14,9 +14,6 @@ from radard.errors import FeatureError
 
 LARGEST = np.float32(1e38)  # frames with a part beyond: steps would leave float32
 
-# Complex numbers that are worked on at a time: 256 KiB.
-_IN_CACHE = 1 << 15
-
 Frames = NDArray[np.generic]
 Flags = NDArray[np.bool_]
 
@@ -51,9 +48,8 @@ def whole(valid: Flags, n_cpi: int, stride: int = 1) -> Flags:
 class StepBuffer:
     """The last `n_keep` steps of one stream: all real parts of a row, then all imaginary ones."""
 
-    def __init__(self, n_keep: int, n_block: int) -> None:
-        self._n_keep, self._n_block = n_keep, n_block
-        self._scratch = np.zeros((0, 0), np.complex64)
+    def __init__(self, n_keep: int) -> None:
+        self._n_keep = n_keep
         self.n_range = 0
         self.restart()
 
@@ -71,8 +67,6 @@ class StepBuffer:
         if self.n_frames == 0 and n_range != self.n_range:
             self.n_range = n_range
             self._rows = np.zeros((0, 2 * n_range), np.float32)
-            n_scratch = min(self._n_block, max(1, _IN_CACHE // n_range))
-            self._scratch = np.zeros((n_scratch, n_range), np.complex64)
         if n_range != self.n_range:
             raise FeatureError(f"a frame of {n_range} bins in a stream of {self.n_range}")
         self._product = None
@@ -109,16 +103,11 @@ class StepBuffer:
         # The wider of input and complex64: a step is rounded once, after the subtraction.
         work = np.result_type(frames.dtype, np.complex64)
         last = frames[0] if self._last is None else self._last
-        size = len(self._scratch)
+        steps = np.empty((n, n_range), np.complex64)
         with np.errstate(over="ignore", invalid="ignore"):
-            for first in range(0, n, size):
-                part = frames[first : first + size]
-                steps = self._scratch[: len(part)]
-                np.subtract(part[0], last, out=steps[0], dtype=work, casting="same_kind")
-                np.subtract(part[1:], part[:-1], out=steps[1:], dtype=work, casting="same_kind")
-                rows[first : first + size, :n_range] = steps.real
-                rows[first : first + size, n_range:] = steps.imag
-                last = part[-1]
+            np.subtract(frames[0], last, out=steps[0], dtype=work, casting="same_kind")
+            np.subtract(frames[1:], frames[:-1], out=steps[1:], dtype=work, casting="same_kind")
+            rows[:, :n_range], rows[:, n_range:] = steps.real, steps.imag
         flat = rows.reshape(-1)
         # One dot product finds what is not finite; strong frames overflow it and are
         # looked at once more.
