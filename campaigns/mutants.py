@@ -45,20 +45,14 @@ MODULES: dict[str, tuple[str, tuple[str, ...]]] = {
     ),
     "codec": ("x2radar/wire/codec.py", ("driver/test_codec", "driver/test_codec_properties")),
     "protocol": ("x2radar/wire/protocol.py", ("driver/test_protocol", "driver/test_device")),
-    "ring": (
-        "daemon/radard/stream/ring.py",
-        ("detect/test_ring", "detect/test_ring_times", "detect/test_ring_model"),
-    ),
-    "gate": ("daemon/radard/detect/gate.py", ("detect/test_gate_limits", "detect/test_gate")),
+    "ring": ("daemon/radard/stream/ring.py", ("detect/test_ring", "detect/test_ring_model")),
+    "gate": ("daemon/radard/detect/gate.py", ("detect/test_gate",)),
     "evidence": ("daemon/radard/judge/evidence.py", ("training/test_evidence",)),
     "decision": (
         "daemon/radard/judge/decision.py",
         ("detect/test_decision", "training/test_evidence"),
     ),
-    "panel": (
-        "daemon/radard/alarm/panel.py",
-        ("detect/test_alarm", "detect/test_alarm_events", "detect/test_panel_model"),
-    ),
+    "panel": ("daemon/radard/alarm/panel.py", ("detect/test_alarm", "detect/test_alarm_events")),
     "health": ("daemon/radard/health/health.py", ("run/test_health",)),
     "calibration": (
         "daemon/radard/run/room_calibration.py",
