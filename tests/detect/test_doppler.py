@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from radard.dsp import doppler
-from radard.dsp.steps import StepBuffer, blocks
+from radard.dsp.columns import StepBuffer, blocks
 from radard.errors import FeatureError
 from tests.dsp_reference import error, micro_doppler_direct, under_clutter
 from tests.radar_helpers import noise

@@ -5,7 +5,7 @@ taper about the column's time t0: P(v, t0) = sum_f |sum_t w(t - t0) X(f, t) exp(
 t0) / c)|^2. Every f has its own aliases, v + c fp / (2 f), so they smear over velocity in
 proportion to band over carrier, while the true velocity stays one line at any range walk (related:
 the keystone transform; Perry, DiPietro and Fante 1999, recalled). The mean over each CPI is taken
-off on steps, before the DFT: static clutter is gone exactly (`radard.dsp.steps`).
+off on steps, before the DFT: static clutter is gone exactly (`radard.dsp.columns`).
 """
 
 from functools import lru_cache
@@ -13,9 +13,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.dsp.columns import ColumnStore, ColumnStream
+from radard.dsp.columns import ColumnStore, ColumnStream, Flags, StepBuffer, whole
 from radard.dsp.gram import Reals, centring, gaussian_taper
-from radard.dsp.steps import Flags, StepBuffer, whole
 from radard.errors import FeatureError
 from x2radar.frame import FastTimeAxis
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS

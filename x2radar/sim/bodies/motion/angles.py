@@ -10,8 +10,16 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from x2radar.sim.bodies.motion.people import striding
-from x2radar.sim.bodies.motion.people.striding import RUNS, SIDES, Moment, StridingPerson, Swing
+from x2radar.sim.bodies.motion.people.footfalls import (
+    RUN_STRIDE,
+    RUNS,
+    SIDES,
+    WALK_STRIDE,
+    Moment,
+    StridingPerson,
+    Swing,
+    draw_torso,
+)
 from x2radar.sim.bodies.motion.quadrupeds.footfalls import LEAPS, Bearing, draw_lags
 from x2radar.sim.bodies.motion.quadrupeds.hung import Trunk
 from x2radar.sim.bodies.path.feet import StridePhase
@@ -93,7 +101,7 @@ class AnglePerson(StridingPerson):
         cruise, leg_m = self.cruise_mps, build.leg_m
         fr = cruise / np.sqrt(9.81 * leg_m)
         run = 1.0 if style in RUNS else 0.0
-        stride = (striding.RUN_STRIDE if run else striding.WALK_STRIDE) * leg_m * fr**0.5
+        stride = (RUN_STRIDE if run else WALK_STRIDE) * leg_m * fr**0.5
         stride *= float(np.exp(0.12 * z[0]))
         # Legs that open as wide as the stride asks, at a stance of some 60 % of it, in which the
         # foot rolls from heel to toe: as published at 1.3 m/s.
@@ -126,7 +134,7 @@ class AnglePerson(StridingPerson):
         # How far hips swing ahead and back.
         self.surge_m = float(0.018 * leg_m * np.exp(0.6 * rng.standard_normal()))
         self.phase = StridePhase(path, lambda v: stride * (v / cruise) ** 0.5)
-        self.torso = striding.draw_torso(rng)
+        self.torso = draw_torso(rng)
 
     def __call__(self, t_s: Array) -> Pose:
         state = self.path.at(t_s)

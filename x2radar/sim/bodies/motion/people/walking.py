@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from x2radar.sim.bodies.motion.people.doing import DOERS, Doing
+from x2radar.sim.bodies.motion.people.footfalls import SIDES
 from x2radar.sim.bodies.motion.people.gait import (
     PersonStyle,
     Traits,
     carriage_of,
     gait_of,
 )
-from x2radar.sim.bodies.motion.people.striding import SIDES
 from x2radar.sim.bodies.path.feet import Feet, FootState, Gait
 from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.bodies.skeleton.people import TRUNK_AT, PersonBuild
