@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.body_helpers import ANTENNA_M
-from x2radar.sim.bodies.skeleton.people import PERSON, draw_person_build
+from x2radar.sim.bodies.skeleton.people import PERSON, PersonBuild
 from x2radar.sim.bodies.skins import SKINS, draw_skin, sized
 from x2radar.sim.bodies.skins.base import SKIN_REFLECTION
 from x2radar.sim.bodies.skins.surface import SHADOW_DB, SPREAD_DB, AspectFluctuation, SurfaceSkin
@@ -18,7 +18,7 @@ from x2radar.sim.points import Pose
 
 X, Y, Z = np.eye(3)
 FAR_M = 1e6
-HALF_M = draw_person_build(np.random.default_rng(0)).half_lengths()
+HALF_M = PersonBuild(np.random.default_rng(0)).half_lengths()
 BALL = (0.05, 0.05, 0.05)
 RADAR = Antenna(height_m=1.2, shape="isotropic")
 

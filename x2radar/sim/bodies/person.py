@@ -16,7 +16,7 @@ from x2radar.sim.bodies.motion.people.gait import FASTEST_WALK, STYLES, PersonSt
 from x2radar.sim.bodies.motion.people.walking import OnFeet, draw_crawling
 from x2radar.sim.bodies.path.courses import draw_course
 from x2radar.sim.bodies.path.path import Path
-from x2radar.sim.bodies.skeleton.people import PERSON, draw_person_build
+from x2radar.sim.bodies.skeleton.people import PERSON, PersonBuild
 from x2radar.sim.bodies.skins import TotalRcs
 from x2radar.sim.points import Array, Motion
 
@@ -48,7 +48,7 @@ def draw_person(
     Key(choices=tuple(STYLES)).judge(style, "style")
     Key(choices=MOTIONS).judge(motion, "motion")
     row = STYLES[style]
-    build = draw_person_build(rng, age=row.age, height_m=height_m)
+    build = PersonBuild(rng, age=row.age, height_m=height_m)
     traits = rng.standard_normal(12).clip(-2.5, 2.5), rng.random(8)
     share = traits[1]
     # Drawn in any case: a path that is given changes nothing that is drawn later.

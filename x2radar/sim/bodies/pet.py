@@ -21,7 +21,7 @@ from x2radar.sim.bodies.motion.quadrupeds.staying import (
 )
 from x2radar.sim.bodies.path.courses import apart, draw_course, off_wall
 from x2radar.sim.bodies.path.path import Agility, Path
-from x2radar.sim.bodies.skeleton.quadrupeds import QUADRUPED, QuadrupedBuild, draw_build
+from x2radar.sim.bodies.skeleton.quadrupeds import QUADRUPED, QuadrupedBuild
 from x2radar.sim.bodies.skeleton.species import SPECIES, Species
 from x2radar.sim.bodies.skins import TotalRcs
 from x2radar.sim.points import Motion
@@ -84,7 +84,7 @@ def draw_pet(
         weight = np.array([PET_STYLES[name].weight for name in row.styles])
         style = row.styles[int(rng.choice(len(row.styles), p=weight / weight.sum()))]
     Key(choices=row.styles).judge(style, "style")
-    build = draw_build(rng, row, mass_kg)
+    build = QuadrupedBuild(rng, row, mass_kg)
     course = path if isinstance(path, Path) else _draw_path(rng, style, build, path, motion)
     footwork = _footwork(build, row, style, course)
     manner, breath = draw_manner(rng, build, row, style, FOOTWORK[footwork].nod_rad)

@@ -9,7 +9,6 @@ ratio of sitting height to stature, 0.61, 0.56 and 0.52, recalled).
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -60,67 +59,44 @@ PERSON = Skeleton(
 TRUNK_AT = (0.47, 0.78, 0.06)  # middles of its parts, hips (0) to shoulders (1) (Winter)
 
 
-@dataclass(frozen=True, slots=True)
 class PersonBuild:
-    """One person's sizes, in metres."""
+    """One person's sizes, in metres, about their shares of the stature; or SceneError."""
 
-    stature_m: float  # height of the whole body
-    thigh_m: float
-    shank_m: float
-    foot_m: float
-    ankle_m: float  # height over the sole
-    hip_m: float  # half the width
-    shoulder_m: float  # half the width
-    trunk_m: float  # from hips to shoulders
-    neck_m: float  # from shoulders to the middle of the head
-    upper_arm_m: float
-    forearm_m: float
-    girth: float  # thickness against an average body of this stature
-
-    @property
-    def leg_m(self) -> float:
-        """Length from hip to ankle, in metres."""
-        return self.thigh_m + self.shank_m
-
-    @property
-    def hip_height_m(self) -> float:
-        """Height of the hips over the floor with straight legs: 0.53 of the stature."""
-        return self.leg_m + self.ankle_m
+    def __init__(
+        self, rng: np.random.Generator, *, age: Age = "adult", height_m: float | None = None
+    ) -> None:
+        is_man, z, share = rng.random(), rng.standard_normal(10), rng.random()
+        stature = float(np.clip((1.77 if is_man < 0.5 else 1.63) + 0.07 * z[0], 1.45, 2.05))
+        if age != "adult":
+            low_m, high_m = _SMALL_M[age]
+            stature = low_m + share * (high_m - low_m)
+        if height_m is not None:
+            Key(*_STATURE_M).judge(height_m, "height_m")
+            stature = height_m
+        limbs = 1 + 0.03 * z[1:9].clip(-2.5, 2.5)
+        growth = _GROWN[age] if age != "child" else float(np.interp(stature, *_GROWTH))
+        legs = (1 - 0.18 * (1 - growth)) * stature
+        trunk = (1 + 0.12 * (1 - growth)) * stature
+        self.stature_m = stature  # height of the whole body
+        self.thigh_m = 0.245 * legs * limbs[0]
+        self.shank_m = 0.246 * legs * limbs[1]
+        self.foot_m = 0.143 * stature * limbs[2]
+        self.ankle_m = 0.039 * stature  # height over the sole
+        # Half the width of the hips, and that of the shoulders.
+        self.hip_m = 0.0955 * stature * limbs[3] * 0.8
+        self.shoulder_m = 0.13 * stature * limbs[4]
+        self.trunk_m = 0.288 * trunk * limbs[5]  # from hips to shoulders
+        self.neck_m = 0.13 * trunk * limbs[6]  # from shoulders to the middle of the head
+        self.upper_arm_m = 0.188 * stature * limbs[7]
+        self.forearm_m = 0.152 * stature * limbs[7]
+        # Thickness against an average body of this stature.
+        self.girth = float(np.exp(0.10 * z[9].clip(-2.5, 2.5)))
+        self.leg_m = self.thigh_m + self.shank_m  # from hip to ankle
+        # Of the hips over the floor with straight legs: 0.53 of the stature.
+        self.hip_height_m = self.leg_m + self.ankle_m
 
     def half_lengths(self) -> Array:
         """Return half-lengths of the parts, shape (16, 3): along, to the side, across."""
         arm = [self.upper_arm_m, self.forearm_m, 0.0]
         leg = [self.thigh_m, self.shank_m, self.foot_m]
         return PERSON.half_m([0.0] * 4 + 2 * arm + 2 * leg, self.stature_m, self.girth)
-
-
-def draw_person_build(
-    rng: np.random.Generator, *, age: Age = "adult", height_m: float | None = None
-) -> PersonBuild:
-    """Draw a person's sizes about their shares of `height_m`, 0.6 to 2.3; or SceneError."""
-    is_man, z, share = rng.random(), rng.standard_normal(10), rng.random()
-    stature = float(np.clip((1.77 if is_man < 0.5 else 1.63) + 0.07 * z[0], 1.45, 2.05))
-    if age != "adult":
-        low_m, high_m = _SMALL_M[age]
-        stature = low_m + share * (high_m - low_m)
-    if height_m is not None:
-        Key(*_STATURE_M).judge(height_m, "height_m")
-        stature = height_m
-    limbs = 1 + 0.03 * z[1:9].clip(-2.5, 2.5)
-    growth = _GROWN[age] if age != "child" else float(np.interp(stature, *_GROWTH))
-    legs = (1 - 0.18 * (1 - growth)) * stature
-    trunk = (1 + 0.12 * (1 - growth)) * stature
-    return PersonBuild(
-        stature_m=stature,
-        thigh_m=0.245 * legs * limbs[0],
-        shank_m=0.246 * legs * limbs[1],
-        foot_m=0.143 * stature * limbs[2],
-        ankle_m=0.039 * stature,
-        hip_m=0.0955 * stature * limbs[3] * 0.8,
-        shoulder_m=0.13 * stature * limbs[4],
-        trunk_m=0.288 * trunk * limbs[5],
-        neck_m=0.13 * trunk * limbs[6],
-        upper_arm_m=0.188 * stature * limbs[7],
-        forearm_m=0.152 * stature * limbs[7],
-        girth=float(np.exp(0.10 * z[9].clip(-2.5, 2.5))),
-    )
