@@ -88,9 +88,9 @@ class FlyerBuild:
     stroke_mean_rad: float
     lag_rad: float
     pitch_rad: float
-    breath_hz: float
-    breath_m: float
-    folds: bool
+    breath_hz: float = 1.0
+    breath_m: float = 0.0
+    folds: bool = False
 
 
 def _flying(b: FlyerBuild, flight: Flight) -> Motion:
@@ -202,9 +202,6 @@ def draw_moth(
         stroke_mean_rad=np.deg2rad(rng.uniform(0.0, 15.0)),
         lag_rad=rng.uniform(0.1, 0.5),
         pitch_rad=np.deg2rad(rng.uniform(10.0, 45.0)),
-        breath_hz=1.0,
-        breath_m=0.0,
-        folds=False,
     )
     reach = rng.uniform(0.05, 0.15)
     radius_and_rate = rng.uniform(0.0, 0.12), rng.choice([-1.0, 1.0]) * rng.uniform(3.0, 9.0)

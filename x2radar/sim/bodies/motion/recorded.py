@@ -101,11 +101,6 @@ class RecordedMotion:
         side = np.where(size > 1e-3, side / np.maximum(size, 1e-9), np.array([1.0, 0.0, 0.0]))
         return replace(pose, side=side)
 
-    @property
-    def duration_s(self) -> float:
-        """Time from the first frame to the last, in seconds."""
-        return (len(self.position_m) - 1) / self.frame_rate_hz
-
 
 def _lengths_m(skeleton: Skeleton, at: dict[str, int], position_m: Array) -> Array:
     """Return the mean lengths of a skeleton's parts."""
@@ -189,7 +184,8 @@ def draw_recorded(
     )
     kind = motion.skeleton
     plan = BodyPlan(label, kind.names, motion.half_m, motion, kind.n_trunk, kind.gain)
-    looks_s = start_s + np.linspace(0.0, motion.duration_s, _N_LOOKS)
+    duration_s = (len(motion.position_m) - 1) / motion.frame_rate_hz
+    looks_s = start_s + np.linspace(0.0, duration_s, _N_LOOKS)
     return plan.dressed(rng, skin, total_rcs_dbsm, looks_s)
 
 
