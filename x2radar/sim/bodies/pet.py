@@ -11,7 +11,7 @@ from x2radar.sim.bodies.body import Body, BodyPlan
 from x2radar.sim.bodies.motion import MOTIONS
 from x2radar.sim.bodies.motion.angles import draw_angle_quadruped
 from x2radar.sim.bodies.motion.quadrupeds.footfalls import draw_footfall_quadruped
-from x2radar.sim.bodies.motion.quadrupeds.gait import FOOTWORK, draw_going, froude, usual_gait
+from x2radar.sim.bodies.motion.quadrupeds.gait import FOOTWORK, draw_going, froude
 from x2radar.sim.bodies.motion.quadrupeds.hung import Action, draw_manner, hung
 from x2radar.sim.bodies.motion.quadrupeds.staying import (
     GRAVITY_MPS2,
@@ -139,10 +139,10 @@ def _footwork(build: QuadrupedBuild, species: Species, style: str, path: Path) -
     fastest, name = path.cruise_mps, PET_STYLES[style].gait
     if name not in species.gaits:
         name = None
-    limit = _MAX_WALK_FROUDE if name == "walk" else _MAX_FROUDE
-    if PET_STYLES[style].froude is not None and float(froude(fastest, build.hip_m)) > limit:
+    fr, limit = froude(fastest, build.hip_m), _MAX_WALK_FROUDE if name == "walk" else _MAX_FROUDE
+    if PET_STYLES[style].froude is not None and fr > limit:
         raise SceneError(
             f"path: {fastest:g} m/s is too fast for a {species.name} with its hip at "
             f"{build.hip_m:.2f} m to {style}"
         )
-    return name or usual_gait(fastest, build.hip_m, species)
+    return name or next(gait for gait, most in species.gaits.items() if fr < most)

@@ -8,7 +8,7 @@ biomechanics of running, 1998), trotting dogs of Hottinger et al. 1996; recalled
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from x2radar.sim.bodies.motion.people.footfalls import (
     RUN_STRIDE,
@@ -52,12 +52,6 @@ DOG = (
 )
 
 
-def harmonics(degrees: ArrayLike) -> NDArray[np.complex128]:
-    """Return the first Fourier coefficients, in radians, of a curve at even steps of a stride."""
-    curve = np.deg2rad(np.asarray(degrees, np.float64))
-    return np.asarray(np.fft.rfft(curve)[: N_HARMONICS + 1] / len(curve))
-
-
 JointCurve = Callable[[Array, Array], Array]
 """An angle, in radians, by the phase in strides and the vigour; 0 leaves the mean alone."""
 
@@ -73,15 +67,15 @@ def curve(mean_rad: float, amplitude_rad: Array, phase_rad: Array) -> JointCurve
     return at
 
 
-def draw_curve(
-    rng: np.random.Generator, coefficients: NDArray[np.complex128], scale: float
-) -> JointCurve:
-    """Draw a curve about a mean one: about twice the spread between people (Winter)."""
-    n, c = N_HARMONICS, coefficients[1:]
+def draw_curve(rng: np.random.Generator, degrees: ArrayLike, scale: float) -> JointCurve:
+    """Draw a curve about one at even steps of a stride: about twice people's spread (Winter)."""
+    mean_rad = np.deg2rad(np.asarray(degrees, np.float64))
+    middle, *c = np.fft.rfft(mean_rad)[: N_HARMONICS + 1] / len(mean_rad)
+    n = N_HARMONICS
     size = 2 * scale * np.abs(c) * np.exp(0.2 * rng.standard_normal(n))
     size += 0.1 * size[0] * rng.random(n) * (np.arange(n) > 0)
     phase = np.angle(c) + 0.15 * rng.standard_normal(n)
-    mean = scale * float(coefficients[0].real) + np.deg2rad(5.0) * rng.standard_normal()
+    mean = scale * float(middle.real) + np.deg2rad(5.0) * rng.standard_normal()
     return curve(float(mean), size, phase)
 
 
@@ -110,7 +104,7 @@ class AnglePerson(StridingPerson):
         scale = float(np.clip(opening_m / (2 * leg_m * np.sin(0.36)), 0.25, 1.5))
         shares = (scale, *[0.4 + 0.6 * scale] * 2)
         legs = [
-            draw_curve(rng, harmonics(mean_curve), share)
+            draw_curve(rng, mean_curve, share)
             for mean_curve, share in zip(RUN if run else WALK, shares, strict=True)
         ]
         n = N_HARMONICS
@@ -196,7 +190,7 @@ def draw_angle_quadruped(
     # Legs that open as wide as the stride asks.
     scale = float(np.clip(stride * duty / (2 * b.hip_m * np.sin(0.3)), 0.3, 2.0))
     joints = [
-        draw_curve(rng, harmonics(mean), scale if k % 2 == 0 else 0.5 + 0.5 * scale)
+        draw_curve(rng, mean, scale if k % 2 == 0 else 0.5 + 0.5 * scale)
         for k, mean in enumerate(DOG)
     ]
     w = Bearing(rng, gait, style)

@@ -73,12 +73,6 @@ def duty(speed_mps: Array, hip_m: float) -> Array:
     return np.asarray(np.clip(free, *DUTY), dtype=np.float64)
 
 
-def usual_gait(speed_mps: float, hip_m: float, species: Species) -> str:
-    """Return the gait that an animal takes at a speed, a key of `FOOTWORK`."""
-    fr = float(froude(speed_mps, hip_m))
-    return next(name for name, limit in species.gaits.items() if fr < limit)
-
-
 def draw_going(
     rng: np.random.Generator,
     build: QuadrupedBuild,
