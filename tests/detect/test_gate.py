@@ -236,7 +236,6 @@ def test_before_the_first_dwell_nothing_is_known():
     of_bins = (gate.background, gate.power, gate.noise, gate.floor, gate.residue, gate.level)
     assert [each.shape for each in of_bins] == [(0,)] * 6
     assert gate.cpi_power.shape == gate.cell_peak.shape == (0, 0)
-    assert gate.bin_length_m == 0
     # Four frames are a cpi where frames are slow.
     gate = Gate(GateSettings())
     gate.read(dwell_of(noise(24), rate_hz=8.0))
@@ -443,4 +442,3 @@ def test_what_a_reading_tells():
     dwell = replace(dwell_of(swing(in_bins([20], 100.0)) + noise(140)), axis=axis)
     gate = Gate(GateSettings())
     assert gate.read(dwell).range_m == axis.range_m[20]
-    assert gate.bin_length_m == axis.bin_length_m

@@ -147,7 +147,6 @@ class Gate:
         self.cell_peak: NDArray[np.float64] = np.zeros((0, 0))  # strongest Doppler cells of each
         self.residue: NDArray[np.float64] = np.zeros(0)  # what clutter left, as cells show it
         self.level: NDArray[np.float64] = np.zeros(0)  # noise, residue and learned background
-        self.bin_length_m = 0.0
 
     def reset(self) -> None:
         """Forget what was learned, as after a restart of the module."""
@@ -171,7 +170,7 @@ class Gate:
             factor = np.asarray(10 ** (self._calibration.threshold_db / 10))
         else:
             factor = cell_factor(self._share, len(peak), n_cpi, len(floor))
-        self.floor, self.bin_length_m = floor, dwell.axis.bin_length_m
+        self.floor = floor
         cpi_power *= unit
         peak *= unit
         self.cpi_power, self.cell_peak = cpi_power, peak

@@ -86,8 +86,7 @@ class InterferenceWatch:
         hurry = URGENT if blind_db >= 2 * self._limit_db else 1
         self._blind_s = self._blind_s + hurry * self._hop_s if is_blind else 0.0
         self._filled_s = self._filled_s + self._hop_s if is_filled else 0.0
-        self._note_levels(gate, live)
-        found = self._steady(dwell) or self._lasting(blind_db)
+        found = self._steady(gate, dwell, live) or self._lasting(blind_db)
         # Whether cells in which interference was found are as high as ever.
         here_db = self._levels[-1][:, self._where] if len(self._where) else np.zeros(0)
         still_stands = here_db.size > 0 and float(np.median(here_db)) >= self._limit_db
@@ -125,25 +124,21 @@ class InterferenceWatch:
         most = 10 ** (MAX_DRIFT_DB / 10)
         self.reference = FloorReference(first, np.clip(kept, first / most, first * most), t_s)
 
-    def _note_levels(self, gate: Gate, live: NDArray[np.bool_]) -> None:
-        n_bins = max(1, round(CELL_M / gate.bin_length_m))
+    def _steady(self, gate: Gate, dwell: Dwell, live: NDArray[np.bool_]) -> str:
+        """Return which part of the swath has risen for `_STEADY_S` in a shape that stays."""
+        n_bins = max(1, round(CELL_M / dwell.axis.bin_length_m))
         n_cells = max(1, len(live) // n_bins)
         share = np.where(live, gate.cpi_power[-self._n_new :] / self.reference.kept, 0.0)
         cells = share[:, : n_cells * n_bins].reshape(len(share), n_cells, -1).mean(axis=2)
         self._levels.append(10 * np.log10(np.maximum(cells, _TINY)))
-
-    def _steady(self, dwell: Dwell) -> str:
-        """Return which part of the swath has risen for `_STEADY_S` in a shape that stays."""
         level_db = np.concatenate(self._levels)
         risen = (level_db >= self._limit_db).mean(axis=0) >= _MAX_TIME
-        n_cells = len(risen)
         fewest = min(n_cells, max(_MIN_CELLS, round(_MIN_SHARE * n_cells)))
         if len(self._levels) < (self._levels.maxlen or 0) or np.count_nonzero(risen) < fewest:
             return ""
         shape_db = level_db[:, risen]
         middle_db = np.median(shape_db, axis=1)
         scatter_db = float(np.median((shape_db - middle_db[:, None]).std(axis=0)))
-        n_bins = max(1, round(CELL_M / dwell.axis.bin_length_m))
         is_steady = scatter_db <= _TONE_DB or (
             scatter_db <= _STEADY_DB and _flatness(dwell, np.flatnonzero(risen), n_bins) >= _FLAT
         )

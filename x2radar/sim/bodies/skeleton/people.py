@@ -77,23 +77,23 @@ class PersonBuild:
         growth = _GROWN[age] if age != "child" else float(np.interp(stature, *_GROWTH))
         legs = (1 - 0.18 * (1 - growth)) * stature
         trunk = (1 + 0.12 * (1 - growth)) * stature
-        self.stature_m = stature  # height of the whole body
-        self.thigh_m = 0.245 * legs * limbs[0]
-        self.shank_m = 0.246 * legs * limbs[1]
-        self.foot_m = 0.143 * stature * limbs[2]
-        self.ankle_m = 0.039 * stature  # height over the sole
+        self.stature_m: float = stature  # height of the whole body
+        self.thigh_m: float = 0.245 * legs * limbs[0]
+        self.shank_m: float = 0.246 * legs * limbs[1]
+        self.foot_m: float = 0.143 * stature * limbs[2]
+        self.ankle_m: float = 0.039 * stature  # height over the sole
         # Half the width of the hips, and that of the shoulders.
-        self.hip_m = 0.0955 * stature * limbs[3] * 0.8
-        self.shoulder_m = 0.13 * stature * limbs[4]
-        self.trunk_m = 0.288 * trunk * limbs[5]  # from hips to shoulders
-        self.neck_m = 0.13 * trunk * limbs[6]  # from shoulders to the middle of the head
-        self.upper_arm_m = 0.188 * stature * limbs[7]
-        self.forearm_m = 0.152 * stature * limbs[7]
+        self.hip_m: float = 0.0955 * stature * limbs[3] * 0.8
+        self.shoulder_m: float = 0.13 * stature * limbs[4]
+        self.trunk_m: float = 0.288 * trunk * limbs[5]  # from hips to shoulders
+        self.neck_m: float = 0.13 * trunk * limbs[6]  # from shoulders to the middle of the head
+        self.upper_arm_m: float = 0.188 * stature * limbs[7]
+        self.forearm_m: float = 0.152 * stature * limbs[7]
         # Thickness against an average body of this stature.
         self.girth = float(np.exp(0.10 * z[9].clip(-2.5, 2.5)))
-        self.leg_m = self.thigh_m + self.shank_m  # from hip to ankle
+        self.leg_m: float = self.thigh_m + self.shank_m  # from hip to ankle
         # Of the hips over the floor with straight legs: 0.53 of the stature.
-        self.hip_height_m = self.leg_m + self.ankle_m
+        self.hip_height_m: float = self.leg_m + self.ankle_m
 
     def half_lengths(self) -> Array:
         """Return half-lengths of the parts, shape (16, 3): along, to the side, across."""

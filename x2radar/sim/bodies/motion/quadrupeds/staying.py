@@ -248,26 +248,21 @@ def draw_jumping(
             way, height, tip = leap.trunk(t_s)
             middle = middle + way[:, None] * ahead + height[:, None] * UP
             pitch = pitch + tip
+        # Where paws are in the air: under hip and shoulder, legs half bent.
+        long = np.cos(pitch)[:, None] * ahead + np.sin(pitch)[:, None] * UP
+        left = np.cross(UP, ahead)
+        tucked = (
+            middle[:, None]
+            + (0.5 * ENDS * build.back_m)[:, None] * long[:, None]
+            + (SIDES * build.half_track_m)[:, None] * left[:, None]
+            + 0.15 * h * ENDS[:, None] * ahead[:, None]
+            - 0.62 * h * UP
+        )
         for leap in (up, down):
             end = paw + (leap.ahead_m * ahead + leap.climb_m * UP)[:, None]
             shares = (leap.paw_share(t_s, is_fore=bool(k % 2)) for k in range(4))
             off, on = (np.stack(x, axis=1)[..., None] for x in zip(*shares, strict=True))
-            tucked = _tucked(build, middle, pitch, ahead)
             paw = paw * (1.0 - off) + off * ((1.0 - on) * tucked + on * end)
         return replace(s, middle_m=middle, pitch_rad=pitch, paw_m=paw)
 
     return at, down.end_s
-
-
-def _tucked(b: QuadrupedBuild, middle: Array, pitch: Array, ahead: Array) -> Array:
-    """Return where paws are in the air: under hip and shoulder, legs half bent."""
-    long = np.cos(pitch)[:, None] * ahead + np.sin(pitch)[:, None] * UP
-    left = np.cross(UP, ahead)
-    return np.asarray(
-        middle[:, None]
-        + (0.5 * ENDS * b.back_m)[:, None] * long[:, None]
-        + (SIDES * b.half_track_m)[:, None] * left[:, None]
-        + 0.15 * b.hip_m * ENDS[:, None] * ahead[:, None]
-        - 0.62 * b.hip_m * UP,
-        dtype=np.float64,
-    )
