@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,11 +13,16 @@ from radard.detect.gate import Gate, NoiseFloor, level_over
 from radard.dsp.clutter import centre_spread_m, second_differences, sound_rows
 from radard.dsp.range_doppler import MAX_RESIDUE, cell_factor, usual_peak
 from radard.errors import ConfigError
-from tests.clutter_helpers import AXIS, calibration, db, dwells_of_recording, room
+from tests.clutter_helpers import (
+    AXIS,
+    DATA,
+    calibration,
+    db,
+    dwells_of_recording,
+    needs_data,
+    room,
+)
 from tests.radar_helpers import BASEBAND, dwell_of, noise, walker
-
-DATA = Path(__file__).parents[3] / "shared" / "data"
-needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="the real recordings are not here")
 
 
 @pytest.mark.parametrize("unit", [1e-38, 1e-12, 1.0, 1e9, 1e30])

@@ -63,8 +63,6 @@ class Provenance:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _CalibrationFile:
-    """What the file holds, key by key."""
-
     __pydantic_config__ = LOOSE
 
     format: Literal["radard-calibration"]

@@ -199,15 +199,10 @@ class TamperWatch:
             is_urgent=alike < 0.75 * s.moved_coherence,
         )
         if not (is_level or is_shape):
-            self._follow(cells, judged, product)
-
-    def _follow(
-        self, cells: CellReading, judged: NDArray[np.bool_], product: NDArray[np.complex128]
-    ) -> None:
-        """Let the fingerprint follow the room within `MEMORY_S`; phases drift, so turn them."""
-        turn = product.conj() / np.maximum(np.abs(product), _TINY)
-        step = np.where(judged, self._hop_s / MEMORY_S, 0.0)[:, None]
-        self._echoes += step * (cells.echoes * turn[:, None] - self._echoes)
+            # Follow the room within `MEMORY_S`; phases drift, so turn them.
+            turn = product.conj() / np.maximum(np.abs(product), _TINY)
+            step = np.where(judged, self._hop_s / MEMORY_S, 0.0)[:, None]
+            self._echoes += step * (cells.echoes * turn[:, None] - self._echoes)
 
     def _judge_noise(self, cells: CellReading) -> None:
         if cells.noise_db is None:

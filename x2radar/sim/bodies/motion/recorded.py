@@ -103,7 +103,6 @@ class RecordedMotion:
 
 
 def _lengths_m(skeleton: Skeleton, at: dict[str, int], position_m: Array) -> Array:
-    """Return the mean lengths of a skeleton's parts."""
     ends = skeleton.ends({name: position_m[:, k] for name, k in at.items()})
     return np.array([np.linalg.norm(b - a, axis=-1).mean() for a, b in ends])
 

@@ -26,7 +26,6 @@ _GROWTH = (0.85, 1.05, 1.45), (0.0, 0.55, 1.0)  # statures of children, toddler 
 
 
 def _limbs(side: str) -> tuple[tuple[Part, ...], tuple[Part, ...]]:
-    """Return the parts of an arm and of a leg."""
     s = side[0]
     arm = (
         Part(f"{side} upper arm", (f"{s}_shoulder", f"{s}_elbow"), (0.027, 0.027)),

@@ -77,7 +77,6 @@ def _normal(mean: float, sigma: float, low: float, high: float) -> Draw:
 
 
 def _dog_kg(rng: np.random.Generator) -> float:
-    """Draw a mass: small, medium or large."""
     spans = ((3.0, 10.0), (10.0, 25.0), (25.0, 60.0))
     low, high = spans[int(rng.choice(len(spans), p=(0.4, 0.35, 0.25)))]
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))

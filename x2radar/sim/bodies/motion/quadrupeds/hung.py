@@ -155,9 +155,7 @@ def _wag(
 
 
 def _in(band: Band, share: float) -> float:
-    """Return the number at a share of a band, 0 to 1."""
-    least, width = band
-    return float(least + width * share)
+    return float(band[0] + band[1] * share)
 
 
 _STIFF_TO = 0.85  # of a leg's length; beyond it, shoulder blades and hips give
