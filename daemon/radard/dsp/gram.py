@@ -59,10 +59,8 @@ class GramMap:
     def __init__(self, n_cpi: int) -> None:
         self.n_cpi = n_cpi
         self._operator = step_operator(gaussian_taper(n_cpi))
-        self._stored: Reals | None = None
-        if self.n_cpi <= _MAX_STORED:
-            rows = [self._row(a) for a in range(self.n_cpi - 1)]
-            self._stored = np.concatenate(rows, axis=1).T.copy()
+        rows = [self._row(a) for a in range(n_cpi - 1 if n_cpi <= _MAX_STORED else 0)]
+        self._stored: Reals | None = np.concatenate(rows, axis=1).T.copy() if rows else None
 
     def _row(self, a: int) -> Reals:
         """Return the weights of row `a` of Q, shape (n_cpi, n_cpi - 1)."""

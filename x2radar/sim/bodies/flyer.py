@@ -178,8 +178,8 @@ def draw_bird(
         breath_m=0.004 * kg**0.36 * rng.uniform(0.7, 1.3),
         folds=style == "perch",
     )
-    flight = _bird_flight(rng, style, home_m)
-    return _flyer(rng, "pet", build, flight, (total_rcs_dbsm, skin))
+    plan = _plan("pet", build, _bird_flight(rng, style, home_m))
+    return plan.dressed(rng, skin, total_rcs_dbsm, _LOOKS_S)
 
 
 def draw_moth(
@@ -212,7 +212,7 @@ def draw_moth(
         Wander(rng, [1.0], [1.0]),
         -2.0,
     )
-    return _flyer(rng, "other", build, flight, (total_rcs_dbsm, skin))
+    return _plan("other", build, flight).dressed(rng, skin, total_rcs_dbsm, _LOOKS_S)
 
 
 def _bird_flight(
@@ -238,21 +238,13 @@ def _bird_flight(
     return _flight(_place(home_m), rounds, wander, effort, rest, hops=hops)
 
 
-def _flyer(
-    rng: np.random.Generator,
-    label: Label,
-    b: FlyerBuild,
-    flight: Flight,
-    echo: tuple[TotalRcs, str],
-) -> Body:
-    total, skin = echo
+def _plan(label: Label, b: FlyerBuild, flight: Flight) -> BodyPlan:
     # Bone and muscle at the front of the wing; feathers and scales let the wave through.
     thick = 0.02 * b.span_m
     wing = [(0.07 * b.span_m, thick, thick), (0.06 * b.span_m, 0.6 * thick, 0.6 * thick)]
     trunk = [(0.5, 0.2, 0.2), (0.17, 0.15, 0.15), (0.3, 0.06, 0.06)]
     half_m = np.vstack([b.body_m * np.array(trunk), wing, wing])
-    plan = BodyPlan(label, _NAMES, half_m, _flying(b, flight))
-    return plan.dressed(rng, skin, total, _LOOKS_S)
+    return BodyPlan(label, _NAMES, half_m, _flying(b, flight))
 
 
 def _place(home_m: tuple[float, float, float]) -> Array:

@@ -28,6 +28,9 @@ class Agility:
     turn_rad_s: float = 2.5  # largest turn rate; it slows the body down in the tightest bends
 
 
+_ADULT = Agility()
+
+
 @dataclass(frozen=True, slots=True)
 class _Stretch:
     """A part of the course with one curvature and one speed limit."""
@@ -137,19 +140,19 @@ class Path:
         stops: Sequence[tuple[float, float]] = (),
         *,
         turn_radius_m: float = 0.5,
-        agility: Agility | None = None,
+        agility: Agility = _ADULT,
         start_s: float = 0.0,
     ) -> Self:
         """Return a path through waypoints with stops: metres since the last, and seconds."""
-        limits, (begin, bent) = agility or Agility(), bends(waypoints_m, turn_radius_m)
+        begin, bent = bends(waypoints_m, turn_radius_m)
         course = [bend for bend in bent if bend.length_m > _TINY]
-        stretches = _stretches(course, speed_mps, stops, limits)
-        speeds = _speeds(stretches, limits.acceleration_mps2)
+        stretches = _stretches(course, speed_mps, stops, agility)
+        speeds = _speeds(stretches, agility.acceleration_mps2)
         rows: list[tuple[float, ...]] = []
         t, way, turned, at = start_s, 0.0, 0.0, begin
         for stretch, (va, vb) in zip(stretches, pairwise(speeds), strict=True):
             bend = stretch.bend
-            for dt, v, a in _pieces(stretch, va, vb, limits.acceleration_mps2):
+            for dt, v, a in _pieces(stretch, va, vb, agility.acceleration_mps2):
                 rows.append((t, way, v, a, *at, bend.curvature_per_m, turned))
                 step = (v + 0.5 * a * dt) * dt
                 lean = bend.curvature_per_m * (v / 2 + a / 6 * dt) * dt
