@@ -39,17 +39,11 @@ MODULES = {
     "framing": ("x2radar/wire/framing", "driver/test_framing driver/test_framing_faults"),
     "codec": ("x2radar/wire/codec", "driver/test_codec driver/test_codec_properties"),
     "link": ("x2radar/device/link", "driver/test_device driver/test_device_start_up"),
-    "ring": (
-        "daemon/radard/stream/ring",
-        "detect/test_ring detect/test_ring_times detect/test_ring_model",
-    ),
-    "gate": ("daemon/radard/detect/gate", "detect/test_gate_limits detect/test_gate"),
+    "ring": ("daemon/radard/stream/ring", "detect/test_ring detect/test_ring_model"),
+    "gate": ("daemon/radard/detect/gate", "detect/test_gate"),
     "evidence": ("daemon/radard/judge/evidence", "training/test_evidence"),
     "decision": ("daemon/radard/judge/decision", "detect/test_decision training/test_evidence"),
-    "panel": (
-        "daemon/radard/alarm/panel",
-        "detect/test_alarm detect/test_alarm_events detect/test_panel_model",
-    ),
+    "panel": ("daemon/radard/alarm/panel", "detect/test_alarm detect/test_alarm_events"),
     "health": ("daemon/radard/health/health", "run/test_health"),
     "calibration": (
         "daemon/radard/run/room_calibration",

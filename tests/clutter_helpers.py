@@ -1,6 +1,9 @@
 """Rooms with clutter, jitter and noise that the tests of clutter, gate and tracks share."""
 
+from pathlib import Path
+
 import numpy as np
+import pytest
 
 from radard.config.config import Config
 from radard.detect.calibration import Calibration
@@ -17,6 +20,8 @@ SPEED_OF_LIGHT_MPS = 299_792_458.0
 AXIS = axis_with("baseband", 96, 0.0293, 0.6)
 ALL = np.ones(147, np.bool_)
 """No frame of a dwell is lost."""
+DATA = Path(__file__).parents[2] / "shared" / "data"
+needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="the real recordings are not here")
 
 
 def db(power):

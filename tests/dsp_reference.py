@@ -91,9 +91,9 @@ def noise_power(frames, valid):
 
 
 def remove_jitter(frames, valid, axis):
-    """Return frames without the clutter's common delay and gain, and what was fitted."""
+    """Return frames without the clutter's common delay and gain, and both as fitted."""
     rows, usable, scale = sound_rows(frames, valid)
-    fit = take_out_jitter(rows, usable, axis)
+    turn_rad, gain = take_out_jitter(rows, usable, axis)
     parts = rows.view(np.float32)
     parts *= np.float32(scale)
-    return rows, fit
+    return rows, turn_rad / (2 * np.pi * axis.carrier_hz), gain

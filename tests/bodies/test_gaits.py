@@ -8,11 +8,12 @@ import pytest
 from tests.body_helpers import PETS, draw, drawn, parts, past, speeds, strongest_hz
 from x2radar.sim.bodies.flyer import BIRD_MASS_KG, MOTH_BEAT_HZ
 from x2radar.sim.bodies.motion import MOTIONS
-from x2radar.sim.bodies.motion.quadrupeds.gait import GRAVITY_MPS2, duty, froude, stride_m
+from x2radar.sim.bodies.motion.quadrupeds.gait import duty, froude, stride_m
+from x2radar.sim.bodies.motion.quadrupeds.staying import GRAVITY_MPS2
 from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.bodies.pet import PET_STYLES
-from x2radar.sim.bodies.skeleton.people import PERSON, draw_person_build
-from x2radar.sim.bodies.skeleton.quadrupeds import LEGS, draw_build
+from x2radar.sim.bodies.skeleton.people import PERSON, PersonBuild
+from x2radar.sim.bodies.skeleton.quadrupeds import LEGS, QuadrupedBuild
 from x2radar.sim.bodies.skeleton.species import SPECIES
 
 STAYING = [(k, s) for k, s in PETS if not PET_STYLES[s].froude and s != "jump"]
@@ -54,7 +55,7 @@ def test_strides_and_stances_are_as_long_as_published(species, style, fr, factor
     ratio, stands = [], []
     for seed in range(8):
         pet = drawn(species, style, seed, path=past(speed))
-        h = draw_build(np.random.default_rng(seed), SPECIES[species]).hip_m
+        h = QuadrupedBuild(np.random.default_rng(seed), SPECIES[species]).hip_m
         fr_own = float(froude(speed, h))
         wanted_m = factor * h * fr_own**power
         assert stride_m(np.array([speed]), h, SPECIES[species]) == pytest.approx(
@@ -108,7 +109,9 @@ def test_feet_fall_in_the_order_of_the_gait_on_either_lead(species, style):
 
 def test_masses_and_hips_are_those_of_pets():
     rng = np.random.default_rng(0)
-    builds = {name: [draw_build(rng, row) for _ in range(300)] for name, row in SPECIES.items()}
+    builds = {
+        name: [QuadrupedBuild(rng, row) for _ in range(300)] for name, row in SPECIES.items()
+    }
     kg = {name: np.array([b.mass_kg for b in rows]) for name, rows in builds.items()}
     for name, low, high in (("cat", 2.5, 7.0), ("dog", 3.0, 60.0), ("rabbit", 1.0, 3.0)):
         assert low <= kg[name].min() < kg[name].max() <= high
@@ -116,7 +119,7 @@ def test_masses_and_hips_are_those_of_pets():
     share = [((kg["dog"] >= low) & (kg["dog"] < high)).mean() for low, high in bands]
     assert share == pytest.approx([0.4, 0.35, 0.25], abs=0.08)
     assert np.mean([b.hip_m for b in builds["cat"]]) == pytest.approx(0.24, abs=0.015)
-    twenty = [draw_build(rng, SPECIES["dog"], 20.0).hip_m for _ in range(100)]
+    twenty = [QuadrupedBuild(rng, SPECIES["dog"], 20.0).hip_m for _ in range(100)]
     assert np.mean(twenty) == pytest.approx(0.44, abs=0.02)
     assert np.std(twenty) > 0.02
     for b in builds["cat"] + builds["dog"] + builds["rabbit"]:
@@ -193,18 +196,18 @@ def test_every_motion_has_the_cadence_and_the_feet_of_people(motion, speed):
 
 def test_sizes_are_those_of_adults_children_and_toddlers():
     rng = np.random.default_rng(0)
-    adults = [draw_person_build(rng).stature_m for _ in range(300)]
+    adults = [PersonBuild(rng).stature_m for _ in range(300)]
     assert 1.64 < np.mean(adults) < 1.76
     assert 0.06 < np.std(adults) < 0.13
     for age, low, high in (("toddler", 0.75, 0.95), ("child", 0.95, 1.45)):
-        statures = [draw_person_build(rng, age=age).stature_m for _ in range(50)]
+        statures = [PersonBuild(rng, age=age).stature_m for _ in range(50)]
         assert low <= min(statures) <= max(statures) <= high
     legs = [
-        draw_person_build(np.random.default_rng(0), age=age, height_m=1.05).hip_height_m
+        PersonBuild(np.random.default_rng(0), age=age, height_m=1.05).hip_height_m
         for age in ("toddler", "child", "adult")
     ]
     assert legs == sorted(legs)
-    build = draw_person_build(rng, height_m=1.9)
+    build = PersonBuild(rng, height_m=1.9)
     assert build.hip_height_m == pytest.approx(0.53 * 1.9, rel=0.06)
     # The trunk is as long as its ends.
     trunk, chest, pelvis = build.half_lengths()[: PERSON.n_trunk]

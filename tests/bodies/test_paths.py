@@ -1,7 +1,6 @@
 """What motions are made of: courses, timetables, footfalls, and the formula of the thesis."""
 
 import math
-from dataclasses import astuple
 from itertools import pairwise
 
 import numpy as np
@@ -10,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from x2radar.sim.bodies.path.courses import COURSES, draw_course
+from x2radar.sim.bodies.path.feet import Footprints, StridePhase
 from x2radar.sim.bodies.path.path import Agility, Path
-from x2radar.sim.bodies.path.prints import Footprints, StridePhase
 from x2radar.sim.bodies.thesis_bodies import THESIS_BODIES, ranges
 from x2radar.sim.bodies.thesis_bodies import draw as draw_body
 
@@ -70,9 +69,9 @@ def test_any_path_is_gone_along_within_its_limits(points, speed, stops, radius):
 def test_a_standing_foot_stands_and_a_standing_body_takes_no_strides(seed):
     rng = np.random.default_rng(seed)
     path = Path.through([(0.0, 6.0), (1.0, 3.0), (-1.0, 1.0)], 1.1, [(2.0, 1.5)])
-    phase = StridePhase.along(path, lambda v: 0.4 + 0.6 * v)
+    phase = StridePhase(path, lambda v: 0.4 + 0.6 * v)
     duty = rng.uniform(0.4, 0.7)
-    prints = Footprints.plan(path, phase, offset=0.3, duty=duty, home_m=(0.0, 0.1), lift_m=0.1)
+    prints = Footprints(path, phase, offset=0.3, duty=duty, home_m=(0.0, 0.1), lift_m=0.1)
     t_s = np.arange(0, path.end_s, 0.01)
     place, swing = prints.at(t_s, np.ones(len(t_s)))
     stands = (swing[1:] == 0) & (swing[:-1] == 0)
@@ -114,7 +113,7 @@ def test_positions_follow_the_formula(name, seed):
 def test_one_draw_is_shared_by_all_scatterers(name):
     body = THESIS_BODIES[name]
     drawn = draw_body(body, np.random.default_rng(7))
-    changes = np.array([astuple(p) for p in drawn]) - np.array([astuple(p) for p in body])
+    changes = np.array(drawn) - np.array(body)
     for column in (0, 1, 3, 4, 5, 6):
         assert changes[:, column] == pytest.approx(changes[0, column], abs=1e-12)
         assert changes[0, column] != 0
@@ -130,10 +129,10 @@ def test_one_draw_is_shared_by_all_scatterers(name):
 def test_spread_of_the_draws_is_the_tables_and_cross_sections_keep_a_floor():
     rng = np.random.default_rng(0)
     torso = THESIS_BODIES["thesis_human"][:1]
-    drawn = np.array([astuple(draw_body(torso, rng)[0]) for _ in range(4000)])
+    drawn = np.array([draw_body(torso, rng)[0] for _ in range(4000)])
     wanted = [0.75, 1.0, 0, 0.5, 0.25, math.pi / 4, 0.05, 0, 3000]
     assert drawn.std(axis=0) == pytest.approx(wanted, rel=0.05)
-    mean = drawn.mean(axis=0) - np.array(astuple(torso[0]))
+    mean = drawn.mean(axis=0) - np.array(torso[0])
     assert np.abs(mean)[[0, 1, 3, 4, 5, 6]].max() < 0.06
     # One in 1300 would be below it.
     assert drawn[:, 8].min() == 0.05 * torso[0].rcs_m2

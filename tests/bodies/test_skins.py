@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.body_helpers import ANTENNA_M
-from x2radar.sim.bodies.skeleton.people import PERSON, draw_person_build
+from x2radar.sim.bodies.skeleton.people import PERSON, PersonBuild
 from x2radar.sim.bodies.skins import SKINS, draw_skin, sized
 from x2radar.sim.bodies.skins.base import SKIN_REFLECTION
 from x2radar.sim.bodies.skins.surface import SHADOW_DB, SPREAD_DB, AspectFluctuation, SurfaceSkin
@@ -18,7 +18,7 @@ from x2radar.sim.points import Pose
 
 X, Y, Z = np.eye(3)
 FAR_M = 1e6
-HALF_M = draw_person_build(np.random.default_rng(0)).half_lengths()
+HALF_M = PersonBuild(np.random.default_rng(0)).half_lengths()
 BALL = (0.05, 0.05, 0.05)
 RADAR = Antenna(height_m=1.2, shape="isotropic")
 
@@ -39,9 +39,9 @@ def lone(axis=X, side=Y, place=(0.0, 0.0, 0.0)):
 
 def dull(half_m, seed=0):
     """A skin of ellipsoids without fluctuation."""
-    skin = SurfaceSkin.draw(np.random.default_rng(seed), np.array(half_m, float))
-    still = replace(skin.fluctuation, amplitude=0 * skin.fluctuation.amplitude)
-    return replace(skin, fluctuation=still)
+    skin = SurfaceSkin(np.random.default_rng(seed), np.array(half_m, float))
+    skin.fluctuation.amplitude *= 0
+    return skin
 
 
 def seen(skin, direction, pose=None):
@@ -150,7 +150,7 @@ def test_a_limb_in_the_open_loses_nothing(place, direction):
 def test_fluctuation_has_the_spread_and_the_mean_it_drew_to_five_digits():
     half = np.full((40, 3), 0.1)
     spread_db = np.random.default_rng(3).uniform(*SPREAD_DB, 40)
-    f = AspectFluctuation.draw(np.random.default_rng(4), half, spread_db)
+    f = AspectFluctuation(np.random.default_rng(4), half, spread_db)
     ways = np.random.default_rng(0).standard_normal((5_000, 1, 3))
     ways = np.repeat(ways / np.linalg.norm(ways, axis=-1, keepdims=True), 40, axis=1)
     power = f.at(*np.moveaxis(ways, -1, 0))
@@ -177,7 +177,7 @@ def turning(turn_rad):
 def one_and_apart(seed=0):
     """One body with its trunk as one surface, and the same with parts by themselves."""
     half = np.array([(0.3, 0.12, 0.15), (0.15, 0.11, 0.15), (0.12, 0.1, 0.12), (0.1, 0.05, 0.05)])
-    return tuple(SurfaceSkin.draw(np.random.default_rng(seed), half, n) for n in (3, 1))
+    return tuple(SurfaceSkin(np.random.default_rng(seed), half, n) for n in (3, 1))
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from radard.dsp import doppler
-from radard.dsp.steps import StepBuffer, blocks
+from radard.dsp.columns import StepBuffer, blocks
 from radard.errors import FeatureError
 from tests.dsp_reference import error, micro_doppler_direct, under_clutter
 from tests.radar_helpers import noise
@@ -73,7 +73,7 @@ def test_too_short(shape):
 def steps_of(frames, valid=None, *, n_block=64):
     """All steps of a record as complex128, and the flags."""
     frames = np.asarray(frames)
-    buffer = StepBuffer(len(frames), n_block)
+    buffer = StepBuffer(len(frames))
     for part, flags in blocks(frames, valid, n_block):
         buffer.push(part, flags)
     rows = buffer.rows(len(frames)).astype(np.float64)

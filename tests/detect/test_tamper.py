@@ -1,7 +1,6 @@
 """Tamper: told from people, furniture, drift and losses, in any unit, on every scene."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +11,7 @@ from radard.detect.dwell_cells import is_frozen, read_cells
 from radard.detect.tamper import TamperWatch
 from radard.pipeline import Pipeline
 from radard.stream.source import open_source
+from tests.clutter_helpers import DATA, needs_data
 from tests.radar_helpers import BASEBAND, dwell_of, dwells_in, walker
 
 RATE_HZ = 60.0
@@ -19,7 +19,6 @@ N_SLOW = 147
 AXIS = replace(BASEBAND, n_range=128)
 SETTINGS = TamperSection(learn_s=5, hold_s=16)
 SLOW, FAST = 15, 3  # the dwell in which a change is found, and one of twice the limit
-REAL = Path(__file__).parents[3] / "shared" / "data"
 
 
 def room(seed=1, level=30.0):
@@ -221,7 +220,7 @@ def shifted(frames, n_bins):
     return moved
 
 
-@pytest.mark.skipif(not REAL.is_dir(), reason="the real recordings are not on this machine")
+@needs_data
 @pytest.mark.parametrize("name", ["p410_walk_101.mat", "p410_walk_102.mat", "x4m03_recording"])
 @pytest.mark.parametrize(
     ("change", "kinds"),
@@ -233,7 +232,7 @@ def shifted(frames, n_bins):
     ],
 )
 def test_a_real_room_that_changes_while_somebody_walks_in_it(name, change, kinds):
-    port = f"replay:{REAL / name}"
+    port = f"replay:{DATA / name}"
     if change is None:
         assert findings_of(port, TamperSection()) == kinds
     elif name != "x4m03_recording":

@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -7,10 +5,9 @@ from radard.config.sections import GateSettings
 from radard.detect.clutter_map import ClutterRemover
 from radard.detect.gate import Gate
 from radard.detect.tracks import Tracker, range_gates
-from tests.clutter_helpers import AXIS, body, dwells_of_recording, room
+from tests.clutter_helpers import AXIS, DATA, body, dwells_of_recording, needs_data, room
 from tests.radar_helpers import dwell_of, noise
 
-DATA = Path(__file__).parents[3] / "shared" / "data"
 RATE_HZ = 60.0
 FLOOR = np.ones(96)
 
@@ -208,7 +205,7 @@ WALK_102 = {2.4: 4.8, 4.4: 4.15, 7.4: 3.2, 9.4: 3.4, 11.4: 3.95, 13.4: 4.6, 19.4
 VISIBLE = {"p410_walk_101.mat": WALK_101, "p410_walk_102.mat": WALK_102}
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason="the real recordings are not on this machine")
+@needs_data
 @pytest.mark.parametrize("name", sorted(VISIBLE))
 def test_real_walks_are_tracked(name):
     found = {round(t_s, 1): tracks for t_s, tracks in recorded(name)}

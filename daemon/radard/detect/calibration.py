@@ -27,8 +27,6 @@ from radard.errors import ConfigError
 from x2radar.atomic import write_whole
 from x2radar.frame import FastTimeAxis
 
-FORMAT = "radard-calibration"
-VERSION = 2
 _RESTLESS_DB = 6.0  # as a survey calls a bin restless
 _CELL_M = 0.1  # to which spans are rounded, for people
 _MIN_M = 0.3  # of a span: a machine is as large
@@ -65,8 +63,6 @@ class Provenance:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _CalibrationFile:
-    """What the file holds, key by key."""
-
     __pydantic_config__ = LOOSE
 
     format: Literal["radard-calibration"]
@@ -121,8 +117,8 @@ class Calibration:
         with np.errstate(divide="ignore"):
             floor_db = 10 * np.log10(self.floor)
         content = {
-            "format": FORMAT,
-            "format_version": VERSION,
+            "format": "radard-calibration",
+            "format_version": 2,
             "frame_rate_hz": self.frame_rate_hz,
             "bin_length_m": self.bin_length_m,
             "range_offset_m": self.range_offset_m,

@@ -20,6 +20,7 @@ from radard.dsp.clutter import (
 from radard.dsp.jitter import take_out_jitter
 from radard.stream.ring import Dwell
 
+_MEMORY_S, _LONGEST_S = 20.0, 600.0
 _STILL = 2.0  # power over the noise up to which a bin is still
 
 
@@ -27,24 +28,16 @@ class ClutterMap:
     """Mean of every range bin, with a memory that is longer where something moves.
 
     Each block of frames counts with a weight s per bin, 1 where the bin is still and falling
-    with its power over the noise to ``memory_s / longest_s`` where something moves::
+    with its power over the noise to `_MEMORY_S` over `_LONGEST_S` where something moves::
 
         b += s n / (N + s n) (mean of the block - b),   N = min(N + s n, memory)
 
-    So the map begins as a plain mean, follows slow drift within `memory_s` afterwards, and
-    somebody in the room enters it at most at the rate of `longest_s`.
+    So the map begins as a plain mean, follows slow drift within `_MEMORY_S` afterwards, and
+    somebody in the room enters it at most at the rate of `_LONGEST_S`.
     """
 
-    def __init__(
-        self,
-        n_range: int,
-        frame_rate_hz: float,
-        *,
-        memory_s: float = 20.0,
-        longest_s: float = 600.0,
-    ) -> None:
-        self._memory = memory_s * frame_rate_hz
-        self._least = memory_s / longest_s
+    def __init__(self, n_range: int, frame_rate_hz: float) -> None:
+        self._memory = _MEMORY_S * frame_rate_hz
         self.mean = np.zeros(n_range, np.complex128)
         """Clutter of every bin in sample units, ndarray, shape (n_range,), complex128."""
         self._count = np.zeros(n_range)
@@ -55,7 +48,7 @@ class ClutterMap:
         """Learn from `n` frames: their mean and their power over the noise, shape (n_range,)."""
         if n == 0:
             return
-        weight = n * np.clip(_STILL / np.maximum(motion, _STILL), self._least, 1.0)
+        weight = n * np.clip(_STILL / np.maximum(motion, _STILL), _MEMORY_S / _LONGEST_S, 1.0)
         self._count += weight
         self.mean += (weight / self._count) * (block_mean - self.mean)
         np.minimum(self._count, self._memory, out=self._count)

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from radard.stream.ring import Dwell
 
-# tests/detect/test_tamper.py holds what they give.
 CELL_M = 0.3  # a piece of furniture
 _PARTS = 4  # of a dwell, for the unrest
 _EVERY = 4  # of so many frames one is looked at
@@ -45,13 +44,14 @@ def read_cells(dwell: Dwell) -> CellReading | None:
     used = rows[-n_rows:, : n_cells * n_bins]
     parts = used.reshape(_PARTS, n_rows // _PARTS, -1).mean(axis=1, dtype=np.complex128)
     mean = parts.mean(axis=0)
+    size = np.maximum(np.abs(used.real), np.abs(used.imag))
     shape = (n_cells, n_bins)
     return CellReading(
         echoes=mean.reshape(shape),
         energy=power_of(mean).reshape(shape).sum(axis=1),
         unrest=power_of(parts - mean).mean(axis=0).reshape(shape).sum(axis=1),
         noise_db=_noise_db(dwell, shape),
-        at_limit=_at_limit(used),
+        at_limit=float((size == size.max()).mean()) if size.any() else 0.0,
     )
 
 
@@ -59,12 +59,6 @@ def is_frozen(dwell: Dwell) -> bool:
     """Return whether the newest frames are all the same: a receiver that lives has noise."""
     rows = dwell.frames[dwell.valid][-_NOISE_FRAMES:]
     return len(rows) >= 4 and bool((rows[1:] == rows[0]).all())
-
-
-def _at_limit(rows: NDArray[np.complex64]) -> float:
-    parts = np.maximum(np.abs(rows.real), np.abs(rows.imag))
-    largest = parts.max()
-    return float((parts == largest).mean()) if largest > 0 else 0.0
 
 
 def _noise_db(dwell: Dwell, shape: tuple[int, int]) -> float | None:

@@ -88,18 +88,14 @@ class NoiseFloor:
             most = 1 + _SIGMAS / np.sqrt(n_cpi - 1)
             is_noise = (cpi_power < most * own).all(axis=0) & (cpi_power > own / most).all(axis=0)
             own_db = 10 * np.log10(own / here)
-            step_db = _rolling_median(np.where(is_noise, own_db, shape_db)) - shape_db
+            windows = np.where(is_noise, own_db, shape_db)[_windows(len(shape_db))]
+            k = (windows.shape[1] - 1) // 2
+            step_db = np.partition(windows, k, axis=1)[:, k] - shape_db
             if not first:
                 step_db = np.clip(_GAIN * step_db, -self._most_db, self._most_db)
             shape_db = np.clip(shape_db + step_db, *_SPAN_DB)
             self._shape_db = shape_db
         return level, level * 10 ** (shape_db / 10) * live
-
-
-def _rolling_median(shape_db: NDArray[np.float64]) -> NDArray[np.float64]:
-    windows = _windows(len(shape_db))
-    k = (windows.shape[1] - 1) // 2
-    return np.asarray(np.partition(shape_db[windows], k, axis=1)[:, k])
 
 
 @lru_cache(maxsize=8)
@@ -151,7 +147,6 @@ class Gate:
         self.cell_peak: NDArray[np.float64] = np.zeros((0, 0))  # strongest Doppler cells of each
         self.residue: NDArray[np.float64] = np.zeros(0)  # what clutter left, as cells show it
         self.level: NDArray[np.float64] = np.zeros(0)  # noise, residue and learned background
-        self.bin_length_m = 0.0
 
     def reset(self) -> None:
         """Forget what was learned, as after a restart of the module."""
@@ -169,9 +164,13 @@ class Gate:
         peak, residue, cpi_power = doppler_peaks(rows, usable, n_cpi)
         noise, floor = self._noise.update(second_differences(rows, usable), cpi_power, n_cpi, unit)
         self.noise = floor
+        factor: float | NDArray[np.float64]
         if self._calibration is not None:
             floor = self._calibration.floor
-        self.floor, self.bin_length_m = floor, dwell.axis.bin_length_m
+            factor = np.asarray(10 ** (self._calibration.threshold_db / 10))
+        else:
+            factor = cell_factor(self._share, len(peak), n_cpi, len(floor))
+        self.floor = floor
         cpi_power *= unit
         peak *= unit
         self.cpi_power, self.cell_peak = cpi_power, peak
@@ -185,7 +184,7 @@ class Gate:
         self._in_place.append(
             np.concatenate([self.power, peak.mean(axis=0)]) if is_in_place else None
         )
-        return self._judge(self._factor(n_cpi), dwell)
+        return self._judge(factor, dwell)
 
     def _judge(self, factor: float | NDArray[np.float64], dwell: Dwell) -> GateReading:
         threshold = factor * self.level
@@ -202,11 +201,6 @@ class Gate:
             float(decibels(threshold[at])),
             float(dwell.axis.range_m[strongest]),
         )
-
-    def _factor(self, n_cpi: int) -> float | NDArray[np.float64]:
-        if self._calibration is not None:
-            return np.asarray(10 ** (self._calibration.threshold_db / 10))
-        return cell_factor(self._share, len(self.cell_peak), n_cpi, len(self.power))
 
     def _learn(self, noise: float, floor: NDArray[np.float64], n_cpi: int) -> None:
         self.background = self.level = floor

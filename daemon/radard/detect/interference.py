@@ -58,18 +58,12 @@ class InterferenceWatch:
         self._hop_s = hop_s
         self._n_new = max(1, int(hop_s / CPI_S))
         self._levels: deque[Array] = deque(maxlen=max(2, round(_STEADY_S / hop_s)))
-        self._reference = reference.first if reference else np.zeros(0)
-        self._kept = reference.kept if reference else np.zeros(0)
-        self._t_s = reference.t_s if reference else 0.0
+        # What is compared with now; empty before the first dwell.
+        self.reference = reference or FloorReference(np.zeros(0), np.zeros(0), 0.0)
         self._blind_s = self._filled_s = 0.0
         self._calm_s = hold_s  # nothing has happened yet
         self._reason = ""
         self._where = np.zeros(0, np.bool_)
-
-    @property
-    def reference(self) -> FloorReference:
-        """What is compared with now; empty before the first dwell."""
-        return FloorReference(self._reference, self._kept, self._t_s)
 
     def update(self, gate: Gate, dwell: Dwell, *, is_passed_over: bool) -> str:
         """Take what the gate saw; return why this is interference, empty if it is none.
@@ -80,20 +74,19 @@ class InterferenceWatch:
         if not live.any() or len(gate.cpi_power) == 0:
             return self._reason
         floor = np.where(live, gate.floor, np.inf)
-        if floor.shape != self._reference.shape:
-            self._reference = self._kept = floor
+        if floor.shape != self.reference.first.shape:
+            self.reference = FloorReference(floor, floor, self.reference.t_s)
             self._levels.clear()
             self._where = np.zeros(0, np.bool_)
-        power_db = _db(gate.power, self._kept)[live]
+        power_db = _db(gate.power, self.reference.kept)[live]
         rise_db = quantile(power_db, 1 - _MAX_SHARE)
-        blind_db = quantile(_db(gate.background, self._kept)[live], 1 - _MAX_SHARE)
+        blind_db = quantile(_db(gate.background, self.reference.kept)[live], 1 - _MAX_SHARE)
         is_blind = blind_db >= self._limit_db
         is_filled = is_passed_over and quantile(power_db, 1 - _ALL_SHARE) >= self._limit_db
         hurry = URGENT if blind_db >= 2 * self._limit_db else 1
         self._blind_s = self._blind_s + hurry * self._hop_s if is_blind else 0.0
         self._filled_s = self._filled_s + self._hop_s if is_filled else 0.0
-        self._note_levels(gate, live)
-        found = self._steady(dwell) or self._lasting(blind_db)
+        found = self._steady(gate, dwell, live) or self._lasting(blind_db)
         # Whether cells in which interference was found are as high as ever.
         here_db = self._levels[-1][:, self._where] if len(self._where) else np.zeros(0)
         still_stands = here_db.size > 0 and float(np.median(here_db)) >= self._limit_db
@@ -118,36 +111,34 @@ class InterferenceWatch:
     def _learn(self, floor: Array) -> None:
         """Learn the reference from a calm dwell; later, let it follow within bounds."""
         self._where = np.zeros(0, np.bool_)
-        self._t_s += self._hop_s
-        if self._t_s <= _FIRST_S:
-            self._reference = self._kept = np.minimum(self._reference, floor)
+        first, before, t_s = self.reference.first, self.reference.kept, self.reference.t_s
+        t_s += self._hop_s
+        if t_s <= _FIRST_S:
+            least = np.minimum(first, floor)
+            self.reference = FloorReference(least, least, t_s)
             return
         # In dB; bins that are dead now, or always were, stay as they are.
-        is_known = np.isfinite(floor) & np.isfinite(self._kept)
-        step_db = _db(np.where(is_known, floor, 1.0), np.where(is_known, self._kept, 1.0))
-        kept = self._kept * 10 ** (self._hop_s / MEMORY_S * step_db / 10)
+        is_known = np.isfinite(floor) & np.isfinite(before)
+        step_db = _db(np.where(is_known, floor, 1.0), np.where(is_known, before, 1.0))
+        kept = before * 10 ** (self._hop_s / MEMORY_S * step_db / 10)
         most = 10 ** (MAX_DRIFT_DB / 10)
-        self._kept = np.clip(kept, self._reference / most, self._reference * most)
+        self.reference = FloorReference(first, np.clip(kept, first / most, first * most), t_s)
 
-    def _note_levels(self, gate: Gate, live: NDArray[np.bool_]) -> None:
-        n_bins = max(1, round(CELL_M / gate.bin_length_m))
+    def _steady(self, gate: Gate, dwell: Dwell, live: NDArray[np.bool_]) -> str:
+        """Return which part of the swath has risen for `_STEADY_S` in a shape that stays."""
+        n_bins = max(1, round(CELL_M / dwell.axis.bin_length_m))
         n_cells = max(1, len(live) // n_bins)
-        share = np.where(live, gate.cpi_power[-self._n_new :] / self._kept, 0.0)
+        share = np.where(live, gate.cpi_power[-self._n_new :] / self.reference.kept, 0.0)
         cells = share[:, : n_cells * n_bins].reshape(len(share), n_cells, -1).mean(axis=2)
         self._levels.append(10 * np.log10(np.maximum(cells, _TINY)))
-
-    def _steady(self, dwell: Dwell) -> str:
-        """Return which part of the swath has risen for `_STEADY_S` in a shape that stays."""
         level_db = np.concatenate(self._levels)
         risen = (level_db >= self._limit_db).mean(axis=0) >= _MAX_TIME
-        n_cells = len(risen)
         fewest = min(n_cells, max(_MIN_CELLS, round(_MIN_SHARE * n_cells)))
         if len(self._levels) < (self._levels.maxlen or 0) or np.count_nonzero(risen) < fewest:
             return ""
         shape_db = level_db[:, risen]
         middle_db = np.median(shape_db, axis=1)
         scatter_db = float(np.median((shape_db - middle_db[:, None]).std(axis=0)))
-        n_bins = max(1, round(CELL_M / dwell.axis.bin_length_m))
         is_steady = scatter_db <= _TONE_DB or (
             scatter_db <= _STEADY_DB and _flatness(dwell, np.flatnonzero(risen), n_bins) >= _FLAT
         )

@@ -6,6 +6,7 @@ predicted for dwells to come is Student's t with as many degrees of freedom as t
 without overlap, less one (Geisser 1993, recalled). No threshold is lower than the gate's own.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -44,10 +45,8 @@ class RoomSurvey:
         self._remover = ClutterRemover()
         self._tracker = Tracker()
         self._hop_s = hop_s
-        self._power: list[Array] = []
-        self._peak: list[Array] = []
-        self._residue: list[Array] = []
-        self._noise: list[Array] = []
+        # Power, strongest cells, residue and noise of every dwell, as the gate has them.
+        self._heard: list[tuple[Array, Array, Array, Array]] = []
         self._seen_m: list[float] = []
         self._paths: dict[int, tuple[float, float]] = {}
         self._n_skipped = 0
@@ -57,7 +56,7 @@ class RoomSurvey:
     @property
     def n_dwells(self) -> int:
         """Number of dwells that were taken and count."""
-        return len(self._power)
+        return len(self._heard)
 
     def add(self, dwell: Dwell) -> bool:
         """Take a dwell, one after the other; return whether something moved in it."""
@@ -65,12 +64,10 @@ class RoomSurvey:
         if not moving.is_whole:
             self._n_skipped += 1
             return False
-        reading = self._gate.read(moving)
-        tracks = self._tracker.update(moving, self._gate.background)
-        self._power.append(self._gate.power)
-        self._peak.append(self._gate.cell_peak)
-        self._residue.append(self._gate.residue)
-        self._noise.append(self._gate.noise)
+        gate = self._gate
+        reading = gate.read(moving)
+        tracks = self._tracker.update(moving, gate.background)
+        self._heard.append((gate.power, gate.cell_peak, gate.residue, gate.noise))
         self._dwell_s = len(dwell.frames) / dwell.frame_rate_hz
         self._last = moving
         for track in tracks:
@@ -83,8 +80,9 @@ class RoomSurvey:
 
     def check_empty(self, *, takes_machines: bool = False) -> None:
         """Raise RoomNotEmpty if something moved; `takes_machines` lets what stays in place."""
-        range_m, noise = self._axis.range_m, np.mean(self._noise, axis=0)
-        over_db = decibels(np.mean(self._power, axis=0)) - decibels(noise)
+        range_m = self._axis.range_m
+        power, noise = (np.mean([each[k] for each in self._heard], axis=0) for k in (0, 3))
+        over_db = decibels(power) - decibels(noise)
         # Breath or a fan may stir without ever opening the gate.
         stirs = (noise > 0) & (over_db > _UNREST_DB)
         found_m = [*self._seen_m, *range_m[stirs].tolist()]
@@ -104,24 +102,25 @@ class RoomSurvey:
         `origin` is completed by what was heard; so many decisions a day may open the gate.
         """
         independent = self.n_dwells * self._hop_s / max(self._dwell_s, self._hop_s)
-        if independent < MIN_INDEPENDENT or not np.any(self._power):
+        if independent < MIN_INDEPENDENT or not any(power.any() for power, *_ in self._heard):
             raise RadardError(
                 f"too little was heard: {self.n_dwells} sound windows, {self._n_skipped} with "
                 f"frames missing; give it a longer --duration, or see 'x2radar selftest'"
             )
         assert self._last is not None  # noqa: S101 - there were dwells
-        floor = np.mean(self._power, axis=0)
-        levels = [level_over(floor, residue) for residue in self._residue]
+        power, peaks, residues, _ = zip(*self._heard, strict=True)
+        floor = np.mean(power, axis=0)
+        levels = [level_over(floor, residue) for residue in residues]
         n_cpi = max(4, round(CPI_S * self._last.frame_rate_hz))
-        usual = np.mean([peak.mean(axis=0) for peak in self._peak], axis=0) / usual_peak(n_cpi)
+        usual = np.mean([peak.mean(axis=0) for peak in peaks], axis=0) / usual_peak(n_cpi)
         # A bin that happened to be calm is not calmer than noise.
         restless = np.maximum(_ratio(usual, floor), 1.0)
         share = min(0.5, false_gates_per_day * self._hop_s / DAY_S)
         demanded = self._settings.false_alarms_per_day * self._hop_s / DAY_S
-        least = cell_factor(demanded, len(self._peak[-1]), n_cpi, len(floor))
-        log_u = _factors(self._peak, [restless * level for level in levels])
+        least = cell_factor(demanded, len(peaks[-1]), n_cpi, len(floor))
+        log_u = _factors(peaks, [restless * level for level in levels])
         over = np.maximum(_reach(log_u, share, independent) * restless, least)
-        log_u = _factors(self._peak, [over * level for level in levels])
+        log_u = _factors(peaks, [over * level for level in levels])
         predicted = _share_over(log_u, independent) * DAY_S / self._hop_s
         heard_s = (self.n_dwells - 1) * self._hop_s + self._dwell_s
         return Calibration(
@@ -145,7 +144,7 @@ class RoomSurvey:
         return self._last.axis
 
 
-def _factors(peaks: list[Array], thresholds: list[Array]) -> Array:
+def _factors(peaks: Sequence[Array], thresholds: Sequence[Array]) -> Array:
     """Return log u of every dwell, shape (n_dwells,): by how much it passes its threshold."""
     reached = [
         two_of_three(_ratio(peak, threshold).max(axis=1))[0]

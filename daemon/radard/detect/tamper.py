@@ -20,13 +20,7 @@ from numpy.typing import NDArray
 from radard.config.sections import TamperSection
 from radard.detect.dwell_cells import CellReading, power_of, quantile, read_cells
 from radard.detect.gate import Gate
-from radard.detect.interference import (
-    MAX_DRIFT_DB,
-    MEMORY_S,
-    URGENT,
-    FloorReference,
-    InterferenceWatch,
-)
+from radard.detect.interference import MAX_DRIFT_DB, MEMORY_S, URGENT, InterferenceWatch
 from radard.detect.room_reference import RoomReference
 from radard.stream.ring import Dwell
 
@@ -57,9 +51,7 @@ class TamperWatch:
         self._hop_s = hop_s
         self._n_learn = max(1, round(settings.learn_s / hop_s))
         self._due: RoomReference | None = None
-        self.relearn()
-        if known is not None:
-            self._take(known)
+        self.relearn(known)
 
     @property
     def is_blind(self) -> bool:
@@ -84,16 +76,16 @@ class TamperWatch:
 
     def take_due(self) -> RoomReference | None:
         """Return `known` when first known, and every ten minutes if all is well; else None."""
-        due = self._due
-        self._due = None
+        due, self._due = self._due, None
         return due
 
-    def relearn(self) -> None:
-        """Forget the fingerprint and every finding: what is there now is as it should be."""
+    def relearn(self, known: RoomReference | None = None) -> None:
+        """Forget every finding and the fingerprint: that of now, or a `known` one, is right."""
         self._held: dict[TamperKind, _Held] = {
             kind: _Held() for kind in ("covered", "moved", "noise")
         }
-        self._compare_floors(None)
+        floor, s = known.floor if known else None, self._settings
+        self._interference = InterferenceWatch(s.noise_db, s.hold_s, self._hop_s, floor)
         self._interfered = ""
         self._sum: NDArray[np.complex128] | None = None
         self._energy = np.zeros(0)
@@ -103,20 +95,12 @@ class TamperWatch:
         self._echoes = np.zeros((0, 0), np.complex128)
         self._noise_learned: list[float] = []
         self._noise_db = self._noise_kept_db = 0.0
-        self._blind_s = self._kept_s = 0.0
-
-    def _compare_floors(self, reference: FloorReference | None) -> None:
-        s = self._settings
-        self._interference = InterferenceWatch(s.noise_db, s.hold_s, self._hop_s, reference)
-
-    def _take(self, room: RoomReference) -> None:
-        if len(room.usable):
-            self._usable, self._echoes = room.usable, room.echoes
-        if room.noise_db is not None and room.noise_kept_db is not None:
-            self._noise_learned = [room.noise_db] * self._n_learn
-            self._noise_kept_db, self._noise_db = room.noise_db, room.noise_kept_db
-        self._compare_floors(room.floor)
-        self._kept_s = _KEEP_EVERY_S
+        self._blind_s, self._kept_s = 0.0, _KEEP_EVERY_S if known else 0.0
+        if known is not None and len(known.usable):
+            self._usable, self._echoes = known.usable, known.echoes
+        if known is not None and known.noise_db is not None and known.noise_kept_db is not None:
+            self._noise_learned = [known.noise_db] * self._n_learn
+            self._noise_kept_db, self._noise_db = known.noise_db, known.noise_kept_db
 
     def update(
         self, dwell: Dwell, gate: Gate | None = None, *, is_passed_over: bool = False
@@ -215,15 +199,10 @@ class TamperWatch:
             is_urgent=alike < 0.75 * s.moved_coherence,
         )
         if not (is_level or is_shape):
-            self._follow(cells, judged, product)
-
-    def _follow(
-        self, cells: CellReading, judged: NDArray[np.bool_], product: NDArray[np.complex128]
-    ) -> None:
-        """Let the fingerprint follow the room within `MEMORY_S`; phases drift, so turn them."""
-        turn = product.conj() / np.maximum(np.abs(product), _TINY)
-        step = np.where(judged, self._hop_s / MEMORY_S, 0.0)[:, None]
-        self._echoes += step * (cells.echoes * turn[:, None] - self._echoes)
+            # Follow the room within `MEMORY_S`; phases drift, so turn them.
+            turn = product.conj() / np.maximum(np.abs(product), _TINY)
+            step = np.where(judged, self._hop_s / MEMORY_S, 0.0)[:, None]
+            self._echoes += step * (cells.echoes * turn[:, None] - self._echoes)
 
     def _judge_noise(self, cells: CellReading) -> None:
         if cells.noise_db is None:

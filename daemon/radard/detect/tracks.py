@@ -7,7 +7,7 @@ born when hit in 4 of its first 6 blocks, numbered from 1. A track dies when not
 than a body is long, for a second.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,6 @@ from radard.dsp.cfar import Peak, find_peaks, power_map
 from radard.dsp.velocity import CPI_S
 from radard.stream.ring import Dwell
 
-# tests/detect/test_tracks.py holds what they give.
 _MIN_DB = 9.0  # of a peak over its floor
 _ACCELERATION_MPS2 = 1.5  # sigma of what a body does between blocks
 _RANGE_ERROR_M = 0.08  # sigma of a peak
@@ -47,23 +46,17 @@ class Track:
     path_m: NDArray[np.float64]  # its range at every frame; before it was seen, its first
 
 
-@dataclass(slots=True)
 class _Body:
     """A candidate or track while it is followed; range rate is positive when receding."""
 
-    time_s: float
-    range_m: float
-    power_db: float
-    variance: list[float]
-    rate_mps: float = 0.0
-    id: int = 0
-    hits: int = 1
-    blocks: int = 1
-    seen_s: float = 0.0
-    apart_s: float = 0.0
-    nodes: list[tuple[float, float]] = field(default_factory=list)
+    def __init__(self, time_s: float, peak: Peak) -> None:
+        self.time_s = self.seen_s = self.apart_s = time_s
+        self.range_m, self.rate_mps, self.power_db = peak.range_m, 0.0, peak.power_db
+        self.variance = [_RANGE_ERROR_M**2, 0.0, _FIRST_SPEED_MPS**2]
+        self.id, self.hits, self.blocks = 0, 1, 1
+        self.nodes = [(time_s, peak.range_m)]
 
-    def predict(self, time_s: float, acceleration_mps2: float) -> None:
+    def predict(self, time_s: float) -> None:
         dt = time_s - self.time_s
         self.time_s = time_s
         self.blocks += 1
@@ -71,16 +64,16 @@ class _Body:
         if time_s - self.seen_s > _SLOW_DOWN_S / 2:
             self.rate_mps *= float(np.exp(-dt / _SLOW_DOWN_S))
         rr, rv, vv = self.variance
-        q = acceleration_mps2**2 * dt
+        q = _ACCELERATION_MPS2**2 * dt
         self.variance = [
             rr + 2 * dt * rv + dt * dt * vv + q * dt * dt / 3,
             rv + dt * vv + q * dt / 2,
             vv + q,
         ]
 
-    def correct(self, peak: Peak, error_m: float) -> None:
+    def correct(self, peak: Peak) -> None:
         rr, rv, vv = self.variance
-        gain_r, gain_v = rr / (rr + error_m**2), rv / (rr + error_m**2)
+        gain_r, gain_v = rr / (rr + _RANGE_ERROR_M**2), rv / (rr + _RANGE_ERROR_M**2)
         surprise = peak.range_m - self.range_m
         self.range_m += gain_r * surprise
         self.rate_mps += gain_v * surprise
@@ -138,12 +131,12 @@ class Tracker:
 
     def _step(self, time_s: float, peaks: list[Peak], swath: tuple[float, float]) -> None:
         for body in self._bodies:
-            body.predict(time_s, _ACCELERATION_MPS2)
+            body.predict(time_s)
             # A track that leaves waits at the edge until it has coasted to its end.
             body.range_m = min(max(body.range_m, swath[0] - _LEAVE_M), swath[1] + _LEAVE_M)
         taken = self._assign(peaks)
         for i, j in taken.items():
-            self._bodies[i].correct(peaks[j], _RANGE_ERROR_M)
+            self._bodies[i].correct(peaks[j])
         for body in self._bodies:
             body.nodes.append((time_s, body.range_m))
         self._bury(time_s)
@@ -153,7 +146,8 @@ class Tracker:
                 body.id = self._n_born
         free = set(range(len(peaks))) - set(taken.values())
         for j in sorted(free):
-            self._conceive(time_s, peaks[j])
+            if all(abs(b.range_m - peaks[j].range_m) >= _BESIDE_M for b in self._bodies):
+                self._bodies.append(_Body(time_s, peaks[j]))
 
     def _assign(self, peaks: list[Peak]) -> dict[int, int]:
         """Give every body at most one peak: nearest pairs first, tracks before candidates."""
@@ -199,21 +193,6 @@ class Tracker:
         tracks = [body for body in self._bodies if body.id]
         return len(tracks) < _MAX_TRACKS and all(
             abs(body.range_m - range_m) >= _BESIDE_M for body in tracks
-        )
-
-    def _conceive(self, time_s: float, peak: Peak) -> None:
-        if any(abs(b.range_m - peak.range_m) < _BESIDE_M for b in self._bodies):
-            return
-        self._bodies.append(
-            _Body(
-                time_s=time_s,
-                range_m=peak.range_m,
-                power_db=peak.power_db,
-                variance=[_RANGE_ERROR_M**2, 0.0, _FIRST_SPEED_MPS**2],
-                seen_s=time_s,
-                apart_s=time_s,
-                nodes=[(time_s, peak.range_m)],
-            )
         )
 
     def _alive(self, dwell: Dwell) -> tuple[Track, ...]:

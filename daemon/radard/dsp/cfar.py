@@ -18,7 +18,6 @@ from x2radar.frame import FastTimeAxis
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 
 Array = NDArray[np.float64]
-# tests/detect/test_cfar.py and tests/detect/test_tracks.py hold what they give.
 BLOCK_S = 0.12  # a quarter of a CPI
 GUARD_M = 0.25  # a body's own extent on either side
 WINDOW_M = 1.0  # how far the surroundings reach
@@ -70,7 +69,8 @@ def power_map(
     n_cpi = min(max(4, round(CPI_S * frame_rate_hz)), len(rows))
     n_parts = max(1, min(round(CPI_S / BLOCK_S), n_cpi // 2))
     power, kept = block_power(rows, usable, n_cpi, n_parts)
-    cell_bins = _cell_bins(axis)
+    resolution_m = SPEED_OF_LIGHT_MPS / (2 * axis.bandwidth_hz) if axis.bandwidth_hz > 0 else 0.0
+    cell_bins = max(1, round(resolution_m / 2 / axis.bin_length_m))
     starts = np.arange(0, axis.n_range, cell_bins)
     over = np.add.reduceat(power.reshape(-1, axis.n_range), starts, axis=1)
     # Dividing by the unit twice keeps the floor of tiny samples out of the denormals.
@@ -83,13 +83,6 @@ def power_map(
     last = np.minimum(starts + cell_bins, axis.n_range) - 1
     range_m = (axis.range_m[starts] + axis.range_m[last]) / 2
     return PowerMap(ratio, time_s, range_m, cell_bins * axis.bin_length_m, n_cpi / n_parts)
-
-
-def _cell_bins(axis: FastTimeAxis) -> int:
-    if axis.bandwidth_hz <= 0:
-        return 1
-    resolution_m = SPEED_OF_LIGHT_MPS / (2 * axis.bandwidth_hz)
-    return max(1, round(resolution_m / 2 / axis.bin_length_m))
 
 
 def os_level(ratio: Array, guard: int, reach: int) -> Array:

@@ -1,16 +1,144 @@
-"""Maps that grow with slow time: frames in, columns out, the last of them kept."""
+"""Maps that grow with slow time: frames in, steps between them, columns out, the last ones kept.
+
+Steps from frame to frame are the form of a stream in which static clutter is gone exactly: two
+floating-point numbers within a factor of two of each other have an exact difference (Sterbenz
+1974), so steps hold none of the clutter's rounding. A frame that is lost repeats the one before
+it: its step is zero, the next good one's spans the gap, and a flag says which those are.
+"""
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radard.dsp.gram import Reals
-from radard.dsp.steps import Flags, StepBuffer, blocks
 from radard.errors import FeatureError
 
+LARGEST = np.float32(1e38)  # frames with a part beyond: steps would leave float32
+
+Frames = NDArray[np.generic]
+Flags = NDArray[np.bool_]
 Values = NDArray[Any]
+
+
+def blocks(
+    frames: ArrayLike, valid: ArrayLike | None, size: int
+) -> Iterator[tuple[Frames, Flags]]:
+    """Yield a frame or many, cut into blocks of at most `size` with their flags, as views.
+
+    Frames have the shape (n_slow, n_range) or (n_range,), any numbers; all are good without
+    `valid`, shape (n_slow,). Raises FeatureError if shapes or types do not fit.
+    """
+    rows = np.atleast_2d(np.asarray(frames))
+    if rows.ndim != 2 or rows.shape[1] == 0 or rows.dtype.kind not in "iufc":
+        msg = f"frames of shape {np.shape(frames)} and type {rows.dtype} are no record of frames"
+        raise FeatureError(msg)
+    good = np.ones(len(rows), np.bool_) if valid is None else valid
+    flags = np.atleast_1d(np.asarray(good, np.bool_))
+    if flags.shape != rows.shape[:1]:
+        raise FeatureError(f"{rows.shape[0]} frames, but {flags.size} flags")
+    for first in range(0, len(rows), size):
+        part = slice(first, first + size)
+        yield rows[part], flags[part]
+
+
+def whole(valid: Flags, n_cpi: int, stride: int = 1) -> Flags:
+    """Return which CPIs, `stride` apart, hold good frames only, bool, from `valid` (n_slow,)."""
+    n_lost = np.concatenate(([0], np.cumsum(~valid)))
+    return np.asarray((n_lost[n_cpi:] == n_lost[:-n_cpi])[::stride])
+
+
+class StepBuffer:
+    """The last `n_keep` steps of one stream: all real parts of a row, then all imaginary ones."""
+
+    def __init__(self, n_keep: int) -> None:
+        self._n_keep = n_keep
+        self.n_range = 0
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget all frames, as after a gap of unknown length; the next may be of any size."""
+        self._rows = np.zeros((0, 2 * self.n_range), np.float32)
+        self._flags = np.zeros(0, np.bool_)
+        self._last: Frames | None = None
+        self._product: tuple[NDArray[np.float32], NDArray[np.float32]] | None = None
+        self.n_frames = 0
+
+    def push(self, frames: Frames, valid: Flags) -> None:
+        """Add frames and flags from `blocks`; those that are not finite count as lost unnamed."""
+        n, n_range = frames.shape
+        if self.n_frames == 0 and n_range != self.n_range:
+            self.n_range = n_range
+            self._rows = np.zeros((0, 2 * n_range), np.float32)
+        if n_range != self.n_range:
+            raise FeatureError(f"a frame of {n_range} bins in a stream of {self.n_range}")
+        self._product = None
+        flags, rows = valid.copy(), np.empty((n, 2 * n_range), np.float32)
+        # A first frame has no step that would show what is wrong with it.
+        looks_good = self._last is not None or _usable(frames[:1]).all()
+        if not flags.all() or not looks_good or not self._write(frames, rows):
+            frames = self._repaired(frames, flags)
+            self._write(frames, rows)
+        if flags.any():
+            self._last = frames[-1].astype(np.result_type(frames.dtype, np.complex64))
+        kept = slice(-(self._n_keep + n), None)
+        self._rows = np.concatenate([self._rows, rows])[kept]
+        self._flags = np.concatenate([self._flags, flags])[kept]
+        self.n_frames += n
+
+    def rows(self, n: int) -> NDArray[np.float32]:
+        """Return the last `n` steps, shape (n, 2 n_range), float32, a view."""
+        return self._rows[len(self._rows) - n :]
+
+    def product(self, matrix: NDArray[np.float32], n: int) -> NDArray[np.float32]:
+        """Return the last `n` steps times a matrix, (n, columns), float32; kept for maps alike."""
+        if self._product is None or self._product[0] is not matrix or len(self._product[1]) != n:
+            self._product = matrix, self.rows(n) @ matrix
+        return self._product[1]
+
+    def flags(self, n: int) -> Flags:
+        """Return which of the last `n` frames are good, shape (n,), bool, a view."""
+        return self._flags[len(self._flags) - n :]
+
+    def _write(self, frames: Frames, rows: NDArray[np.float32]) -> bool:
+        """Write the steps that lead to `frames`; return False if one is not finite."""
+        n, n_range = frames.shape
+        # The wider of input and complex64: a step is rounded once, after the subtraction.
+        work = np.result_type(frames.dtype, np.complex64)
+        last = frames[0] if self._last is None else self._last
+        steps = np.empty((n, n_range), np.complex64)
+        with np.errstate(over="ignore", invalid="ignore"):
+            np.subtract(frames[0], last, out=steps[0], dtype=work, casting="same_kind")
+            np.subtract(frames[1:], frames[:-1], out=steps[1:], dtype=work, casting="same_kind")
+            rows[:, :n_range], rows[:, n_range:] = steps.real, steps.imag
+        flat = rows.reshape(-1)
+        # One dot product finds what is not finite; strong frames overflow it and are
+        # looked at once more.
+        return bool(np.isfinite(np.vdot(flat, flat)) or _usable(frames).all())
+
+    def _repaired(self, frames: Frames, flags: Flags) -> Frames:
+        """Return the frames with the one before in place of every bad one; clear its flag."""
+        flags &= _usable(frames)
+        source = np.maximum.accumulate(np.where(flags, np.arange(len(frames)), -1))
+        good = np.asarray(frames[np.maximum(source, 0)], np.result_type(frames, np.complex64))
+        if source[0] < 0:
+            before = self._last
+            if before is None:
+                # Nothing good yet: stand still at the first good frame, or at zero.
+                first = int(flags.argmax())
+                before = good[first] if flags[first] else np.zeros_like(good[0])
+            good[source < 0] = before
+        return good
+
+
+def _usable(frames: Frames) -> Flags:
+    with np.errstate(invalid="ignore"):
+        return np.asarray(
+            (np.abs(frames.real) < LARGEST).all(axis=1)
+            & (np.abs(frames.imag) < LARGEST).all(axis=1)
+        )
 
 
 class ColumnStore:
@@ -18,34 +146,21 @@ class ColumnStore:
 
     def __init__(self, n_keep: int) -> None:
         self.n_keep = n_keep
-        self._columns: Values = np.zeros((0, 0))
-        self._flags = np.zeros(0, np.bool_)
         self.restart()
 
     def restart(self) -> None:
         """Drop all columns; the next ones follow no gap."""
-        self._fill = 0
+        self._columns: Values = np.zeros((0, 0))
+        self._flags = np.zeros(0, np.bool_)
 
     def __len__(self) -> int:
-        return min(self._fill, self.n_keep)
+        return len(self._flags)
 
     def append(self, columns: Values, flags: Flags) -> None:
         """Add columns, shape (n, ...); further axes and type are those of the first ones."""
-        n, *shape = columns.shape
-        if list(self._columns.shape[1:]) != shape or not len(self._flags):
-            self._columns = np.zeros((2 * self.n_keep, *shape), columns.dtype)
-            self._flags = np.zeros(2 * self.n_keep, np.bool_)
-            self._fill = 0
-        if n > self.n_keep:
-            columns, flags, n = columns[-self.n_keep :], flags[-self.n_keep :], self.n_keep
-        if self._fill + n > len(self._flags):
-            kept = slice(self._fill - (self.n_keep - n), self._fill)
-            self._fill = self.n_keep - n
-            self._columns[: self._fill] = self._columns[kept]
-            self._flags[: self._fill] = self._flags[kept]
-        self._columns[self._fill : self._fill + n] = columns
-        self._flags[self._fill : self._fill + n] = flags
-        self._fill += n
+        kept = self._columns if len(self) else columns[:0]
+        self._columns = np.concatenate([kept, columns])[-self.n_keep :]
+        self._flags = np.concatenate([self._flags, flags])[-self.n_keep :]
 
     def last(self, n: int | None) -> tuple[Values, Flags]:
         """Return the last `n` columns and flags, views; raise FeatureError if there are fewer."""
@@ -53,7 +168,7 @@ class ColumnStore:
         if not 0 <= n <= len(self):
             msg = f"{n} columns wanted, {len(self)} are there (at most {self.n_keep} are kept)"
             raise FeatureError(msg)
-        part = slice(self._fill - n, self._fill)
+        part = slice(len(self) - n, len(self))
         return self._columns[part], self._flags[part]
 
 
@@ -106,7 +221,7 @@ class SharedSteps:
     def __init__(self, *streams: ColumnStream) -> None:
         self._streams = streams
         self._n_block = min(stream.n_block for stream in streams)
-        self._steps = StepBuffer(max(stream.n_history for stream in streams), self._n_block)
+        self._steps = StepBuffer(max(stream.n_history for stream in streams))
 
     def restart(self) -> None:
         """Restart all maps."""

@@ -8,9 +8,8 @@ less its mean and with a taper (2.29-2.38), computed from the Gram matrix of ste
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radard.dsp.columns import ColumnStream
+from radard.dsp.columns import ColumnStream, StepBuffer, whole
 from radard.dsp.gram import Steps, gram, gram_map
-from radard.dsp.steps import StepBuffer, whole
 from radard.errors import FeatureError
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 

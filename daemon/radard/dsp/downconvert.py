@@ -30,7 +30,7 @@ class DownConverter:
     The output's phase is exp(-j 4 pi R / lambda): it falls with range, so an approaching
     target has positive Doppler. A point echo of RF amplitude a comes out with magnitude a.
     The frame's mean is taken off first: the sampler's idle line would ring at both ends.
-    All memory is taken at construction; one converter serves one thread at a time.
+    One converter serves one thread at a time.
     """
 
     def __init__(self, axis: FastTimeAxis, range_decimation: int = 1) -> None:
@@ -79,9 +79,6 @@ class DownConverter:
             (s0, n_bins * self._step * s1, s1),
             writeable=False,
         )
-        self._gathered = np.zeros((_FRAMES_AT_ONCE, n_blocks, n_in), np.float32)
-        self._mixed = np.zeros((_FRAMES_AT_ONCE, n_blocks, 2 * n_bins), np.float32)
-        self._mean = np.zeros((_FRAMES_AT_ONCE, 1), np.float32)
         delay_s = 2 * axis.range_offset_m / SPEED_OF_LIGHT_MPS
         n = np.arange(n_out) * self._step
         turns = (axis.carrier_hz * (delay_s + n / axis.sample_rate_hz)) % 1.0
@@ -90,7 +87,7 @@ class DownConverter:
     def convert(
         self, samples: ArrayLike, out: NDArray[np.complex64] | None = None
     ) -> NDArray[np.complex64]:
-        """Return the baseband of one frame or of many, in `out` where it is given.
+        """Return the baseband of one frame or of many, in `out`, rows of bins, where it is given.
 
         `samples` are frames as they come from the driver, shape (..., n_range): real (rf) or
         complex (baseband), of any width, byte order or strides. The result, shape (..., n_out),
@@ -107,7 +104,7 @@ class DownConverter:
         if self._rf:
             if frames.dtype.kind not in "iuf":
                 raise FeatureError(f"RF frames are real numbers, not {frames.dtype}")
-            self._convert(frames.reshape(-1, self._n_range), out)
+            self._convert(frames.reshape(-1, self._n_range), out.reshape(-1, self.axis.n_range))
         elif self._conjugate:
             np.conjugate(frames[..., :: self._step], out=out, casting="same_kind")
         else:
@@ -115,25 +112,17 @@ class DownConverter:
         return out
 
     def _convert(self, frames: NDArray[np.generic], out: NDArray[np.complex64]) -> None:
-        n_out = self.axis.n_range
-        into = out.reshape(-1, n_out)
-        in_place = np.may_share_memory(into, out)
         for first in range(0, len(frames), _FRAMES_AT_ONCE):
             part = frames[first : first + _FRAMES_AT_ONCE]
             n = len(part)
-            data, mean, mixed = self._frames[:n], self._mean[:n], self._mixed[:n]
+            data = self._frames[:n]
             np.copyto(data, part, casting="same_kind")
             # Twice: the second pass removes the float32 residue of a strong idle line.
             for _ in range(2):
-                np.add.reduce(data, axis=1, out=mean, keepdims=True)
-                mean /= self._n_range
-                data -= mean
-            np.copyto(self._gathered[:n], self._windows[:n])
-            np.matmul(self._gathered[:n], self._block, out=mixed)
-            bins = mixed.reshape(n, -1).view(np.complex64)[:, :n_out]
-            np.multiply(bins, self._phasor, out=into[first : first + n])
-        if not in_place:
-            out[...] = into.reshape(out.shape)
+                data -= data.sum(axis=1, keepdims=True) / self._n_range
+            mixed = np.ascontiguousarray(self._windows[:n]) @ self._block
+            bins = mixed.reshape(n, -1).view(np.complex64)[:, : self.axis.n_range]
+            np.multiply(bins, self._phasor, out=out[first : first + n])
 
 
 def _kernel(axis: FastTimeAxis) -> NDArray[np.complex128]:

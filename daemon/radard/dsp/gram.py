@@ -59,10 +59,8 @@ class GramMap:
     def __init__(self, n_cpi: int) -> None:
         self.n_cpi = n_cpi
         self._operator = step_operator(gaussian_taper(n_cpi))
-        self._stored: Reals | None = None
-        if self.n_cpi <= _MAX_STORED:
-            rows = [self._row(a) for a in range(self.n_cpi - 1)]
-            self._stored = np.concatenate(rows, axis=1).T.copy()
+        rows = [self._row(a) for a in range(n_cpi - 1 if n_cpi <= _MAX_STORED else 0)]
+        self._stored: Reals | None = np.concatenate(rows, axis=1).T.copy() if rows else None
 
     def _row(self, a: int) -> Reals:
         """Return the weights of row `a` of Q, shape (n_cpi, n_cpi - 1)."""
@@ -115,25 +113,11 @@ def _products(real: Steps, imag: Steps) -> Reals:
         even += imag @ imag.T
         cross = imag @ real.T
         odd = cross - cross.T
-        energy = _energy(real, imag)
+        # More exact than a matrix product, whose long chains of additions round squares of whole
+        # quanta (ADC samples, or anything under strong clutter) all the same way: an odd number's
+        # square is 1 modulo 8. The map to mu amplifies what all the diagonal has in common.
+        energy = np.vecdot(real, real) + np.vecdot(imag, imag)
     q = even.astype(np.float64)
-    np.copyto(q, odd, where=_above(len(q)))
+    np.copyto(q, odd, where=~np.tri(len(q), dtype=np.bool_))
     np.fill_diagonal(q, energy)
     return q
-
-
-def _energy(real: Steps, imag: Steps) -> Reals:
-    """Return the rows' energies, more exactly than a matrix product does.
-
-    Its long chains of additions round squares of whole quanta (ADC samples, or anything
-    under strong clutter) all the same way: an odd number's square is 1 modulo 8. The map to
-    mu amplifies what all the diagonal has in common. Dot products use many short chains.
-    """
-    return np.asarray(np.vecdot(real, real) + np.vecdot(imag, imag), np.float64)
-
-
-@lru_cache(maxsize=32)
-def _above(n: int) -> NDArray[np.bool_]:
-    mask = ~np.tri(n, dtype=np.bool_)
-    mask.flags.writeable = False
-    return mask

@@ -7,9 +7,6 @@ away; a cell's vote falls with what the fit leaves there (Cauchy weights, iterat
 correction is scaled by the share of it that the cell itself confirms over the dwell.
 """
 
-from dataclasses import dataclass
-from functools import lru_cache
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,7 +16,6 @@ from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 
 MAX_DELAY_S = 1e-12  # a common delay of more rms is no jitter (modules: 0.13 to 0.23 ps)
 MAX_GAIN = 0.01  # a common gain of more rms is no gain noise (modules: up to 0.12 %): left alone
-# tests/detect/test_jitter.py holds what they give.
 _ITERATIONS = 2  # of the weights
 _TOLERANCE = 4.0  # of the Cauchy weights, in usual powers of a cell
 _OUTLIER = 9.0  # six sigmas of a Gaussian, in medians of its magnitude
@@ -33,19 +29,14 @@ _UNIQUE = 1e-9  # least determinant, by its largest possible one
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class JitterFit:
-    """Delay and gain of every frame that the clutter showed."""
+def take_out_jitter(rows: NDArray[np.complex64], usable: Flags, axis: FastTimeAxis) -> Array:
+    """Take the clutter's common delay and gain out of rows from `sound_rows`, in place.
 
-    delay_s: Array  # of every frame about the dwell's mean, shape (n_slow,); later is positive
-    gain: Array  # of every frame, less one; likewise
-
-
-def take_out_jitter(rows: NDArray[np.complex64], usable: Flags, axis: FastTimeAxis) -> JitterFit:
-    """Take the clutter's common delay and gain out of rows from `sound_rows`, in place."""
-    none = np.zeros(len(rows))
+    Return both, shape (2, n_slow): the delay about the dwell's mean in radians of the carrier,
+    later is positive, and the gain less one.
+    """
     if np.count_nonzero(usable) < _MIN_FRAMES or axis.carrier_hz <= 0:
-        return JitterFit(none, none)
+        return np.zeros((2, len(rows)))
     used = rows if usable.all() else rows[usable]
     mean = used.mean(axis=0, dtype=np.complex128)
     starts = _cell_starts(axis)
@@ -53,23 +44,19 @@ def take_out_jitter(rows: NDArray[np.complex64], usable: Flags, axis: FastTimeAx
     parts = rows.view(np.float32)
     model = _Model(parts - mean.astype(np.complex64).view(np.float32), usable, columns, starts)
     theta, weight = model.fit_all()
-    turn = 2 * np.pi * axis.carrier_hz
-    most = np.array([turn * MAX_DELAY_S, MAX_GAIN])
+    most = np.array([2 * np.pi * axis.carrier_hz * MAX_DELAY_S, MAX_GAIN])
     by_cell = model.fit_without_own(theta, weight, most)
     parts -= by_cell.transpose(1, 2, 0).reshape(len(rows), -1).astype(np.float32) @ columns
-    return JitterFit(theta[0] / turn, theta[1])
+    return theta
 
 
-@lru_cache(maxsize=8)
 def _cell_starts(axis: FastTimeAxis) -> NDArray[np.intp]:
     n_bins = _CELL_BINS
     if axis.bandwidth_hz > 0:
         length_m = _CELL_PULSES * SPEED_OF_LIGHT_MPS / (2 * axis.bandwidth_hz)
         n_bins = max(1, round(length_m / axis.bin_length_m))
     n_cells = max(1, round(axis.n_range / n_bins))
-    starts = np.arange(n_cells) * axis.n_range // n_cells
-    starts.flags.writeable = False
-    return starts
+    return np.arange(n_cells) * axis.n_range // n_cells
 
 
 def _columns(

@@ -5,7 +5,7 @@ as far as the range tells them apart, see `Unfolding`) and Doppler (mu, what the
 network sees). A fourth, gait, is the cadence velocity diagram of the last two seconds.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,7 +67,7 @@ class Columns:
 class _Floor:
     """Noise of a picture, in dB: it falls quickly and rises slowly, so no body becomes noise."""
 
-    level_db: float = field(default=np.nan)
+    level_db: float = np.nan
 
     def update(self, levels_db: Reals, elapsed_s: float) -> float:
         quiet_db = float(np.quantile(levels_db, _QUIET_SHARE))

@@ -9,9 +9,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.dsp.columns import ColumnStream
+from radard.dsp.columns import ColumnStream, Flags, StepBuffer, whole
 from radard.dsp.gram import Reals, centring
-from radard.dsp.steps import Flags, StepBuffer, whole
 from radard.errors import FeatureError
 from x2radar.frame import FastTimeAxis
 

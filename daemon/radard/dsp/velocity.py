@@ -5,7 +5,7 @@ taper about the column's time t0: P(v, t0) = sum_f |sum_t w(t - t0) X(f, t) exp(
 t0) / c)|^2. Every f has its own aliases, v + c fp / (2 f), so they smear over velocity in
 proportion to band over carrier, while the true velocity stays one line at any range walk (related:
 the keystone transform; Perry, DiPietro and Fante 1999, recalled). The mean over each CPI is taken
-off on steps, before the DFT: static clutter is gone exactly (`radard.dsp.steps`).
+off on steps, before the DFT: static clutter is gone exactly (`radard.dsp.columns`).
 """
 
 from functools import lru_cache
@@ -13,9 +13,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.dsp.columns import ColumnStore, ColumnStream
+from radard.dsp.columns import ColumnStore, ColumnStream, Flags, StepBuffer, whole
 from radard.dsp.gram import Reals, centring, gaussian_taper
-from radard.dsp.steps import Flags, StepBuffer, whole
 from radard.errors import FeatureError
 from x2radar.frame import FastTimeAxis
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
@@ -26,18 +25,19 @@ _FLATTEN = 1.5  # see `VelocityTransform`
 _BLOCK = 64  # frames at once: a hop at 60 Hz
 _LOW, _HIGH = 1e-15, 1e15  # of parts: their squares stay well inside float32
 _REACH = 1.3 / 2.3  # of the -10 dB band, to either side: beyond it is noise
+_MAX_FREQUENCIES = 64
 _UNKNOWN_BANDWIDTH = 0.2  # of the carrier: less than any module's
 
 
-def range_frequencies(axis: FastTimeAxis, n_most: int = 64) -> Reals:
+def range_frequencies(axis: FastTimeAxis) -> Reals:
     """Return the absolute frequencies at which a stream's frames are looked at, in hertz.
 
     Shape (n_freq,), float64: around the carrier, ascending, over 1.13 of the -10 dB band (1.3 GHz
     to either side for the X2) as far as the bins sample it. They are c / (2 swath) apart, all that
-    differ for that many bins, or a multiple of it to stay within `n_most`. An unknown bandwidth is
+    differ for that many bins, or a multiple of it to stay within 64. An unknown bandwidth is
     taken for a fifth of the carrier. Raises FeatureError if the axis has no carrier or no bins.
     """
-    if axis.carrier_hz <= 0 or axis.bin_length_m <= 0 or n_most < 1:
+    if axis.carrier_hz <= 0 or axis.bin_length_m <= 0:
         msg = f"no frequencies: carrier {axis.carrier_hz:g} Hz, bins of {axis.bin_length_m:g} m"
         raise FeatureError(msg)
     bandwidth_hz = axis.bandwidth_hz or _UNKNOWN_BANDWIDTH * axis.carrier_hz
@@ -45,7 +45,7 @@ def range_frequencies(axis: FastTimeAxis, n_most: int = 64) -> Reals:
     reach_hz = min(_REACH * bandwidth_hz, 0.49 * sampled_hz)
     spacing_hz = sampled_hz / axis.n_range
     n_side = int(reach_hz / spacing_hz)
-    thin = -(-(2 * n_side + 1) // n_most)
+    thin = -(-(2 * n_side + 1) // _MAX_FREQUENCIES)
     n_side //= thin
     return np.asarray(axis.carrier_hz + np.arange(-n_side, n_side + 1) * (thin * spacing_hz))
 
@@ -67,17 +67,6 @@ def range_dft(axis: FastTimeAxis, frequency_hz: Reals, flatten: float) -> NDArra
         weight *= 10 ** (0.5 * flatten * (2 * baseband_hz / axis.bandwidth_hz) ** 2)
     turns = np.outer(np.arange(axis.n_range) * delay_s, baseband_hz)
     return np.asarray(np.exp(-2j * np.pi * (turns % 1.0)) * weight)
-
-
-def velocity_operator(
-    frequency_hz: Reals, velocity_mps: Reals, frame_rate_hz: float, taper: Reals
-) -> NDArray[np.complex128]:
-    """Return what leads from steps to velocities, (n_freq, n_velocity, n_cpi - 1)."""
-    n_cpi = len(taper)
-    time_s = (np.arange(n_cpi) - (n_cpi - 1) / 2) / frame_rate_hz
-    doppler_hz = 2 / SPEED_OF_LIGHT_MPS * np.multiply.outer(frequency_hz, velocity_mps)
-    turns = np.multiply.outer(doppler_hz, time_s) % 1.0
-    return np.asarray((np.exp(-2j * np.pi * turns) * taper) @ centring(n_cpi))
 
 
 class FrameMeans:
@@ -186,15 +175,12 @@ class VelocityTransform(ColumnStream):
 
     def advance(self, steps: StepBuffer, n_new: int) -> int:
         """Make the columns that the newest `n_new` frames complete, by their spectra."""
-        return self._advance(steps.product(self._dft, n_new), steps.flags(n_new))
-
-    def _advance(self, planar: NDArray[np.float32], flags: Flags) -> int:
-        n_freq = len(self.frequency_hz)
-        steps = np.empty((len(planar), n_freq), np.complex64)
-        steps.real, steps.imag = planar[:, :n_freq], planar[:, n_freq:]
-        steps, flags = self._means.add(steps, flags)
-        n_new = len(steps)
-        self._spectra.append(steps, flags)
+        planar, n_freq = steps.product(self._dft, n_new), len(self.frequency_hz)
+        spectra = np.empty((n_new, n_freq), np.complex64)
+        spectra.real, spectra.imag = planar[:, :n_freq], planar[:, n_freq:]
+        spectra, flags = self._means.add(spectra, steps.flags(n_new))
+        n_new = len(spectra)
+        self._spectra.append(spectra, flags)
         self._n_seen += n_new
         earliest = max(0, self._n_seen - n_new - self.n_cpi + 1)
         first = -(-earliest // self.stride) * self.stride
@@ -222,8 +208,10 @@ def _design(
     n_side, step_mps = grid
     frequency_hz = range_frequencies(axis)
     velocity_mps = np.arange(-n_side, n_side + 1, dtype=np.float64) * step_mps
-    taper = gaussian_taper(n_cpi)
-    operator = velocity_operator(frequency_hz, velocity_mps[n_side:], frame_rate_hz, taper)
+    time_s = (np.arange(n_cpi) - (n_cpi - 1) / 2) / frame_rate_hz
+    doppler_hz = 2 / SPEED_OF_LIGHT_MPS * np.multiply.outer(frequency_hz, velocity_mps[n_side:])
+    turns = np.multiply.outer(doppler_hz, time_s) % 1.0
+    operator = (np.exp(-2j * np.pi * turns) * gaussian_taper(n_cpi)) @ centring(n_cpi)
     half = operator[..., : n_cpi // 2].copy()
     if n_cpi % 2 == 0:
         # The step in the middle is its own partner.

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from x2radar.errors import SceneError
-from x2radar.sim.bodies.motion.bvh import read_bvh
+from x2radar.sim.bodies.motion.recorded import read_bvh
 
 Array = NDArray[np.float64]
 SUFFIXES = (".bvh", ".amc", ".gltf", ".glb", ".npz")

@@ -4,7 +4,7 @@ Gains of the parts, trunks of one bright spot or of several, constant cross sect
 clocks: the same way for every class, so that a network finds nothing to learn there.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,7 +103,7 @@ class RandomizedActor(Actor):
         spread_db, share, z = rng.uniform(0, 5), rng.random(7), rng.standard_normal(n + 1)
         is_loose = share[6] < _LOOSE_SHARE and not self.is_plain
         if is_loose and isinstance(mover, Body) and isinstance(mover.skin, SurfaceSkin):
-            mover = replace(mover, skin=replace(mover.skin, n_trunk=1))
+            mover.skin.n_trunk = 1  # it was drawn just now, for nobody else
         gain = 10 ** (spread_db * z[1:].clip(-2, 2) / 10)
         gain /= gain.mean()
         pace = float(np.exp(0.10 * z[0].clip(-2, 2)))

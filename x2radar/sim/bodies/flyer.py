@@ -6,7 +6,6 @@ Sizes and wing beats are fits to recalled values (budgerigar 35 g, 0.30 m, 14 Hz
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -18,7 +17,6 @@ from x2radar.sim.points import Array, Label, Motion, Pose
 
 _HOP_S = 0.25  # how long a small bird hops (recalled)
 _GRAVITY_MPS2 = 9.81
-
 
 Flight = Callable[[Array], tuple[Array, Array, Array]]
 """Place (n_slow, 3), heading and effort of the wings, 0 to 1, at times (n_slow,)."""
@@ -90,9 +88,9 @@ class FlyerBuild:
     stroke_mean_rad: float
     lag_rad: float
     pitch_rad: float
-    breath_hz: float
-    breath_m: float
-    folds: bool
+    breath_hz: float = 1.0
+    breath_m: float = 0.0
+    folds: bool = False
 
 
 def _flying(b: FlyerBuild, flight: Flight) -> Motion:
@@ -140,11 +138,8 @@ def _wing(angle_rad: Array, to: Array, up: Array, nose: Array, fold: Array) -> A
     return np.asarray(mix / np.sqrt((mix**2).sum(axis=1))[:, None], dtype=np.float64)
 
 
-BIRD_STYLES = {
-    "circle": "flies rounds through the room, glides in between",
-    "flutter": "flutters in one place, in a cage or at a window",
-    "perch": "sits, breathes and hops between perches",
-}
+BIRD_STYLES = ("circle", "flutter", "perch")
+"""In rounds through the room with glides between; in a cage or at a window; on perches."""
 BIRD_MASS_KG = {"budgerigar": (0.028, 0.045), "cockatiel": (0.08, 0.12), "pigeon": (0.25, 0.4)}
 MOTH_SPAN_M = (0.06, 0.13)
 MOTH_BEAT_HZ = (20.0, 60.0)  # masses, spans and beats: see above
@@ -167,7 +162,7 @@ def draw_bird(
 ) -> Body:
     """Draw a bird of `BIRD_MASS_KG`; SceneError if a value is unknown or impossible."""
     Key(choices=tuple(BIRD_MASS_KG)).judge(species, "species")
-    Key(choices=tuple(BIRD_STYLES)).judge(style, "style")
+    Key(choices=BIRD_STYLES).judge(style, "style")
     drawn_kg = float(rng.uniform(*BIRD_MASS_KG[species]))
     kg = drawn_kg if mass_kg is None else mass_kg
     Key(0.01, 2.0).judge(kg, "mass_kg")
@@ -183,8 +178,8 @@ def draw_bird(
         breath_m=0.004 * kg**0.36 * rng.uniform(0.7, 1.3),
         folds=style == "perch",
     )
-    flight = _bird_flight(rng, style, home_m)
-    return _flyer(rng, "pet", build, flight, (total_rcs_dbsm, skin))
+    plan = _plan("pet", build, _bird_flight(rng, style, home_m))
+    return plan.dressed(rng, skin, total_rcs_dbsm, _LOOKS_S)
 
 
 def draw_moth(
@@ -207,20 +202,17 @@ def draw_moth(
         stroke_mean_rad=np.deg2rad(rng.uniform(0.0, 15.0)),
         lag_rad=rng.uniform(0.1, 0.5),
         pitch_rad=np.deg2rad(rng.uniform(10.0, 45.0)),
-        breath_hz=1.0,
-        breath_m=0.0,
-        folds=False,
     )
     reach = rng.uniform(0.05, 0.15)
     radius_and_rate = rng.uniform(0.0, 0.12), rng.choice([-1.0, 1.0]) * rng.uniform(3.0, 9.0)
     flight = _flight(
         _place(home_m),
         (*radius_and_rate, rng.uniform(0.0, 2.0 * np.pi)),
-        Wander.draw(rng, [reach, reach, reach, 1.0], rng.uniform(0.25, 0.7) * np.ones(4)),
-        Wander.draw(rng, [1.0], [1.0]),
+        Wander(rng, [reach, reach, reach, 1.0], rng.uniform(0.25, 0.7) * np.ones(4)),
+        Wander(rng, [1.0], [1.0]),
         -2.0,
     )
-    return _flyer(rng, "other", build, flight, (total_rcs_dbsm, skin))
+    return _plan("other", build, flight).dressed(rng, skin, total_rcs_dbsm, _LOOKS_S)
 
 
 def _bird_flight(
@@ -237,39 +229,22 @@ def _bird_flight(
     slot = period / max(n_hops, 1)
     limits = (reach, reach, 0.6 * reach, 0.3 if style == "circle" else 1.2)
     orbit_rad_s = rng.choice([-1.0, 1.0]) * rate
-    flight = partial(
-        _flight,
-        _place(home_m),
-        (orbit, orbit_rad_s, rng.uniform(0.0, 2.0 * np.pi)),
-        Wander.draw(rng, limits, np.array([1.0, 1.0, 0.6, 0.5]) * speed),
-        Wander.draw(rng, [1.0], [1.2]),
-        rest,
-    )
+    rounds = (orbit, orbit_rad_s, rng.uniform(0.0, 2.0 * np.pi))
+    wander = Wander(rng, limits, np.array([1.0, 1.0, 0.6, 0.5]) * speed)
+    effort = Wander(rng, [1.0], [1.2])
     begin_s = slot * (np.arange(n_hops) + rng.uniform(0.1, 0.8, n_hops))
     perch_m = rng.uniform(-1.0, 1.0, (n_hops, 3)) * np.array([0.2, 0.2, 0.1])
-    return flight(hops=_hops(begin_s, perch_m, period) if n_hops else None)
+    hops = _hops(begin_s, perch_m, period) if n_hops else None
+    return _flight(_place(home_m), rounds, wander, effort, rest, hops=hops)
 
 
-def _flyer(
-    rng: np.random.Generator,
-    label: Label,
-    b: FlyerBuild,
-    flight: Flight,
-    echo: tuple[TotalRcs, str],
-) -> Body:
-    total, skin = echo
+def _plan(label: Label, b: FlyerBuild, flight: Flight) -> BodyPlan:
     # Bone and muscle at the front of the wing; feathers and scales let the wave through.
     thick = 0.02 * b.span_m
     wing = [(0.07 * b.span_m, thick, thick), (0.06 * b.span_m, 0.6 * thick, 0.6 * thick)]
-    half = [
-        (0.5 * b.body_m, 0.2 * b.body_m, 0.2 * b.body_m),
-        (0.17 * b.body_m, 0.15 * b.body_m, 0.15 * b.body_m),
-        (0.3 * b.body_m, 0.06 * b.body_m, 0.06 * b.body_m),
-        *wing,
-        *wing,
-    ]
-    plan = BodyPlan(label, _NAMES, np.array(half), _flying(b, flight))
-    return plan.dressed(rng, skin, total, _LOOKS_S)
+    trunk = [(0.5, 0.2, 0.2), (0.17, 0.15, 0.15), (0.3, 0.06, 0.06)]
+    half_m = np.vstack([b.body_m * np.array(trunk), wing, wing])
+    return BodyPlan(label, _NAMES, half_m, _flying(b, flight))
 
 
 def _place(home_m: tuple[float, float, float]) -> Array:

@@ -11,20 +11,18 @@ from x2radar.keys import Key
 from x2radar.sim.bodies.body import Body, BodyPlan, Breath, carrying
 from x2radar.sim.bodies.motion import MOTIONS
 from x2radar.sim.bodies.motion.angles import AnglePerson
-from x2radar.sim.bodies.motion.people.crawling import draw_crawling
-from x2radar.sim.bodies.motion.people.footfalls import FootfallPerson
+from x2radar.sim.bodies.motion.people.footfalls import FootfallPerson, draw_gesture
 from x2radar.sim.bodies.motion.people.gait import FASTEST_WALK, STYLES, PersonStyle
-from x2radar.sim.bodies.motion.people.striding import draw_gesture
-from x2radar.sim.bodies.motion.people.walking import OnFeet
+from x2radar.sim.bodies.motion.people.walking import OnFeet, draw_crawling
 from x2radar.sim.bodies.path.courses import draw_course
 from x2radar.sim.bodies.path.path import Path
-from x2radar.sim.bodies.skeleton.people import PERSON, PersonBuild, draw_person_build
+from x2radar.sim.bodies.skeleton.people import PERSON, PersonBuild
 from x2radar.sim.bodies.skins import TotalRcs
 from x2radar.sim.points import Array, Motion
 
 _N_LOOKS = 16  # over which the mean cross section is taken
 _ADULT_M = 1.7  # from this stature on, breath and heart are an adult's
-_FASTEST_RUN_MPS, _FASTEST_CRAWL_MPS = 8.0, 1.5  # sprints of amateurs, and of babies (recalled)
+_FASTEST_MPS = {"run": 8.0, "crawl": 1.5}  # sprints of amateurs, and of babies (recalled)
 _CARRIED = {"carry": ("box", (0.2, 0.18, 0.15)), "carry_pet": ("pet", (0.2, 0.08, 0.08))}
 """What is carried, and its half-lengths in metres: a moving box, a cat or small dog."""
 
@@ -50,25 +48,28 @@ def draw_person(
     Key(choices=tuple(STYLES)).judge(style, "style")
     Key(choices=MOTIONS).judge(motion, "motion")
     row = STYLES[style]
-    build = draw_person_build(rng, age=row.age, height_m=height_m)
+    build = PersonBuild(rng, age=row.age, height_m=height_m)
     traits = rng.standard_normal(12).clip(-2.5, 2.5), rng.random(8)
     share = traits[1]
     # Drawn in any case: a path that is given changes nothing that is drawn later.
     own_course = draw_course(rng, "wander")
     course = own_course if path is None else path
+    limit_mps = _FASTEST_MPS.get(row.kind, FASTEST_WALK * build.hip_height_m)
     if not isinstance(course, Path):
-        speed = _draw_speed_mps(rng, row, build, speed_mps)
-        course = _draw_path(rng, row, course, speed, start_s)
-    _check_speed(row.kind, max(course.cruise_mps, speed_mps or 0.0), build)
+        course = _draw_path(rng, row, course, (limit_mps, speed_mps), start_s)
+    fastest_mps = max(course.cruise_mps, speed_mps or 0.0)
+    if fastest_mps > limit_mps:
+        msg = f"speed_mps: {fastest_mps:g} m/s is too fast to {row.kind}; at most {limit_mps:.1f}"
+        raise SceneError(msg)
     moves: Motion
     if row.kind == "crawl":
         moves = draw_crawling(rng, course, build, traits)
     elif motion == "gait" or row.speed_mps is None or row.does:
-        moves = OnFeet.draw(rng, row, course, build, traits)
+        moves = OnFeet(rng, row, course, build, traits)
     elif motion == "footfalls":
-        moves = FootfallPerson.draw(rng, course, build, style)
+        moves = FootfallPerson(rng, course, build, style)
     else:
-        moves = AnglePerson.draw(rng, course, build, style, draw_gesture(rng))
+        moves = AnglePerson(rng, course, build, style, draw_gesture(rng))
     half, names = build.half_lengths(), PERSON.names
     if style in _CARRIED:
         name, size = _CARRIED[style]
@@ -96,36 +97,21 @@ def _draw_breath(rng: np.random.Generator, share: Array, stature_m: float) -> Br
     return Breath(size_m, breaths / 60, phase_rad, beat_m, beats / 60, (1.0, 1.0, 0.1))
 
 
-def _draw_speed_mps(
-    rng: np.random.Generator, style: PersonStyle, build: PersonBuild, speed_mps: float | None
-) -> float:
-    """Return the style's own speed, or the one given; one number is drawn."""
-    low, high = style.speed_mps or (0.5, 0.5)
-    if style.kind == "walk":
-        high = min(high, FASTEST_WALK * build.hip_height_m)
-    drawn = float(rng.uniform(low, high))
-    return drawn if speed_mps is None else speed_mps
-
-
 def _draw_path(
     rng: np.random.Generator,
     style: PersonStyle,
     points: Sequence[tuple[float, float]],
-    speed_mps: float,
+    speeds_mps: tuple[float, float | None],
     start_s: float,
 ) -> Path:
+    """Return a path, given the fastest speed and that to go at, or None for one of the style's."""
+    limit_mps, speed_mps = speeds_mps
+    low, high = style.speed_mps or (0.5, 0.5)
+    drawn = float(rng.uniform(low, min(high, limit_mps)))
     n_stops = int(rng.integers(1, 4))
     gaps, pauses = rng.uniform(0.6, 1.5, n_stops), rng.uniform(0.5, 3.0, n_stops)
     if style.speed_mps is None:
         (x0, y0), (x1, y1) = points[0], points[1]
         return Path.standing((x0, y0), float(np.arctan2(y1 - y0, x1 - x0)))
     stops = list(zip(gaps.tolist(), pauses.tolist(), strict=True)) if style.stops else []
-    return Path.through(points, speed_mps, stops, start_s=start_s)
-
-
-def _check_speed(kind: str, fastest_mps: float, build: PersonBuild) -> None:
-    walk = FASTEST_WALK * build.hip_height_m
-    limit = {"walk": walk, "run": _FASTEST_RUN_MPS, "crawl": _FASTEST_CRAWL_MPS}[kind]
-    if fastest_mps > limit:
-        msg = f"speed_mps: {fastest_mps:g} m/s is too fast to {kind}; at most {limit:.1f}"
-        raise SceneError(msg)
+    return Path.through(points, drawn if speed_mps is None else speed_mps, stops, start_s=start_s)

@@ -10,15 +10,18 @@ from x2radar.keys import Key
 from x2radar.sim.bodies.body import Body, BodyPlan
 from x2radar.sim.bodies.motion import MOTIONS
 from x2radar.sim.bodies.motion.angles import draw_angle_quadruped
-from x2radar.sim.bodies.motion.quadrupeds import gait
 from x2radar.sim.bodies.motion.quadrupeds.footfalls import draw_footfall_quadruped
-from x2radar.sim.bodies.motion.quadrupeds.gait import FOOTWORK, draw_going
+from x2radar.sim.bodies.motion.quadrupeds.gait import FOOTWORK, draw_going, froude
 from x2radar.sim.bodies.motion.quadrupeds.hung import Action, draw_manner, hung
-from x2radar.sim.bodies.motion.quadrupeds.jumping import draw_jumping
-from x2radar.sim.bodies.motion.quadrupeds.staying import draw_romping, draw_staying
-from x2radar.sim.bodies.path.courses import Waypoints, apart, draw_course, off_wall
+from x2radar.sim.bodies.motion.quadrupeds.staying import (
+    GRAVITY_MPS2,
+    draw_jumping,
+    draw_romping,
+    draw_staying,
+)
+from x2radar.sim.bodies.path.courses import apart, draw_course, off_wall
 from x2radar.sim.bodies.path.path import Agility, Path
-from x2radar.sim.bodies.skeleton.quadrupeds import QUADRUPED, QuadrupedBuild, draw_build
+from x2radar.sim.bodies.skeleton.quadrupeds import QUADRUPED, QuadrupedBuild
 from x2radar.sim.bodies.skeleton.species import SPECIES, Species
 from x2radar.sim.bodies.skins import TotalRcs
 from x2radar.sim.points import Motion
@@ -37,29 +40,22 @@ _STROLL_FROUDE, _STROLL_SHARE = (0.008, 0.10), 0.7
 class PetStyle:
     """How a style of pets moves: its speed and gait, and how often it is drawn."""
 
-    sentence: str
     weight: float  # against the others where a style is drawn
     froude: tuple[float, float] | None = None  # of its speed, for one that goes
     gait: str | None = None  # that it goes in, whatever its speed
 
 
 PET_STYLES: Mapping[str, PetStyle] = {
-    "roam": PetStyle("goes about in the gait that goes with its speed", 4, (0.1, 2.2)),
-    "walk": PetStyle("walks, one foot after the other", 4, (0.10, 0.45), "walk"),
-    "trot": PetStyle("trots, diagonal feet together", 3, (0.6, 2.0), "trot"),
-    "pace": PetStyle("paces, feet of one side together", 1, (0.5, 1.6), "pace"),
-    "canter": PetStyle("canters in three beats", 1, (2.5, 6.0), "canter"),
-    "bound": PetStyle("bounds, both hind feet together", 1, (2.5, 8.0), "bound"),
-    "sniff": PetStyle("sniffs along the floor, stops and goes on", 3, (0.03, 0.15), "walk"),
-    "stalk": PetStyle("creeps with its body low", 1, (0.02, 0.08), "walk"),
-    "stand": PetStyle("stands, looks about and moves its tail", 1),
-    "sit": PetStyle("sits and moves its tail", 2),
-    "lie": PetStyle("lies and breathes", 1),
-    "pant": PetStyle("lies and pants", 1),
-    "groom": PetStyle("sits and licks its coat", 1),
-    "scratch": PetStyle("sits and scratches itself with a hind paw", 1),
-    "play": PetStyle("turns, hops, bows and shakes itself on the spot", 1),
-    "jump": PetStyle("jumps onto furniture, stays, and jumps down", 1),
+    "roam": PetStyle(4, (0.1, 2.2)),
+    "walk": PetStyle(4, (0.10, 0.45), "walk"),
+    "trot": PetStyle(3, (0.6, 2.0), "trot"),
+    "pace": PetStyle(1, (0.5, 1.6), "pace"),
+    "canter": PetStyle(1, (2.5, 6.0), "canter"),
+    "bound": PetStyle(1, (2.5, 8.0), "bound"),
+    "sniff": PetStyle(3, (0.03, 0.15), "walk"),  # along the floor; it stops and goes on
+    "stalk": PetStyle(1, (0.02, 0.08), "walk"),
+    "sit": PetStyle(2),
+    **dict.fromkeys(("stand", "lie", "pant", "groom", "scratch", "play", "jump"), PetStyle(1)),
 }
 """What animals do, by name; `Species.styles` says which does what."""
 
@@ -88,7 +84,7 @@ def draw_pet(
         weight = np.array([PET_STYLES[name].weight for name in row.styles])
         style = row.styles[int(rng.choice(len(row.styles), p=weight / weight.sum()))]
     Key(choices=row.styles).judge(style, "style")
-    build = draw_build(rng, row, mass_kg)
+    build = QuadrupedBuild(rng, row, mass_kg)
     course = path if isinstance(path, Path) else _draw_path(rng, style, build, path, motion)
     footwork = _footwork(build, row, style, course)
     manner, breath = draw_manner(rng, build, row, style, FOOTWORK[footwork].nod_rad)
@@ -114,13 +110,6 @@ def draw_pet(
     return replace(body, breath=breath)
 
 
-def _draw_froude(rng: np.random.Generator, style: str, motion: str) -> float:
-    """Draw the Froude number of an animal's speed; by the first motion none strolls."""
-    if motion != "gait" and style in {"roam", "walk"} and rng.random() < _STROLL_SHARE:
-        return float(rng.uniform(*np.sqrt(_STROLL_FROUDE)) ** 2)
-    return float(rng.uniform(*(PET_STYLES[style].froude or (0.1, 0.2))))
-
-
 def _draw_path(
     rng: np.random.Generator,
     style: str,
@@ -128,21 +117,21 @@ def _draw_path(
     waypoints_m: Sequence[tuple[float, float]] | None,
     motion: str,
 ) -> Path:
-    fr = _draw_froude(rng, style, motion)
-    speed = min(float(np.sqrt(fr * gait.GRAVITY_MPS2 * build.hip_m)), _FASTEST_DRAWN_MPS)
-    points = _draw_waypoints(rng) if waypoints_m is None else waypoints_m
+    # By the first motion none strolls.
+    if motion != "gait" and style in {"roam", "walk"} and rng.random() < _STROLL_SHARE:
+        fr = float(rng.uniform(*np.sqrt(_STROLL_FROUDE)) ** 2)
+    else:
+        fr = float(rng.uniform(*(PET_STYLES[style].froude or (0.1, 0.2))))
+    speed = min(float(np.sqrt(fr * GRAVITY_MPS2 * build.hip_m)), _FASTEST_DRAWN_MPS)
+    if waypoints_m is None:
+        n_points = int(rng.integers(3, 6))
+        draw_point = lambda: (float(rng.uniform(-2.5, 2.5)), float(rng.uniform(0.8, 6.0)))  # noqa: E731
+        waypoints_m = off_wall(apart(n_points, draw_point))
     radius = rng.uniform(0.3, 0.6)
     n_stops = int(rng.integers(2, 6))
     gaps, pauses = rng.uniform(0.15, 0.9, n_stops), rng.uniform(0.4, 2.5, n_stops)
     stops = list(zip(gaps.tolist(), pauses.tolist(), strict=True)) if style == "sniff" else []
-    return Path.through(points, speed, stops, turn_radius_m=radius, agility=PET_AGILITY)
-
-
-def _draw_waypoints(rng: np.random.Generator) -> Waypoints:
-    """Return three to five points in the room."""
-    n_points = int(rng.integers(3, 6))
-    draw_point = lambda: (float(rng.uniform(-2.5, 2.5)), float(rng.uniform(0.8, 6.0)))  # noqa: E731
-    return off_wall(apart(n_points, draw_point))
+    return Path.through(waypoints_m, speed, stops, turn_radius_m=radius, agility=PET_AGILITY)
 
 
 def _footwork(build: QuadrupedBuild, species: Species, style: str, path: Path) -> str:
@@ -150,10 +139,10 @@ def _footwork(build: QuadrupedBuild, species: Species, style: str, path: Path) -
     fastest, name = path.cruise_mps, PET_STYLES[style].gait
     if name not in species.gaits:
         name = None
-    limit = _MAX_WALK_FROUDE if name == "walk" else _MAX_FROUDE
-    if PET_STYLES[style].froude is not None and float(gait.froude(fastest, build.hip_m)) > limit:
+    fr, limit = froude(fastest, build.hip_m), _MAX_WALK_FROUDE if name == "walk" else _MAX_FROUDE
+    if PET_STYLES[style].froude is not None and fr > limit:
         raise SceneError(
             f"path: {fastest:g} m/s is too fast for a {species.name} with its hip at "
             f"{build.hip_m:.2f} m to {style}"
         )
-    return name or gait.usual_gait(fastest, build.hip_m, species)
+    return name or next(gait for gait, most in species.gaits.items() if fr < most)

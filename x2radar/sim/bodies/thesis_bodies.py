@@ -6,7 +6,7 @@ y away from it. Every body draws one random variation, shared by all its scatter
 """
 
 from collections.abc import Mapping
-from dataclasses import astuple, dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,8 +16,7 @@ SEED_GAIN = 1e4  # 40 dB of the module's integration are in the thesis' (table 4
 _HALF_TURN = np.pi / 2
 
 
-@dataclass(frozen=True, slots=True)
-class Scatterer:
+class Scatterer(NamedTuple):
     """A point of a body, with its sinusoid about the trunk."""
 
     x_m: float  # at the start
@@ -31,31 +30,9 @@ class Scatterer:
     rcs_m2: float  # integration gain included: 10,000 m2 stand for about 1 m2 and 40 dB
 
 
-_SPREAD = {
-    "x_m": 0.75,
-    "y_m": 1.0,
-    "vy_mps": 0.5,
-    "gait_hz": 0.25,
-    "phase_rad": np.pi / 4,
-    "swing_m": 0.05,
-}
+# Columns of a scatterer that vary, and their standard deviations (table B.4).
+_VARIED, _SPREAD = [0, 1, 3, 4, 5, 6], np.array([0.75, 1.0, 0.5, 0.25, np.pi / 4, 0.05])
 _RCS_SPREAD, _MIN_RCS = 0.3, 0.05  # standard deviation (table B.4), and least share left
-
-
-def _dog_like(
-    *,
-    torso: tuple[float, float, float],
-    limb: tuple[float, float, float],
-    x_m: float,
-    hind_m: float,
-) -> tuple[Scatterer, ...]:
-    (torso_hz, torso_m, torso_rcs), (limb_hz, limb_m, limb_rcs) = torso, limb
-    legs = [
-        Scatterer(side * x_m, y, 0, -1, limb_hz, side * sign * _HALF_TURN, limb_m, 0.01, limb_rcs)
-        for y, sign in ((2.5, 1), (hind_m, -1))
-        for side in (1, -1)
-    ]
-    return (Scatterer(0, 2.5, 0, -1, torso_hz, _HALF_TURN, torso_m, 0, torso_rcs), *legs)
 
 
 THESIS_BODIES: Mapping[str, tuple[Scatterer, ...]] = {
@@ -66,9 +43,19 @@ THESIS_BODIES: Mapping[str, tuple[Scatterer, ...]] = {
         Scatterer(0.12, 2.5, -0.6, -1, 1, -_HALF_TURN, 0.2, 0.01, 1_000),
         Scatterer(-0.12, 2.5, -0.6, -1, 1, _HALF_TURN, 0.2, 0.01, 1_000),
     ),
-    "thesis_dog": _dog_like(torso=(2, 0.1, 5_000), limb=(1, 0.1, 500), x_m=0.10, hind_m=3.0),
-    "thesis_cat": _dog_like(
-        torso=(2.6, 0.04, 2_000), limb=(1.3, 0.05, 200), x_m=0.075, hind_m=2.8
+    "thesis_dog": (
+        Scatterer(0, 2.5, 0, -1, 2, _HALF_TURN, 0.1, 0, 5_000),
+        Scatterer(0.1, 2.5, 0, -1, 1, _HALF_TURN, 0.1, 0.01, 500),
+        Scatterer(-0.1, 2.5, 0, -1, 1, -_HALF_TURN, 0.1, 0.01, 500),
+        Scatterer(0.1, 3, 0, -1, 1, -_HALF_TURN, 0.1, 0.01, 500),
+        Scatterer(-0.1, 3, 0, -1, 1, _HALF_TURN, 0.1, 0.01, 500),
+    ),
+    "thesis_cat": (
+        Scatterer(0, 2.5, 0, -1, 2.6, _HALF_TURN, 0.04, 0, 2_000),
+        Scatterer(0.075, 2.5, 0, -1, 1.3, _HALF_TURN, 0.05, 0.01, 200),
+        Scatterer(-0.075, 2.5, 0, -1, 1.3, -_HALF_TURN, 0.05, 0.01, 200),
+        Scatterer(0.075, 2.8, 0, -1, 1.3, -_HALF_TURN, 0.05, 0.01, 200),
+        Scatterer(-0.075, 2.8, 0, -1, 1.3, _HALF_TURN, 0.05, 0.01, 200),
     ),
 }
 """Bodies by name; torso first."""
@@ -77,14 +64,10 @@ THESIS_BODIES: Mapping[str, tuple[Scatterer, ...]] = {
 def draw(body: tuple[Scatterer, ...], rng: np.random.Generator) -> tuple[Scatterer, ...]:
     """Return a body with one random variation, of seven normal numbers, of all its scatterers."""
     *z, z_rcs = rng.standard_normal(7)
-    factor = max(1 + _RCS_SPREAD * z_rcs, _MIN_RCS)
-    by = {name: sigma * x for (name, sigma), x in zip(_SPREAD.items(), z, strict=True)}
-    return tuple(
-        replace(
-            p, rcs_m2=p.rcs_m2 * factor, **{name: getattr(p, name) + x for name, x in by.items()}
-        )
-        for p in body
-    )
+    rows = np.array(body)
+    rows[:, _VARIED] += _SPREAD * z
+    rows[:, -1] *= max(1 + _RCS_SPREAD * z_rcs, _MIN_RCS)
+    return tuple(Scatterer(*row) for row in rows.tolist())
 
 
 def ranges(body: tuple[Scatterer, ...], t_s: Array) -> tuple[Array, Array]:
@@ -96,7 +79,7 @@ def ranges(body: tuple[Scatterer, ...], t_s: Array) -> tuple[Array, Array]:
 
 def ranges_xyz(body: tuple[Scatterer, ...], t_s: Array) -> tuple[Array, Array]:
     """Return the scatterers' places, (n_slow, n_scatterers, 3), and their RCS; see `ranges`."""
-    x, y0, z, vy, hz, phase, a1, a3, rcs = np.array([astuple(p) for p in body]).reshape(-1, 9).T
+    x, y0, z, vy, hz, phase, a1, a3, rcs = np.array(body).reshape(-1, 9).T
     t = t_s[:, None]
     turn = 2 * np.pi * hz * t
     y = y0 + vy * t + a1 * np.sin(turn + phase) + a3 * np.sin(3 * turn + phase)

@@ -1,8 +1,5 @@
 """Smooth random numbers, and a smooth step: what bodies do besides what they mean to do."""
 
-from dataclasses import dataclass
-from typing import Self
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -11,26 +8,23 @@ from x2radar.sim.points import Array
 _N_WAVES = 6  # sinusoids of a `Wander`: with fewer the eye sees its period
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class Wander:
-    """Smooth random numbers within limits: a sum of sinusoids for each."""
+    """Smooth random numbers within `limits`, (n_numbers,), with root mean square `rms_rate`.
 
-    amplitude: Array  # (n_waves, n_numbers): of each sinusoid; a column adds up to the limit
-    omega_rad_s: Array  # (n_waves, n_numbers)
-    phase_rad: Array  # (n_waves, n_numbers)
+    Each is a sum of sinusoids, whose amplitudes add up to its limit.
+    """
 
-    @classmethod
-    def draw(cls, rng: np.random.Generator, limits: ArrayLike, rms_rate: ArrayLike) -> Self:
-        """Draw numbers within `limits`, (n_numbers,), with root mean square `rms_rate`."""
+    def __init__(self, rng: np.random.Generator, limits: ArrayLike, rms_rate: ArrayLike) -> None:
         limit = np.asarray(limits, np.float64)
         shape = (_N_WAVES, len(limit))
         ladder = 1.35 ** np.arange(_N_WAVES)[:, None]
         omega = ladder * rng.uniform(0.85, 1.15, shape)
         weight = rng.uniform(0.6, 1.4, shape) / ladder
-        amplitude = limit * weight / weight.sum(axis=0)
-        rate = np.sqrt(0.5 * ((amplitude * omega) ** 2).sum(axis=0))
+        self.amplitude = limit * weight / weight.sum(axis=0)
+        rate = np.sqrt(0.5 * ((self.amplitude * omega) ** 2).sum(axis=0))
         omega *= np.divide(rms_rate, rate, out=np.zeros_like(rate), where=rate > 0)
-        return cls(amplitude, omega, rng.uniform(0.0, 2.0 * np.pi, shape))
+        self.omega_rad_s = omega
+        self.phase_rad = rng.uniform(0.0, 2.0 * np.pi, shape)
 
     def at(self, t_s: Array) -> Array:
         """Return the numbers, shape (n_slow, n_numbers), at times of shape (n_slow,)."""

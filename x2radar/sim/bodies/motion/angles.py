@@ -6,22 +6,24 @@ biomechanics of running, 1998), trotting dogs of Hottinger et al. 1996; recalled
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from x2radar.sim.bodies.motion.people import striding
-from x2radar.sim.bodies.motion.people.striding import RUNS, SIDES, Moment, StridingPerson, Swing
-from x2radar.sim.bodies.motion.quadrupeds.footfalls import (
-    LEAPS,
-    Bearing,
-    draw_lags,
+from x2radar.sim.bodies.motion.people.footfalls import (
+    RUN_STRIDE,
+    RUNS,
+    SIDES,
+    WALK_STRIDE,
+    Moment,
+    StridingPerson,
+    Swing,
+    draw_torso,
 )
+from x2radar.sim.bodies.motion.quadrupeds.footfalls import LEAPS, Bearing, draw_lags
 from x2radar.sim.bodies.motion.quadrupeds.hung import Trunk
+from x2radar.sim.bodies.path.feet import StridePhase
 from x2radar.sim.bodies.path.path import Path
-from x2radar.sim.bodies.path.prints import StridePhase
 from x2radar.sim.bodies.skeleton import quadrupeds
 from x2radar.sim.bodies.skeleton.people import PersonBuild
 from x2radar.sim.bodies.skeleton.quadrupeds import QuadrupedBuild
@@ -50,12 +52,6 @@ DOG = (
 )
 
 
-def harmonics(degrees: ArrayLike) -> NDArray[np.complex128]:
-    """Return the first Fourier coefficients, in radians, of a curve at even steps of a stride."""
-    curve = np.deg2rad(np.asarray(degrees, np.float64))
-    return np.asarray(np.fft.rfft(curve)[: N_HARMONICS + 1] / len(curve))
-
-
 JointCurve = Callable[[Array, Array], Array]
 """An angle, in radians, by the phase in strides and the vigour; 0 leaves the mean alone."""
 
@@ -71,15 +67,15 @@ def curve(mean_rad: float, amplitude_rad: Array, phase_rad: Array) -> JointCurve
     return at
 
 
-def draw_curve(
-    rng: np.random.Generator, coefficients: NDArray[np.complex128], scale: float
-) -> JointCurve:
-    """Draw a curve about a mean one: about twice the spread between people (Winter)."""
-    n, c = N_HARMONICS, coefficients[1:]
+def draw_curve(rng: np.random.Generator, degrees: ArrayLike, scale: float) -> JointCurve:
+    """Draw a curve about one at even steps of a stride: about twice people's spread (Winter)."""
+    mean_rad = np.deg2rad(np.asarray(degrees, np.float64))
+    middle, *c = np.fft.rfft(mean_rad)[: N_HARMONICS + 1] / len(mean_rad)
+    n = N_HARMONICS
     size = 2 * scale * np.abs(c) * np.exp(0.2 * rng.standard_normal(n))
     size += 0.1 * size[0] * rng.random(n) * (np.arange(n) > 0)
     phase = np.angle(c) + 0.15 * rng.standard_normal(n)
-    mean = scale * float(coefficients[0].real) + np.deg2rad(5.0) * rng.standard_normal()
+    mean = scale * float(middle.real) + np.deg2rad(5.0) * rng.standard_normal()
     return curve(float(mean), size, phase)
 
 
@@ -87,41 +83,29 @@ _BACKWARDS_SHARE = 0.15  # of people who do not run (a guess)
 _SOFT_M, _SOFT = 0.02, 0.06  # depth, in m or hip heights, within which both feet carry: no kink
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class AnglePerson(StridingPerson):
-    """A person who walks a path by joint angles over the stride; a `Motion`."""
+    """A person who walks a path by joint angles over the stride, in a style of `STYLES`."""
 
-    joints: tuple[JointCurve, ...]  # hip, knee, ankle, shoulder, elbow
-    lag: Array  # (4,): of left leg, right leg, left arm, right arm, in strides
-    crouch_rad: float  # added to hip and knee
-    lean_rad: float  # of the trunk
-    turned_rad: float  # of the body against its way
-    yaw_rad: float  # of the pelvis
-    hop_m: float  # height of the flight
-    surge_m: float  # how far hips swing ahead and back
-
-    @classmethod
-    def draw(
-        cls, rng: np.random.Generator, path: Path, build: PersonBuild, style: str, gesture: Wander
-    ) -> Self:
-        """Draw somebody who goes in a style of `STYLES`."""
+    def __init__(
+        self, rng: np.random.Generator, path: Path, build: PersonBuild, style: str, gesture: Wander
+    ) -> None:
+        super().__init__(path, build)
+        self.gesture = gesture
         z, u = rng.standard_normal(10).clip(-2, 2), rng.random(4)
-        cruise = max(path.cruise_mps, 0.1)
-        leg_m = build.leg_m
+        cruise, leg_m = self.cruise_mps, build.leg_m
         fr = cruise / np.sqrt(9.81 * leg_m)
         run = 1.0 if style in RUNS else 0.0
-        stride = (striding.RUN_STRIDE if run else striding.WALK_STRIDE) * leg_m * fr**0.5
+        stride = (RUN_STRIDE if run else WALK_STRIDE) * leg_m * fr**0.5
         stride *= float(np.exp(0.12 * z[0]))
         # Legs that open as wide as the stride asks, at a stance of some 60 % of it, in which the
         # foot rolls from heel to toe: as published at 1.3 m/s.
         mean = 0.4 if run else 0.62
         opening_m = stride * mean - build.foot_m
         scale = float(np.clip(opening_m / (2 * leg_m * np.sin(0.36)), 0.25, 1.5))
+        shares = (scale, *[0.4 + 0.6 * scale] * 2)
         legs = [
-            draw_curve(rng, harmonics(mean_curve), share)
-            for mean_curve, share in zip(
-                RUN if run else WALK, (scale, *[0.4 + 0.6 * scale] * 2), strict=True
-            )
+            draw_curve(rng, mean_curve, share)
+            for mean_curve, share in zip(RUN if run else WALK, shares, strict=True)
         ]
         n = N_HARMONICS
         swing = 0.35 * scale * float(np.exp(0.5 * z[1])) * (0.15 if style == "carry" else 1.0)
@@ -129,25 +113,22 @@ class AnglePerson(StridingPerson):
         shoulder = curve(0.1 * z[2], size, np.pi + 0.3 * rng.standard_normal(n))
         bend = 1.4 if run or style == "carry" else 0.4
         elbow = curve(bend * float(np.exp(0.3 * z[3])), 0.6 * size, np.pi - 0.4 + 0 * size)
+        self.joints = (*legs, shoulder, elbow)  # legs are hip, knee and ankle
         limp = 0.1 if style == "limp" else 0.02 * z[4]
-        hop = float(0.04 * run * np.exp(0.3 * z[9]))
-        surge = float(0.018 * leg_m * np.exp(0.6 * rng.standard_normal()))
-        return cls(
-            path,
-            build,
-            StridePhase.along(path, lambda v: stride * (v / cruise) ** 0.5),
-            cruise,
-            gesture,
-            striding.draw_torso(rng),
-            (*legs, shoulder, elbow),
-            np.array([0.0, 0.5 + limp, 0.04 * z[5], 0.5 + 0.04 * z[6]]),
-            {"crouch": 0.7, "stealth": 0.45}.get(style, 0.05) + 0.08 * float(u[1]),
-            {"crouch": 0.5, "stealth": 0.3, "run": 0.15}.get(style, 0.05) + 0.05 * z[7],
-            float(np.pi) if not run and u[0] < _BACKWARDS_SHARE else 0.0,
-            float(0.16 * np.exp(0.5 * z[8])),
-            hop,
-            surge,
-        )
+        # Of left leg, right leg, left arm, right arm, in strides.
+        self.lag = np.array([0.0, 0.5 + limp, 0.04 * z[5], 0.5 + 0.04 * z[6]])
+        crouch_rad = {"crouch": 0.7, "stealth": 0.45}.get(style, 0.05)
+        self.crouch_rad = crouch_rad + 0.08 * float(u[1])  # added to hip and knee
+        lean_rad = {"crouch": 0.5, "stealth": 0.3, "run": 0.15}.get(style, 0.05)
+        self.lean_rad = lean_rad + 0.05 * z[7]  # of the trunk
+        # Of the body against its way.
+        self.turned_rad = float(np.pi) if not run and u[0] < _BACKWARDS_SHARE else 0.0
+        self.yaw_rad = float(0.16 * np.exp(0.5 * z[8]))  # of the pelvis
+        self.hop_m = float(0.04 * run * np.exp(0.3 * z[9]))  # height of the flight
+        # How far hips swing ahead and back.
+        self.surge_m = float(0.018 * leg_m * np.exp(0.6 * rng.standard_normal()))
+        self.phase = StridePhase(path, lambda v: stride * (v / cruise) ** 0.5)
+        self.torso = draw_torso(rng)
 
     def __call__(self, t_s: Array) -> Pose:
         state = self.path.at(t_s)
@@ -209,11 +190,11 @@ def draw_angle_quadruped(
     # Legs that open as wide as the stride asks.
     scale = float(np.clip(stride * duty / (2 * b.hip_m * np.sin(0.3)), 0.3, 2.0))
     joints = [
-        draw_curve(rng, harmonics(mean), scale if k % 2 == 0 else 0.5 + 0.5 * scale)
+        draw_curve(rng, mean, scale if k % 2 == 0 else 0.5 + 0.5 * scale)
         for k, mean in enumerate(DOG)
     ]
-    w = Bearing.draw(rng, gait, style)
-    strides = StridePhase.along(path, lambda v: stride * (v / cruise_mps) ** 0.7)
+    w = Bearing(rng, gait, style)
+    strides = StridePhase(path, lambda v: stride * (v / cruise_mps) ** 0.7)
     crouch_rad = (0.45 if style == "stalk" else 0.0) + 0.12 * float(u[1])  # of all legs
     flight = float((0.08 if gait in LEAPS else 0.02) * np.exp(0.3 * z[1]))  # in hip heights
 

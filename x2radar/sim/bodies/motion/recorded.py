@@ -1,12 +1,16 @@
 """Recorded motion: joints of a BVH file or a NumPy archive over time, as a body with any skin.
 
+A BVH file (Biovision hierarchy) has a tree of joints with offsets and channels, then a row of
+numbers a frame. Each joint but the root ends a segment that begins at its parent; an `End Site`
+ends one too.
+
 An archive has `position_m` (n_frames, n_joints, 3), `parent` (n_joints,), `frame_rate_hz` and
 perhaps `names`. Joints with the standard names of a skeleton (`Part.joints`) move its parts; of
 other trees each joint ends a segment that begins at its parent.
 """
 
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
 from pathlib import Path as FilePath
@@ -16,7 +20,6 @@ import numpy as np
 
 from x2radar.errors import SceneError
 from x2radar.sim.bodies.body import Body, BodyPlan
-from x2radar.sim.bodies.motion.bvh import read_bvh
 from x2radar.sim.bodies.skeleton.people import PERSON
 from x2radar.sim.bodies.skeleton.quadrupeds import QUADRUPED
 from x2radar.sim.bodies.skeleton.skeleton import Part, Skeleton
@@ -24,6 +27,7 @@ from x2radar.sim.bodies.skins import TotalRcs
 from x2radar.sim.points import UP, Array, Label, Pose
 
 MAX_BYTES = 2**28  # largest file that is read, unpacked: two hours at 120 Hz as text
+MAX_JOINTS, MAX_FRAMES = 200, 2_000_000  # two million frames are two hours at 240 Hz
 _THICK_SHARE, _THICK_M = 0.18, (0.015, 0.12)  # half-widths where only the length is known: a share
 _MIN_SEGMENT_M, _MIN_HALF_M, _MAX_HALF_M = 0.02, 0.005, 1.0  # shorter segments do not count
 _N_LOOKS = 16  # over which the mean cross section is taken, as for people
@@ -97,14 +101,8 @@ class RecordedMotion:
         side = np.where(size > 1e-3, side / np.maximum(size, 1e-9), np.array([1.0, 0.0, 0.0]))
         return replace(pose, side=side)
 
-    @property
-    def duration_s(self) -> float:
-        """Time from the first frame to the last, in seconds."""
-        return (len(self.position_m) - 1) / self.frame_rate_hz
-
 
 def _lengths_m(skeleton: Skeleton, at: dict[str, int], position_m: Array) -> Array:
-    """Return the mean lengths of a skeleton's parts."""
     ends = skeleton.ends({name: position_m[:, k] for name, k in at.items()})
     return np.array([np.linalg.norm(b - a, axis=-1).mean() for a, b in ends])
 
@@ -185,5 +183,90 @@ def draw_recorded(
     )
     kind = motion.skeleton
     plan = BodyPlan(label, kind.names, motion.half_m, motion, kind.n_trunk, kind.gain)
-    looks_s = start_s + np.linspace(0.0, motion.duration_s, _N_LOOKS)
+    duration_s = (len(motion.position_m) - 1) / motion.frame_rate_hz
+    looks_s = start_s + np.linspace(0.0, duration_s, _N_LOOKS)
     return plan.dressed(rng, skin, total_rcs_dbsm, looks_s)
+
+
+@dataclass(slots=True)
+class _Joint:
+    name: str
+    parent: int
+    offset: Array
+    channels: tuple[str, ...] = ()
+
+
+def read_bvh(text: str) -> tuple[list[str], list[int], Array, float]:
+    """Return names, parents (-1: root), positions (n_frames, n_joints, 3) and frame rate."""
+    lines = iter(enumerate(text.splitlines(), 1))
+    joints = _hierarchy(lines)
+    word = next(lines)[1].split()
+    n_frames = int(word[-1])
+    rate_hz = 1.0 / float(next(lines)[1].split()[-1])
+    width = sum(len(j.channels) for j in joints)
+    if not 1 <= n_frames <= MAX_FRAMES:
+        raise ValueError(f"{n_frames} frames; 1 to {MAX_FRAMES} can be read")
+    rows = [np.array(line.split(), np.float64) for _, line in lines if line.strip()]
+    if len(rows) != n_frames or any(len(row) != width for row in rows):
+        raise ValueError(f"{len(rows)} rows of motion for {n_frames} frames of {width} channels")
+    return [j.name for j in joints], [j.parent for j in joints], _forward(joints, rows), rate_hz
+
+
+def _hierarchy(lines: Iterator[tuple[int, str]]) -> list[_Joint]:
+    """Read the tree; stop behind the line MOTION."""
+    joints: list[_Joint] = []
+    open_: list[int] = []
+    for number, line in lines:
+        word = line.split()
+        if not word or word[0] in {"HIERARCHY", "{"}:
+            continue
+        if word[0] == "MOTION":
+            return joints
+        if word[0] in {"ROOT", "JOINT", "End"}:
+            if len(joints) == MAX_JOINTS:
+                raise ValueError(f"more than {MAX_JOINTS} joints")
+            parent = open_[-1] if open_ else -1
+            name = f"{joints[parent].name} end" if word[0] == "End" else " ".join(word[1:])
+            joints.append(_Joint(name, parent, np.zeros(3)))
+            open_.append(len(joints) - 1)
+        elif word[0] == "OFFSET":
+            x, y, z = (float(text) for text in word[1:4])
+            joints[open_[-1]].offset = np.array([x, y, z])
+        elif word[0] == "CHANNELS":
+            joints[open_[-1]].channels = tuple(word[2 : 2 + int(word[1])])
+        elif word[0] == "}":
+            open_.pop()
+        else:
+            raise ValueError(f"line {number}: '{word[0]}' is no word of a BVH hierarchy")
+    raise ValueError("no line MOTION")
+
+
+def _forward(joints: Sequence[_Joint], rows: Sequence[Array]) -> Array:
+    """Return joints' positions, shape (n_frames, n_joints, 3), in the file's units and axes."""
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow, for files alone
+
+    values = np.stack(rows)
+    n = len(values)
+    place = np.zeros((n, len(joints), 3))
+    turn = np.zeros((n, len(joints), 3, 3))
+    at = 0
+    for k, joint in enumerate(joints):
+        moved = np.broadcast_to(joint.offset, (n, 3)).copy()
+        local = np.broadcast_to(np.eye(3), (n, 3, 3))
+        for channel in joint.channels:
+            if channel.endswith("position"):
+                axis = "XYZ".index(channel[0])
+                # A root's position adds to its offset; that of other joints is the whole of it.
+                first = joint.offset[axis] if joint.parent < 0 else 0.0
+                moved[:, axis] = first + values[:, at]
+            else:
+                turn_by = Rotation.from_euler(channel[0], values[:, at, None], degrees=True)
+                local = local @ turn_by.as_matrix()
+            at += 1
+        if joint.parent < 0:
+            place[:, k], turn[:, k] = moved, local
+        else:
+            up = turn[:, joint.parent]
+            place[:, k] = place[:, joint.parent] + (up @ moved[..., None])[..., 0]
+            turn[:, k] = up @ local
+    return place

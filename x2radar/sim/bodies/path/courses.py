@@ -163,20 +163,18 @@ def draw_course(
 
 
 def off_wall(points: Waypoints) -> Waypoints:
-    """Return a course moved, as a whole, until all of it is 0.4 m off the radar's wall."""
-    into_room_m = max(0.0, _WALL_M - _nearest_wall_m(points))
-    return [(float(x), float(y + into_room_m)) for x, y in points]
+    """Return a course moved, as a whole, until all of it is 0.4 m off the radar's wall.
 
-
-def _nearest_wall_m(points: Waypoints) -> float:
-    """Return the least y of a course through the points, for any usual radius of corners."""
-    least = min(y for _, y in points)
+    So it is for any usual radius of its corners.
+    """
+    least_m = min(y for _, y in points)
     for radius_m in _TURN_RADII_M if len(points) > 2 else ():
         at, course = bends(points, radius_m)
         for bend in course:
-            least = min(least, _least_y_m(at, bend))
+            least_m = min(least_m, _least_y_m(at, bend))
             at = bend.end(at, bend.length_m)
-    return least
+    into_room_m = max(0.0, _WALL_M - least_m)
+    return [(float(x), float(y + into_room_m)) for x, y in points]
 
 
 def _least_y_m(at: tuple[float, float, float], bend: Bend) -> float:

@@ -8,6 +8,7 @@ as a parabola of time and the position in closed form.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Self
 
 import numpy as np
@@ -27,6 +28,9 @@ class Agility:
     turn_rad_s: float = 2.5  # largest turn rate; it slows the body down in the tightest bends
 
 
+_ADULT = Agility()
+
+
 @dataclass(frozen=True, slots=True)
 class _Stretch:
     """A part of the course with one curvature and one speed limit."""
@@ -35,34 +39,6 @@ class _Stretch:
     length_m: float
     limit_mps: float
     pause_s: float
-
-
-def timetable(
-    begin: tuple[float, float, float],
-    course: Sequence[Bend],
-    speed_mps: float,
-    stops: Sequence[tuple[float, float]],
-    agility: Agility,
-    *,
-    start_s: float,
-) -> Array:
-    """Return the pieces of a path, from rest to rest, shape (9, n_pieces); see `Path.pieces`."""
-    stretches = _stretches([b for b in course if b.length_m > _TINY], speed_mps, stops, agility)
-    speeds = _speeds(stretches, agility.acceleration_mps2)
-    rows: list[tuple[float, ...]] = []
-    t, way, turned, at = start_s, 0.0, 0.0, begin
-    for stretch, va, vb in zip(stretches, speeds[:-1], speeds[1:], strict=True):
-        bend = stretch.bend
-        for dt, v, a in _pieces(stretch, va, vb, agility.acceleration_mps2):
-            rows.append((t, way, v, a, *at, bend.curvature_per_m, turned))
-            step = (v + 0.5 * a * dt) * dt
-            lean = bend.curvature_per_m * (v / 2 + a / 6 * dt) * dt
-            turned += (at[2] - begin[2] + lean) * dt
-            at = bend.end(at, step)
-            way += step
-            t += dt
-    rows.append((t, way, 0.0, 0.0, *at, 0.0, turned))
-    return np.array(rows, dtype=np.float64).T.copy()
 
 
 def _stretches(
@@ -164,18 +140,33 @@ class Path:
         stops: Sequence[tuple[float, float]] = (),
         *,
         turn_radius_m: float = 0.5,
-        agility: Agility | None = None,
+        agility: Agility = _ADULT,
         start_s: float = 0.0,
     ) -> Self:
         """Return a path through waypoints with stops: metres since the last, and seconds."""
-        begin, course = bends(waypoints_m, turn_radius_m)
-        limits = agility or Agility()
-        return cls(timetable(begin, course, speed_mps, stops, limits, start_s=start_s))
+        begin, bent = bends(waypoints_m, turn_radius_m)
+        course = [bend for bend in bent if bend.length_m > _TINY]
+        stretches = _stretches(course, speed_mps, stops, agility)
+        speeds = _speeds(stretches, agility.acceleration_mps2)
+        rows: list[tuple[float, ...]] = []
+        t, way, turned, at = start_s, 0.0, 0.0, begin
+        for stretch, (va, vb) in zip(stretches, pairwise(speeds), strict=True):
+            bend = stretch.bend
+            for dt, v, a in _pieces(stretch, va, vb, agility.acceleration_mps2):
+                rows.append((t, way, v, a, *at, bend.curvature_per_m, turned))
+                step = (v + 0.5 * a * dt) * dt
+                lean = bend.curvature_per_m * (v / 2 + a / 6 * dt) * dt
+                turned += (at[2] - begin[2] + lean) * dt
+                at = bend.end(at, step)
+                way += step
+                t += dt
+        rows.append((t, way, 0.0, 0.0, *at, 0.0, turned))
+        return cls(np.array(rows, dtype=np.float64).T.copy())
 
     @classmethod
     def standing(cls, place_m: tuple[float, float], heading_rad: float = 0.0) -> Self:
         """Return a path that stays where it is; facing `heading_rad`."""
-        return cls(timetable((*place_m, heading_rad), (), 1.0, (), Agility(), start_s=0.0))
+        return cls(np.array([[0.0, 0.0, 0.0, 0.0, *place_m, heading_rad, 0.0, 0.0]]).T.copy())
 
     @property
     def start_s(self) -> float:

@@ -9,7 +9,6 @@ ratio of sitting height to stature, 0.61, 0.56 and 0.52, recalled).
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -20,15 +19,13 @@ from x2radar.sim.bodies.skins.base import EchoGain
 from x2radar.sim.points import Array
 
 _STATURE_M = (0.6, 2.3)  # that a scene may ask for: beyond, shares of the stature hold no more
-_TODDLER_M = (0.75, 0.95)
-_CHILD_M = (0.95, 1.45)
+_SMALL_M = {"toddler": (0.75, 0.95), "child": (0.95, 1.45)}
 Age = Literal["adult", "child", "toddler"]
 _GROWN: Mapping[Age, float] = {"toddler": 0.0, "adult": 1.0}
 _GROWTH = (0.85, 1.05, 1.45), (0.0, 0.55, 1.0)  # statures of children, toddler (0) to adult (1)
 
 
 def _limbs(side: str) -> tuple[tuple[Part, ...], tuple[Part, ...]]:
-    """Return the parts of an arm and of a leg."""
     s = side[0]
     arm = (
         Part(f"{side} upper arm", (f"{s}_shoulder", f"{s}_elbow"), (0.027, 0.027)),
@@ -61,69 +58,44 @@ PERSON = Skeleton(
 TRUNK_AT = (0.47, 0.78, 0.06)  # middles of its parts, hips (0) to shoulders (1) (Winter)
 
 
-@dataclass(frozen=True, slots=True)
 class PersonBuild:
-    """One person's sizes, in metres."""
+    """One person's sizes, in metres, about their shares of the stature; or SceneError."""
 
-    stature_m: float  # height of the whole body
-    thigh_m: float
-    shank_m: float
-    foot_m: float
-    ankle_m: float  # height over the sole
-    hip_m: float  # half the width
-    shoulder_m: float  # half the width
-    trunk_m: float  # from hips to shoulders
-    neck_m: float  # from shoulders to the middle of the head
-    upper_arm_m: float
-    forearm_m: float
-    girth: float  # thickness against an average body of this stature
-
-    @property
-    def leg_m(self) -> float:
-        """Length from hip to ankle, in metres."""
-        return self.thigh_m + self.shank_m
-
-    @property
-    def hip_height_m(self) -> float:
-        """Height of the hips over the floor with straight legs: 0.53 of the stature."""
-        return self.leg_m + self.ankle_m
+    def __init__(
+        self, rng: np.random.Generator, *, age: Age = "adult", height_m: float | None = None
+    ) -> None:
+        is_man, z, share = rng.random(), rng.standard_normal(10), rng.random()
+        stature = float(np.clip((1.77 if is_man < 0.5 else 1.63) + 0.07 * z[0], 1.45, 2.05))
+        if age != "adult":
+            low_m, high_m = _SMALL_M[age]
+            stature = low_m + share * (high_m - low_m)
+        if height_m is not None:
+            Key(*_STATURE_M).judge(height_m, "height_m")
+            stature = height_m
+        limbs = 1 + 0.03 * z[1:9].clip(-2.5, 2.5)
+        growth = _GROWN[age] if age != "child" else float(np.interp(stature, *_GROWTH))
+        legs = (1 - 0.18 * (1 - growth)) * stature
+        trunk = (1 + 0.12 * (1 - growth)) * stature
+        self.stature_m: float = stature  # height of the whole body
+        self.thigh_m: float = 0.245 * legs * limbs[0]
+        self.shank_m: float = 0.246 * legs * limbs[1]
+        self.foot_m: float = 0.143 * stature * limbs[2]
+        self.ankle_m: float = 0.039 * stature  # height over the sole
+        # Half the width of the hips, and that of the shoulders.
+        self.hip_m: float = 0.0955 * stature * limbs[3] * 0.8
+        self.shoulder_m: float = 0.13 * stature * limbs[4]
+        self.trunk_m: float = 0.288 * trunk * limbs[5]  # from hips to shoulders
+        self.neck_m: float = 0.13 * trunk * limbs[6]  # from shoulders to the middle of the head
+        self.upper_arm_m: float = 0.188 * stature * limbs[7]
+        self.forearm_m: float = 0.152 * stature * limbs[7]
+        # Thickness against an average body of this stature.
+        self.girth = float(np.exp(0.10 * z[9].clip(-2.5, 2.5)))
+        self.leg_m: float = self.thigh_m + self.shank_m  # from hip to ankle
+        # Of the hips over the floor with straight legs: 0.53 of the stature.
+        self.hip_height_m: float = self.leg_m + self.ankle_m
 
     def half_lengths(self) -> Array:
         """Return half-lengths of the parts, shape (16, 3): along, to the side, across."""
         arm = [self.upper_arm_m, self.forearm_m, 0.0]
         leg = [self.thigh_m, self.shank_m, self.foot_m]
         return PERSON.half_m([0.0] * 4 + 2 * arm + 2 * leg, self.stature_m, self.girth)
-
-
-def draw_person_build(
-    rng: np.random.Generator, *, age: Age = "adult", height_m: float | None = None
-) -> PersonBuild:
-    """Draw a person's sizes about their shares of `height_m`, 0.6 to 2.3; or SceneError."""
-    is_man, z, share = rng.random(), rng.standard_normal(10), rng.random()
-    if age == "toddler":
-        stature = _TODDLER_M[0] + share * (_TODDLER_M[1] - _TODDLER_M[0])
-    elif age == "child":
-        stature = _CHILD_M[0] + share * (_CHILD_M[1] - _CHILD_M[0])
-    else:
-        stature = float(np.clip((1.77 if is_man < 0.5 else 1.63) + 0.07 * z[0], 1.45, 2.05))
-    if height_m is not None:
-        Key(*_STATURE_M).judge(height_m, "height_m")
-        stature = height_m
-    limbs = 1 + 0.03 * z[1:9].clip(-2.5, 2.5)
-    growth = _GROWN[age] if age != "child" else float(np.interp(stature, *_GROWTH))
-    legs = (1 - 0.18 * (1 - growth)) * stature
-    trunk = (1 + 0.12 * (1 - growth)) * stature
-    return PersonBuild(
-        stature_m=stature,
-        thigh_m=0.245 * legs * limbs[0],
-        shank_m=0.246 * legs * limbs[1],
-        foot_m=0.143 * stature * limbs[2],
-        ankle_m=0.039 * stature,
-        hip_m=0.0955 * stature * limbs[3] * 0.8,
-        shoulder_m=0.13 * stature * limbs[4],
-        trunk_m=0.288 * trunk * limbs[5],
-        neck_m=0.13 * trunk * limbs[6],
-        upper_arm_m=0.188 * stature * limbs[7],
-        forearm_m=0.152 * stature * limbs[7],
-        girth=float(np.exp(0.10 * z[9].clip(-2.5, 2.5))),
-    )

@@ -3,8 +3,6 @@
 The hip is ``0.155 M^0.35`` m high, times what animals differ by.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from x2radar.keys import Key
@@ -50,22 +48,33 @@ QUADRUPED = Skeleton(
 """Parts of four-legged animals; sizes in heights of the hip, those of a medium dog."""
 
 
-@dataclass(frozen=True, slots=True)
 class QuadrupedBuild:
-    """Sizes of an animal, in metres but for its mass."""
+    """Sizes of an animal, in metres but for its mass; SceneError if `mass_kg` is impossible."""
 
-    mass_kg: float
-    hip_m: float  # height of the hip, standing
-    back_m: float  # from hip to shoulder
-    half_width_m: float  # of the trunk
-    half_depth_m: float
-    neck_m: float
-    head_m: float
-    tail_m: float
-    upper_m: float  # upper link of a leg; both together are longer than `hip_m`
-    lower_m: float
-    paw_m: float  # length of a paw; its middle is half its height over the sole
-    half_track_m: float  # half the distance between left and right feet
+    def __init__(
+        self, rng: np.random.Generator, species: Species, mass_kg: float | None = None
+    ) -> None:
+        drawn = species.mass_kg(rng)
+        self.mass_kg = kg = drawn if mass_kg is None else mass_kg
+        Key(*species.possible_kg).judge(kg, "mass_kg")
+        self.hip_m = hip = 0.155 * kg**0.35 * species.tall(rng)  # height of the hip, standing
+        self.back_m = hip * rng.uniform(*species.back)  # from hip to shoulder
+        depth_over_width = rng.uniform(1.1, 1.3)
+        # Volume of an ellipsoid; its first half-length is the trunk's of `half_lengths`.
+        section = species.trunk_share * kg / 1000.0 / (4.0 / 3.0 * np.pi * 0.58 * self.back_m)
+        self.half_width_m = float(np.sqrt(section / depth_over_width))  # of the trunk
+        self.half_depth_m = depth_over_width * self.half_width_m
+        leg = hip * species.leg
+        # Links of a leg; both together are longer than `hip_m`.
+        self.upper_m = leg * rng.uniform(0.46, 0.50)
+        self.lower_m = leg - self.upper_m
+        self.neck_m = hip * rng.uniform(*species.neck)
+        self.head_m = hip * rng.uniform(*species.head)
+        self.tail_m = hip * rng.uniform(*species.tail)
+        # Length of a paw; its middle is half its height over the sole.
+        self.paw_m = hip * rng.uniform(*species.paw)
+        # Half the distance between left and right feet.
+        self.half_track_m = self.half_width_m * rng.uniform(0.6, 0.9)
 
     def half_lengths(self) -> list[tuple[float, float, float]]:
         """Return half-lengths of the parts of `QUADRUPED`: along, to the side, across."""
@@ -86,34 +95,3 @@ class QuadrupedBuild:
             *(tail,) * 3,
             *leg * 4,
         ]
-
-
-def draw_build(
-    rng: np.random.Generator, species: Species, mass_kg: float | None = None
-) -> QuadrupedBuild:
-    """Draw the sizes of an animal; raises SceneError if `mass_kg` is impossible for it."""
-    drawn = species.mass_kg(rng)
-    kg = drawn if mass_kg is None else mass_kg
-    Key(*species.possible_kg).judge(kg, "mass_kg")
-    hip = 0.155 * kg**0.35 * species.tall(rng)
-    back = hip * rng.uniform(*species.back)
-    depth_over_width = rng.uniform(1.1, 1.3)
-    # Volume of an ellipsoid; its first half-length is the trunk's of `half_lengths`.
-    section = species.trunk_share * kg / 1000.0 / (4.0 / 3.0 * np.pi * 0.58 * back)
-    half_width = float(np.sqrt(section / depth_over_width))
-    leg = hip * species.leg
-    upper = leg * rng.uniform(0.46, 0.50)
-    return QuadrupedBuild(
-        mass_kg=kg,
-        hip_m=hip,
-        back_m=back,
-        half_width_m=half_width,
-        half_depth_m=depth_over_width * half_width,
-        neck_m=hip * rng.uniform(*species.neck),
-        head_m=hip * rng.uniform(*species.head),
-        tail_m=hip * rng.uniform(*species.tail),
-        upper_m=upper,
-        lower_m=leg - upper,
-        paw_m=hip * rng.uniform(*species.paw),
-        half_track_m=half_width * rng.uniform(0.6, 0.9),
-    )

@@ -76,16 +76,10 @@ def _normal(mean: float, sigma: float, low: float, high: float) -> Draw:
     return lambda rng: float(np.clip(rng.normal(mean, sigma), low, high))
 
 
-def _log_normal(sigma: float, low: float, high: float) -> Draw:
-    return lambda rng: float(np.clip(np.exp(rng.normal(0.0, sigma)), low, high))
-
-
-def _log_uniform(spans: tuple[Span, ...], shares: tuple[float, ...]) -> Draw:
-    def draw(rng: np.random.Generator) -> float:
-        low, high = spans[int(rng.choice(len(spans), p=shares))]
-        return float(np.exp(rng.uniform(np.log(low), np.log(high))))
-
-    return draw
+def _dog_kg(rng: np.random.Generator) -> float:
+    spans = ((3.0, 10.0), (10.0, 25.0), (25.0, 60.0))
+    low, high = spans[int(rng.choice(len(spans), p=(0.4, 0.35, 0.25)))]
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
 _ROWS = (
@@ -130,9 +124,9 @@ _ROWS = (
     Species(
         name="dog",
         sentence="A dog, small to large.",
-        mass_kg=_log_uniform(((3.0, 10.0), (10.0, 25.0), (25.0, 60.0)), (0.4, 0.35, 0.25)),
+        mass_kg=_dog_kg,
         possible_kg=(1.0, 100.0),
-        tall=_log_normal(0.09, 0.7, 1.25),
+        tall=lambda rng: float(np.clip(np.exp(rng.normal(0.0, 0.09)), 0.7, 1.25)),
         back=(0.95, 1.2),
         neck=(0.32, 0.48),
         head=(0.42, 0.56),

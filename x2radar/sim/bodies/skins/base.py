@@ -1,7 +1,7 @@
 """What every skin is, and how strong the parts of a body echo against theory."""
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -44,11 +44,10 @@ class EchoGain:
 THEORY = EchoGain()  # of bodies of which nothing is known
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class Skin(ABC):
     """How the segments of one body echo; everything random was drawn when it was made."""
 
-    scale: float = field(default=1.0, kw_only=True)  # factor on all cross sections
+    scale = 1.0  # factor on all cross sections
 
     def names(self, parts: tuple[str, ...]) -> tuple[str, ...]:
         """Return the names of its points, from those of the segments: one each."""

@@ -20,9 +20,6 @@ Over an extent L the echoes of a part's places fall out of step within ``lambda 
 the sphere of directions, so a part that does not turn does not scintillate.
 """
 
-from dataclasses import dataclass
-from typing import Self
-
 import numpy as np
 
 from x2radar.sim.bodies.skins.base import DEEPEST, SKIN_REFLECTION, WAVELENGTH_M, EchoGain, Skin
@@ -42,22 +39,20 @@ _N_WAVES = 16  # waves of the fluctuation: 16 make its distribution normal to so
 _TURN_RAD = (0.03, 1.0)  # limits of its decorrelation: a trunk of 0.7 m, and a paw
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class AspectFluctuation:
-    """Power factors of several segments, each log-normal with mean 1 over all aspects."""
+    """Power factors of several segments, each log-normal with mean 1 over all aspects.
 
-    wave: Array  # (_N_WAVES, 3): on the sphere of directions, for decorrelation over one radian
-    turn_rad: Array  # (n_segments,): change of aspect over which each decorrelates
-    phase_rad: Array  # (_N_WAVES, n_segments)
-    amplitude: Array  # (n_segments,): of each wave, in nepers of power
+    Segments have half-lengths (n_segments, 3) and are spread by so many decibels, (n_segments,).
+    """
 
-    @classmethod
-    def draw(cls, rng: np.random.Generator, half_m: Array, spread_db: Array) -> Self:
-        """Draw the fluctuation of segments of given half-lengths, spread by so many decibels."""
-        turn = np.clip(WAVELENGTH_M / (4 * half_m.max(axis=1)), *_TURN_RAD)
-        phase = rng.uniform(0, 2 * np.pi, (_N_WAVES, len(half_m)))
-        amplitude = spread_db * _NEPER_PER_DB * np.sqrt(2.0 / _N_WAVES)
-        return cls(rng.standard_normal((_N_WAVES, 3)), turn, phase, amplitude)
+    def __init__(self, rng: np.random.Generator, half_m: Array, spread_db: Array) -> None:
+        # Change of aspect over which each segment decorrelates.
+        self.turn_rad = np.clip(WAVELENGTH_M / (4 * half_m.max(axis=1)), *_TURN_RAD)
+        self.phase_rad = rng.uniform(0, 2 * np.pi, (_N_WAVES, len(half_m)))
+        # Of each wave, in nepers of power.
+        self.amplitude = spread_db * _NEPER_PER_DB * np.sqrt(2.0 / _N_WAVES)
+        # On the sphere of directions, for decorrelation over one radian.
+        self.wave = rng.standard_normal((_N_WAVES, 3))
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
         """Return the factors for directions in the segments' own axes; good to five digits."""
@@ -72,37 +67,36 @@ class AspectFluctuation:
         return np.asarray(np.exp(self.amplitude * total - offset), dtype=np.float64)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class SurfaceSkin(Skin):
-    """Cross sections of the parts of one body; see `Skin`. The first part casts the shadow."""
+    """Cross sections of the parts of one body; see `Skin`. The first part casts the shadow.
 
-    half_m: Array  # (n_segments, 3): half-lengths along the part, to the side, across both
-    floor_m2: Array  # (n_segments,): least cross section, before `scale`
-    shadow_db: Array  # (n_segments,): how much the trunk takes from a part right behind it
-    fluctuation: AspectFluctuation  # change with the aspect
-    gain: Array  # (n_segments,): what each echoes against theory
-    n_trunk: int = 1  # so many parts, from the first on, are one surface
+    Parts have half-lengths (n_segments, 3) along the part, to the side and across both; `n_trunk`
+    of them, from the first on, are one surface. Given a gain, they are ellipsoids by themselves,
+    the usual model of micro-Doppler studies.
+    """
 
-    @classmethod
-    def draw(cls, rng: np.random.Generator, half_m: Array, n_trunk: int = 1) -> Self:
-        """Draw what is random about the echo of a body; its scale is the physical one."""
-        n = len(half_m)
-        floor = rng.uniform(*FLOOR, n) * _broadside_m2(half_m)
-        shadow_db = rng.uniform(*SHADOW_DB, n)
-        shadow_db[0] = 0.0
-        fluctuation = AspectFluctuation.draw(rng, half_m, rng.uniform(*SPREAD_DB, n))
-        return cls(half_m, floor, shadow_db, fluctuation, np.ones(n), n_trunk)
-
-    @classmethod
-    def draw_apart(cls, rng: np.random.Generator, half_m: Array, gain: EchoGain) -> Self:
-        """Draw ellipsoids by themselves, the usual model of micro-Doppler studies."""
+    def __init__(
+        self,
+        rng: np.random.Generator,
+        half_m: Array,
+        n_trunk: int = 1,
+        gain: EchoGain | None = None,
+    ) -> None:
         n, broadside = len(half_m), _broadside_m2(half_m)
-        floor = rng.uniform(*_APART_FLOOR) * broadside
-        spread_db = np.full(n, rng.uniform(*_APART_SPREAD_DB))
-        drawn = gain.draw(rng, broadside)
-        return cls(
-            half_m, floor, np.zeros(n), AspectFluctuation.draw(rng, half_m, spread_db), drawn
-        )
+        self.half_m, self.n_trunk = half_m, n_trunk
+        # Least cross section, before `scale`; how much the trunk takes from a part right behind
+        # it; what each echoes against theory.
+        if gain is None:
+            self.floor_m2 = rng.uniform(*FLOOR, n) * broadside
+            self.shadow_db = rng.uniform(*SHADOW_DB, n)
+            self.shadow_db[0] = 0.0
+            spread_db, self.gain = rng.uniform(*SPREAD_DB, n), np.ones(n)
+        else:
+            self.floor_m2 = rng.uniform(*_APART_FLOOR) * broadside
+            self.shadow_db = np.zeros(n)
+            spread_db = np.full(n, rng.uniform(*_APART_SPREAD_DB))
+            self.gain = gain.draw(rng, broadside)
+        self.fluctuation = AspectFluctuation(rng, half_m, spread_db)
 
     def points(self, pose: Pose, antenna_m: Array) -> Points:
         """Return the parts where their surface faces the antenna; see `Skin`."""

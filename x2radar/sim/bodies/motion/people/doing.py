@@ -5,7 +5,7 @@ to 0.9 m/s and the head 0.1 to 0.6 rad/s, rms; exercise is a few sinusoids of 0.
 double), drawn for each person.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -48,19 +48,14 @@ def within_reach(hands: Array) -> Array:
     return np.asarray(short)
 
 
-def draw_busy(rng: np.random.Generator) -> Doer:
-    """Draw an activity of hands and trunk: fidgeting, working, searching."""
-    return _busy(*_draw_work(rng))
-
-
 def _draw_work(rng: np.random.Generator) -> tuple[Wander, Wander, float]:
     """Draw how hips (2), crouch, lean, twist and two hands (6) move, when they rest, and size.
 
     The size is 1 for what everyday work takes.
     """
     size, pace = rng.uniform(0.3, 1.4), float(np.exp(rng.uniform(-0.5, 0.5)))
-    wander = Wander.draw(rng, _LIMITS, pace * _RATES)
-    return wander, Wander.draw(rng, [1.0], [0.3 * pace]), size
+    wander = Wander(rng, _LIMITS, pace * _RATES)
+    return wander, Wander(rng, [1.0], [0.3 * pace]), size
 
 
 def _busy(wander: Wander, effort: Wander, size: float) -> Doer:
@@ -93,7 +88,7 @@ _TURN_RAD, _NOD_RAD = 0.9, 0.3
 _HEAD_ALONE_SHARE = 0.25  # of people who move the head alone, listening or watching (a guess)
 
 
-def draw_seated(rng: np.random.Generator, leg_m: float) -> Doer:
+def _draw_seated(rng: np.random.Generator, leg_m: float) -> Doer:
     """Draw a seat and somebody on it, with small movements, whose legs are so long."""
     u, pace = rng.random(10), float(np.exp(rng.uniform(-0.7, 0.7)))
     limits = np.array([_TRUNK_RAD, _TURN_RAD, _NOD_RAD])
@@ -107,9 +102,9 @@ def draw_seated(rng: np.random.Generator, leg_m: float) -> Doer:
     crouch, back_m = float(0.40 + 0.14 * u[3]), float((0.38 + 0.10 * u[4]) * leg_m)
     recline_rad = float(0.45 * u[5] - 0.15)  # of the back, backwards
     # Lean of the trunk, turn and nod of the head; the head is shaken or nods, in bouts.
-    trunk_rad = Wander.draw(rng, limits * (0.3 + 0.7 * u[6]), 0.35 * pace * limits)
+    trunk_rad = Wander(rng, limits * (0.3 + 0.7 * u[6]), 0.35 * pace * limits)
     shake_rad, shake_hz = np.array([0.5 * u[7], 0.25 * u[8]]), float(0.5 + 1.5 * u[9])
-    shakes = Wander.draw(rng, [1.0], [0.6])
+    shakes = Wander(rng, [1.0], [0.6])
     period_s = last + _RISE_S + 4.0 + 8.0 * float(rng.random()) if u[2] < 0.4 else np.inf
 
     def up(t_s: Array) -> Array:
@@ -148,7 +143,7 @@ _EXERCISED = np.array([0.50, 0.25, -0.20])
 _EXERCISE_SPAN = np.array([0.22, 0.40, 0.75])
 
 
-def draw_exercise(rng: np.random.Generator, leg_m: float) -> Doer:
+def _draw_exercise(rng: np.random.Generator, leg_m: float) -> Doer:
     """Draw squats and hops in one place, in a beat that drifts, of legs that are so long."""
     u = rng.random(11)
     low, high = np.log(_BEAT_HZ)
@@ -157,8 +152,8 @@ def draw_exercise(rng: np.random.Generator, leg_m: float) -> Doer:
     once, twice = np.repeat(size, 2, axis=1)
     phase = rng.uniform(0, 2 * np.pi, 3)
     beat_hz = float(np.exp(low + (high - low) * u[0]))
-    drift_rad = Wander.draw(rng, [_DRIFT_RAD], [0.4])
-    effort = Wander.draw(rng, [1.0], [0.3])  # it rests where that is low
+    drift_rad = Wander(rng, [_DRIFT_RAD], [0.4])
+    effort = Wander(rng, [1.0], [0.3])  # it rests where that is low
     squat = float(0.35 * u[1]) if u[2] < 0.5 else 0.0
     hop_m = float(0.05 + 0.10 * u[3]) * leg_m if u[4] < 0.3 else 0.0
     # How far a foot is put ahead and outward and is raised, once a beat, in turn or together.
@@ -195,3 +190,11 @@ def draw_exercise(rng: np.random.Generator, leg_m: float) -> Doer:
         )
 
     return at
+
+
+DOERS: Mapping[str, Callable[[np.random.Generator, float], Doer]] = {
+    "busy": lambda rng, _: _busy(*_draw_work(rng)),  # fidgeting, working, searching
+    "sit": _draw_seated,
+    "exercise": _draw_exercise,
+}
+"""What somebody may do besides going: how it is drawn, given the length of the legs."""

@@ -1,38 +1,33 @@
-"""People on two feet by the first generator: trunk and arms over legs that reach for footfalls.
+"""People by the first generator, on two feet or on hands and knees: limbs reach for footfalls.
 
 The ball of a standing foot does not move; the heel rises over it in the last third of the stance.
 Knees and elbows follow by two-link inverse kinematics.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Self
 
 import numpy as np
 
-from x2radar.sim.bodies.motion.people.doing import (
-    Doer,
-    Doing,
-    draw_busy,
-    draw_exercise,
-    draw_seated,
+from x2radar.sim.bodies.motion.people.doing import DOERS, Doing
+from x2radar.sim.bodies.motion.people.footfalls import SIDES
+from x2radar.sim.bodies.motion.people.gait import (
+    PersonStyle,
+    Traits,
+    carriage_of,
+    gait_of,
 )
-from x2radar.sim.bodies.motion.people.gait import Carriage, PersonStyle, carriage_at, gait_of
-from x2radar.sim.bodies.motion.people.striding import SIDES
-from x2radar.sim.bodies.path.feet import Feet, FootState
+from x2radar.sim.bodies.path.feet import Feet, FootState, Gait
 from x2radar.sim.bodies.path.path import Path
-from x2radar.sim.bodies.skeleton.people import TRUNK_AT, Age, PersonBuild
+from x2radar.sim.bodies.skeleton.people import TRUNK_AT, PersonBuild
 from x2radar.sim.bodies.skeleton.skeleton import direction, two_links
 from x2radar.sim.bodies.wander import Wander, smooth_step
-from x2radar.sim.points import UP, Array, Ends, Pose, rod
+from x2radar.sim.points import UP, Array, Ends, Motion, Pose, rod
 
-Traits = tuple[Array, Array]  # drawn whatever the style: 12 normal numbers and 8 shares
-
-STIFF_TO = 0.93  # share of a limb's length up to which it reaches; beyond, its upper joint gives
+_STIFF_TO = 0.93  # share of a limb's length up to which it reaches; beyond, its upper joint gives
 _HEEL_OFF = 0.65  # share of the stance after which the heel rises: 40 % of a stride (Perry)
+_KNEE_M = 0.06  # height of a kneeling knee's middle (recalled)
 _FACE = 0.015  # of the stature: the head's middle ahead of the neck
-_QUICKER: Mapping[Age, float] = {"adult": 1.0, "child": 1.1, "toddler": 1.35}
-"""Cadence against that of an adult of the same leg length and speed (recalled)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,53 +43,27 @@ class _Hips:
     look_rad: Array  # (n_slow, 2): turn and nod of the head
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class OnFeet:
     """A person who walks a path on two feet and stands where it stops; a `Motion`."""
 
-    path: Path
-    feet: Feet
-    build: PersonBuild
-    carriage: Carriage
-    cruise_mps: float
-    duty: float
-    sway: Wander  # of the hips ahead, aside and up, in metres, and turn and nod of the head
-    doer: Doer | None = None  # what is done besides
-
-    @classmethod
-    def draw(
-        cls,
+    def __init__(
+        self,
         rng: np.random.Generator,
         style: PersonStyle,
         path: Path,
         build: PersonBuild,
         traits: Traits,
-    ) -> Self:
-        """Draw how somebody goes and what is done besides."""
-        z, share = traits
-        width = (0.045 + 0.03 * share[0]) * (1.8 if style.age == "toddler" else 1.0)
-        gait = gait_of(
-            style.kind,
-            build.hip_height_m,
-            cadence=_QUICKER[style.age] * (1 + 0.06 * z[6]),
-            width_m=width * max(build.stature_m, 1.0) / 1.75 + 0.01,
-            lift_m=style.lift * build.stature_m * (0.7 + 0.6 * share[3]),
-            limp=0.10 + 0.10 * share[2] if style.limps else 0.0,
-        )
-        toe_m = 0.45 * build.foot_m
-        gait = replace(gait, home_m=tuple((toe_m, y) for _, y in gait.home_m))
-        cruise = max(path.cruise_mps, 0.1)
+    ) -> None:
+        gait, cruise = gait_of(style, build, traits), max(path.cruise_mps, 0.1)
+        self.path, self.build, self.cruise_mps = path, build, cruise
+        self.feet = Feet(path, gait)
+        self.carriage = carriage_of(style, build, cruise, traits[0])
+        self.duty = float(gait.duty(np.array([cruise]))[0])
+        # Of the hips ahead, aside and up, in metres, and turn and nod of the head.
         limits = (0.02, 0.015, 0.004, 0.5, 0.15)
-        return cls(
-            path,
-            Feet.plan(path, gait),
-            build,
-            _scattered(carriage_at(style, cruise, build.hip_height_m), z, build),
-            cruise,
-            float(gait.duty(np.array([cruise]))[0]),
-            Wander.draw(rng, limits, [0.012, 0.010, 0.003, 0.10, 0.05]),
-            _draw_doer(rng, style.does, build.leg_m),
-        )
+        self.sway = Wander(rng, limits, [0.012, 0.010, 0.003, 0.10, 0.05])
+        # What is done besides.
+        self.doer = DOERS[style.does](rng, build.leg_m) if style.does else None
 
     def __call__(self, t_s: Array) -> Pose:
         b, c = self.build, self.carriage
@@ -102,7 +71,7 @@ class OnFeet:
         strides = self.feet.clock.at(t_s)
         vigour = np.minimum(state.speed_mps / self.cruise_mps, 1.0)
         middle_stance = strides - 0.5 * self.duty
-        bob = np.cos(4 * np.pi * middle_stance) * (-1.0 if c.is_spring else 1.0)
+        bob = np.cos(4 * np.pi * middle_stance)
         # Long steps lower the hips.
         rate_hz = float(self.feet.clock.rate_hz.max(initial=0.0))
         step_m = 0.25 * vigour * self.cruise_mps / max(rate_hz, 0.1)
@@ -118,7 +87,9 @@ class OnFeet:
             bend, lean, look = bend + doing.crouch, lean + doing.lean_rad, look + doing.look_rad
             ahead, aside = ahead + doing.shift_m[:, 0], aside + doing.shift_m[:, 1]
             up = up + doing.shift_m[:, 2]
-            feet = _moved(feet, cos[:, None], sin[:, None], doing.feet_m)
+            on, left, lift = np.moveaxis(doing.feet_m, -1, 0)
+            by = (on * cos[:, None] - left * sin[:, None], on * sin[:, None] + left * cos[:, None])
+            feet = replace(feet, position_m=feet.position_m + np.stack([*by, lift], axis=-1))
         height = b.ankle_m + (1 - bend) * straight + c.bob_m * vigour * bob
         middle = np.stack(
             [
@@ -130,10 +101,9 @@ class OnFeet:
         )
         swing = np.cos(2 * np.pi * strides)
         hips = _Hips(middle, heading, -c.yaw_rad * vigour * swing, vigour, swing, lean, look)
-        return self._upright(hips, feet, self.feet.falls.at(t_s).duty, doing)
+        return self._upright(hips, feet, doing)
 
-    def _upright(self, hips: _Hips, feet: FootState, duty: Array, doing: Doing | None) -> Pose:
-        """Return the pose over feet, given the duty factor (n_slow, 2) of the stride of each."""
+    def _upright(self, hips: _Hips, feet: FootState, doing: Doing | None) -> Pose:
         b, look = self.build, hips.look_rad
         spine = direction(hips.heading_rad, np.pi / 2 - hips.lean_rad)
         nape = hips.middle_m + b.trunk_m * spine
@@ -148,7 +118,7 @@ class OnFeet:
         ]
         for side in range(2):
             ends += self._arm(side, hips, nape, direction(facing + np.pi / 2), doing)
-        ends += self._legs(hips, feet, duty)
+        ends += self._legs(hips, feet)
         return Pose.between(ends, direction(hips.heading_rad + np.pi / 2)[:, None])
 
     def _arm(
@@ -176,12 +146,12 @@ class OnFeet:
             fore = (wrist - elbow) / b.forearm_m
         return [(shoulder, elbow), (elbow, wrist), (wrist, wrist + 0.1 * b.stature_m * fore)]
 
-    def _legs(self, hips: _Hips, feet: FootState, duty: Array) -> list[Ends]:
+    def _legs(self, hips: _Hips, feet: FootState) -> list[Ends]:
         b = self.build
         toes = direction(feet.heading_rad)
         sole = 0.7 * b.foot_m
         # The heel's rise grows to its most at toe-off; in the swing it goes back.
-        push = smooth_step((feet.phase / duty - _HEEL_OFF) / (1 - _HEEL_OFF))
+        push = smooth_step((feet.phase / feet.duty - _HEEL_OFF) / (1 - _HEEL_OFF))
         back_again = 1.0 - smooth_step(feet.swing / 0.55)
         rise = self.carriage.heel_rad * np.where(feet.is_stance, push, back_again)
         rise = rise * hips.vigour[:, None]
@@ -200,13 +170,6 @@ class OnFeet:
             ends += [(knee[:, k], top[:, k]), (ankle[:, k], knee[:, k])]
             ends.append(rod(foot[:, k], -back[:, k]))
         return ends
-
-
-def _moved(feet: FootState, cos: Array, sin: Array, by_m: Array) -> FootState:
-    """Return feet moved ahead, to the left and up, shape (n_slow, 2, 3), in metres."""
-    ahead, left, up = np.moveaxis(by_m, -1, 0)
-    by = np.stack([ahead * cos - left * sin, ahead * sin + left * cos, up], axis=-1)
-    return replace(feet, position_m=feet.position_m + by)
 
 
 def _elbow(
@@ -230,26 +193,74 @@ def _reach(
 ) -> tuple[Array, Array]:
     """Return middle and upper joint of a limb whose end is fixed: its upper joint gives."""
     slack = 0.15 * upper_m
-    return two_links(fixed, joint, lower_m, upper_m, bend, stiff_to=STIFF_TO, slack_m=slack)
+    return two_links(fixed, joint, lower_m, upper_m, bend, stiff_to=_STIFF_TO, slack_m=slack)
 
 
-def _draw_doer(rng: np.random.Generator, does: str, leg_m: float) -> Doer | None:
-    if does in {"sit", "exercise"}:
-        return (draw_seated if does == "sit" else draw_exercise)(rng, leg_m)
-    return draw_busy(rng) if does else None
+def draw_crawling(rng: np.random.Generator, path: Path, b: PersonBuild, traits: Traits) -> Motion:
+    """Draw somebody who crawls, knees with opposite hands (Patrick et al. 2009, recalled).
 
-
-def _scattered(c: Carriage, z: Array, build: PersonBuild) -> Carriage:
-    """Return a carriage of one's own."""
-    size = build.stature_m / 1.75
-    return replace(
-        c,
-        bend=c.bend * float(np.exp(0.2 * z[0])),
-        lean_rad=c.lean_rad + 0.03 * z[1],
-        surge_m=c.surge_m * float(np.exp(0.2 * z[8])),
-        bob_m=c.bob_m * size * float(np.exp(0.2 * z[2])),
-        sway_m=c.sway_m * size * float(np.exp(0.2 * z[3])),
-        arm_rad=c.arm_rad * float(np.exp(0.35 * z[4])),
-        elbow_rad=c.elbow_rad * float(np.exp(0.2 * z[5])),
-        yaw_rad=c.yaw_rad * float(np.exp(0.25 * z[7])),
+    The middle of the trunk goes along the path.
+    """
+    z, share = traits
+    width = (0.10 + 0.05 * share[0]) * b.stature_m / 1.75
+    reach, cadence = 0.45 * b.trunk_m, 1 + 0.08 * z[6]
+    knee_m, hand_m = (-reach, width), (reach, 1.2 * width)
+    stride = 0.75 * b.hip_height_m / cadence
+    gait = Gait(
+        # Left knee, left hand, right knee, right hand.
+        offset=(0.0, 0.58, 0.5, 0.08),
+        home_m=(knee_m, hand_m, (knee_m[0], -knee_m[1]), (hand_m[0], -hand_m[1])),
+        stride_m=lambda v: stride * np.sqrt(v / 0.5),
+        duty=lambda v: np.full(len(v), 0.62),
+        lift_m=(0.03, 0.08, 0.03, 0.08),
     )
+    # Of the trunk, in metres, and turn and nod of the head, in radians.
+    wander = Wander(rng, [0.01, 0.01, 0.01, 0.4, 0.2], np.full(5, 0.05))
+    cruise_mps, feet = max(path.cruise_mps, 0.05), Feet(path, gait)
+    roll_m = 0.02 + 0.03 * share[1]  # amplitude of the trunk to the sides, once a stride
+
+    def pose(t_s: Array) -> Pose:
+        state = path.at(t_s)
+        strides = feet.clock.at(t_s)
+        vigour = np.minimum(state.speed_mps / cruise_mps, 1.0)
+        sway, heading = wander.at(t_s), state.heading_rad
+        left = direction(heading + np.pi / 2)
+        aside = roll_m * vigour * np.sin(2 * np.pi * strides) + sway[:, 1]
+        hip_height = 0.95 * b.thigh_m + _KNEE_M
+        shoulder_height = 0.93 * (b.upper_arm_m + b.forearm_m)
+        lift = 0.012 * vigour * np.cos(4 * np.pi * strides)
+        pitch = np.arcsin(np.clip((shoulder_height - hip_height) / b.trunk_m, -0.5, 0.5))
+        spine = direction(heading, pitch)
+        middle = np.stack([state.x_m, state.y_m, np.zeros_like(heading)], axis=-1)
+        middle = middle + aside[:, None] * left
+        middle[:, 2] = 0.5 * (hip_height + shoulder_height) + lift + sway[:, 2]
+        hips, nape = middle - 0.5 * b.trunk_m * spine, middle + 0.5 * b.trunk_m * spine
+        head = direction(heading + sway[:, 3], 0.5 + sway[:, 4])
+        ends = [
+            *(rod(middle + (along - 0.5) * b.trunk_m * spine, spine) for along in TRUNK_AT),
+            rod(nape + b.neck_m * head, head),
+        ]
+        ends += _limbs(b, feet.at(t_s).position_m, (hips, nape), heading)
+        return Pose.between(ends, left[:, None])
+
+    return pose
+
+
+def _limbs(
+    b: PersonBuild, contact: Array, trunk: tuple[Array, Array], heading: Array
+) -> Iterator[Ends]:
+    """Yield the ends of arms and legs between hips, nape and what is on the floor."""
+    (hips, nape), forward = trunk, direction(heading)
+    left = direction(heading + np.pi / 2)
+    for k, side in enumerate(SIDES):
+        hand = contact[:, 2 * k + 1] + np.array([0.0, 0.0, 0.03])
+        joint = nape + side * b.shoulder_m * left
+        elbow, top = _reach(hand, joint, b.forearm_m, b.upper_arm_m, -forward)
+        yield from ((top, elbow), (elbow, hand), rod(hand, forward))
+    for k, side in enumerate(SIDES):
+        knee = contact[:, 2 * k] + np.array([0.0, 0.0, _KNEE_M])
+        thigh = hips + side * b.hip_m * left - knee
+        thigh *= b.thigh_m / np.maximum(np.linalg.norm(thigh, axis=-1, keepdims=True), 1e-6)
+        # Shins lie on the floor behind the knees.
+        ankle = knee - b.shank_m * forward
+        yield from ((knee, knee + thigh), (ankle, knee), (ankle, ankle - 0.5 * b.foot_m * forward))

@@ -6,14 +6,12 @@ The second generator puts feet on the floor and has the trunk half-way between w
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 
 from x2radar.sim.bodies.motion.quadrupeds.hung import Manner, Trunk
+from x2radar.sim.bodies.path.feet import Footprints, StridePhase
 from x2radar.sim.bodies.path.path import Path
-from x2radar.sim.bodies.path.prints import Footprints, StridePhase
 from x2radar.sim.bodies.skeleton.quadrupeds import ENDS, SIDES, QuadrupedBuild
 from x2radar.sim.bodies.skeleton.skeleton import STRETCHED_TO, direction, two_links
 from x2radar.sim.bodies.wander import Wander
@@ -49,25 +47,14 @@ def draw_lags(
     return gait, rng.random(4) if share < _ANY_SHARE else lags
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Bearing:
-    """Swings of a trunk over its legs; amplitudes in hip heights."""
+    """Swings of a trunk over its legs, in a gait; amplitudes in hip heights, as pets have them."""
 
-    manner: Manner  # and head and tail
-    bob: float  # up, aside and ahead
-    sway: float
-    surge: float
-    spine_rad: float  # of the trunk's pitch once a stride in canter and bound
-    bobs: int  # how often it goes up and down in a stride
-    bob_lag: float  # in strides
-
-    @classmethod
-    def draw(cls, rng: np.random.Generator, gait: str, style: str) -> Self:
-        """Draw the bearing of an animal in a gait; ranges hold those of pets."""
+    def __init__(self, rng: np.random.Generator, gait: str, style: str) -> None:
         u, z = rng.random(8), rng.standard_normal(6).clip(-2, 2)
         leaps = gait in LEAPS
         low = style in {"stalk", "sniff"}
-        manner = Manner(
+        self.manner = Manner(
             neck_rad=-0.3 - 0.5 * u[1] if low else 0.1 + 0.9 * u[1],
             head_rad=-0.3 + 0.3 * z[0],
             tail_rad=-0.7 + 1.9 * u[2],
@@ -75,17 +62,16 @@ class Bearing:
             wag_hz=1.5 + 2.5 * u[4] if u[0] < 0.25 else 0.3 + 0.7 * u[4],
             wag_rad=0.1 + 0.4 * u[5],
             wag_lag_rad=0.1 + 0.8 * u[6],
-            gaze=Wander.draw(rng, [0.3, 0.15], [0.3, 0.15]),
+            gaze=Wander(rng, [0.3, 0.15], [0.3, 0.15]),
         )
-        return cls(
-            manner=manner,
-            bob=float((0.07 if leaps else 0.03) * np.exp(0.4 * z[2])),
-            sway=float(0.02 * np.exp(0.5 * z[3])),
-            surge=float((0.04 if leaps else 0.012) * np.exp(0.5 * z[5])),
-            spine_rad=float((0.16 if leaps else 0.02) * np.exp(0.4 * z[4])),
-            bobs=1 if leaps else 2,
-            bob_lag=u[3],
-        )
+        # Up, aside and ahead.
+        self.bob = float((0.07 if leaps else 0.03) * np.exp(0.4 * z[2]))
+        self.sway = float(0.02 * np.exp(0.5 * z[3]))
+        self.surge = float((0.04 if leaps else 0.012) * np.exp(0.5 * z[5]))
+        # Of the trunk's pitch, once a stride.
+        self.spine_rad = float((0.16 if leaps else 0.02) * np.exp(0.4 * z[4]))
+        self.bobs = 1 if leaps else 2  # how often it goes up and down in a stride
+        self.bob_lag = u[3]  # in strides
 
 
 def draw_footfall_quadruped(
@@ -98,12 +84,10 @@ def draw_footfall_quadruped(
     fr = cruise_mps**2 / (9.81 * b.hip_m)
     factor, power = 2.6 * float(np.exp(0.15 * z[0])), 0.34 + 0.05 * z[1]
     duty = float(np.clip(0.52 * fr**-0.14 * np.exp(0.1 * z[2]), 0.25, 0.75))
-    phase = StridePhase.along(
-        path, lambda v: factor * b.hip_m * (v**2 / (9.81 * b.hip_m)) ** power
-    )
+    phase = StridePhase(path, lambda v: factor * b.hip_m * (v**2 / (9.81 * b.hip_m)) ** power)
     lift = b.hip_m * 0.12 * float(np.exp(0.5 * z[3]))
     prints = tuple(
-        Footprints.plan(
+        Footprints(
             path,
             phase,
             offset=float(lags[k]),
@@ -118,7 +102,7 @@ def draw_footfall_quadruped(
         for k in range(4)
     )
     low = 0.68 if style == "stalk" else 0.9 + 0.06 * z[5]
-    height_m, w = min(low, 1.0) * b.hip_m, Bearing.draw(rng, gait, style)
+    height_m, w = min(low, 1.0) * b.hip_m, Bearing(rng, gait, style)
 
     def pose(t_s: Array) -> Pose:
         state = path.at(t_s)

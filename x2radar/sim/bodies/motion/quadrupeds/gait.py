@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from x2radar.sim.bodies.motion.quadrupeds.hung import Action, Stance
-from x2radar.sim.bodies.motion.quadrupeds.staying import STANDING
+from x2radar.sim.bodies.motion.quadrupeds.staying import GRAVITY_MPS2, STANDING
 from x2radar.sim.bodies.path.feet import Feet, Gait
 from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.bodies.skeleton.quadrupeds import ENDS, SIDES, QuadrupedBuild
@@ -19,7 +19,6 @@ from x2radar.sim.bodies.skeleton.species import Species
 from x2radar.sim.bodies.wander import smooth_step
 from x2radar.sim.points import Array
 
-GRAVITY_MPS2 = 9.81
 DUTY = (0.28, 0.70)  # least and greatest duty factor: galloping and creeping animals (recalled)
 
 
@@ -74,12 +73,6 @@ def duty(speed_mps: Array, hip_m: float) -> Array:
     return np.asarray(np.clip(free, *DUTY), dtype=np.float64)
 
 
-def usual_gait(speed_mps: float, hip_m: float, species: Species) -> str:
-    """Return the gait that an animal takes at a speed, a key of `FOOTWORK`."""
-    fr = float(froude(speed_mps, hip_m))
-    return next(name for name, limit in species.gaits.items() if fr < limit)
-
-
 def draw_going(
     rng: np.random.Generator,
     build: QuadrupedBuild,
@@ -113,7 +106,7 @@ def draw_going(
     share = float(duty(np.array([cruise_mps]), h)[0])
     # A nose at the floor lowers the trunk in front.
     crouch_m, height_m = (0.12 if style == "sniff" else 0.0) * h, low * h
-    planned = Feet.plan(path, gait)
+    planned = Feet(path, gait)
     # Each end of the trunk goes up and down by the legs that carry it.
     lh, lf, rh, rf = gait.offset
     ends = (lh, lf) if work.bobs == 2 else (_between(lh, rh), _between(lf, rf))

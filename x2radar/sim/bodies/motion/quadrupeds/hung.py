@@ -112,8 +112,8 @@ def draw_manner(
         neck_rad=float(neck),
         head_rad=float(-0.35 + 0.35 * u[2]),
         nod_rad=nod_rad * float(0.6 + 0.8 * u[3]),
-        gaze=Wander.draw(rng, look, 0.6 * look),
-        down=Wander.draw(rng, [1.0], [0.35]),
+        gaze=Wander(rng, look, 0.6 * look),
+        down=Wander(rng, [1.0], [0.35]),
         down_below={"sniff": 0.45, "lie": -0.3, "groom": 0.4}.get(style, -2.0),
         down_rad={"lie": (-0.25, 0.0), "groom": (-0.9, -1.2)}.get(style, (-1.25, -1.0)),
         lick_hz=float(1.5 + 2.0 * u[3]),
@@ -122,7 +122,7 @@ def draw_manner(
         wag_hz=wag_hz,
         wag_rad=wag_rad,
         wag_lag_rad=lag,
-        bout=Wander.draw(rng, [1.0], [0.4]),
+        bout=Wander(rng, [1.0], [0.4]),
         wag_above=-2.0
         if isinstance(species.tail_moves, Swing)
         else lazy + 0.6 * float(u[4] - 0.5),
@@ -155,9 +155,7 @@ def _wag(
 
 
 def _in(band: Band, share: float) -> float:
-    """Return the number at a share of a band, 0 to 1."""
-    least, width = band
-    return float(least + width * share)
+    return float(band[0] + band[1] * share)
 
 
 _STIFF_TO = 0.85  # of a leg's length; beyond it, shoulder blades and hips give

@@ -1,15 +1,19 @@
-"""Four-legged animals that stay in one place: stand, sit, lie, pant, groom, scratch, play."""
+"""Four-legged animals in one place: stand, sit, lie, pant, groom, scratch, play, jump."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from x2radar.sim.bodies.motion.quadrupeds.hung import Action, Stance
 from x2radar.sim.bodies.path.path import Path
-from x2radar.sim.bodies.skeleton.quadrupeds import LEGS, SIDES, QuadrupedBuild
+from x2radar.sim.bodies.skeleton.quadrupeds import ENDS, LEGS, SIDES, QuadrupedBuild
+from x2radar.sim.bodies.skeleton.skeleton import direction
+from x2radar.sim.bodies.skeleton.species import Species
 from x2radar.sim.bodies.wander import Wander, bouts, smooth_step
-from x2radar.sim.points import Array
+from x2radar.sim.points import UP, Array
 
+GRAVITY_MPS2 = 9.81
 STANDING = 0.97  # height of a standing trunk's middle, in hip heights: legs are a little bent
 
 # Trunk's middle and hind and fore paws ahead of hip and shoulder, in hip heights; pitch;
@@ -50,7 +54,7 @@ def _standing(
     size = {"stand": 0.02, "sit": 0.006, "lie": 0.0005}[name] * h
     restless = 4.0 if style in {"groom", "scratch"} else 1.0
     limits = restless * np.array([size, size, 0.2 * size, size / build.back_m])
-    return stance, Wander.draw(rng, limits, 0.8 * restless * limits)
+    return stance, Wander(rng, limits, 0.8 * restless * limits)
 
 
 def draw_staying(
@@ -87,7 +91,7 @@ def _draw_scratch(
     """
     u = rng.random(4)
     ahead, up, stroke_m = -0.05 * h, (0.10 + 0.08 * u[1]) * h, (0.05 + 0.05 * u[2]) * h
-    hz, bout = float(8.0 - 4.0 * u[3]), Wander.draw(rng, [1.0], [0.5])
+    hz, bout = float(8.0 - 4.0 * u[3]), Wander(rng, [1.0], [0.5])
 
     def at(t_s: Array) -> tuple[Array, Array]:
         share, stroke = bouts(bout, t_s), stroke_m * np.sin(2.0 * np.pi * hz * t_s)
@@ -105,7 +109,7 @@ def draw_romping(rng: np.random.Generator, build: QuadrupedBuild, path: Path) ->
     u, h, lively = rng.random(6), build.hip_m, float(np.exp(rng.uniform(-0.7, 0.7)))
     limits = (0.6 * h, 0.6 * h, 2.0, 0.12)
     # Of the trunk: x and y, in metres, heading and pitch, in radians.
-    wander = Wander.draw(rng, limits, lively * np.array([0.5 * h, 0.5 * h, 0.9, 0.25]))
+    wander = Wander(rng, limits, lively * np.array([0.5 * h, 0.5 * h, 0.9, 0.25]))
     step_hz, lift_m = float(1.0 + 2.0 * u[0]), float(0.08 + 0.22 * u[1]) * h  # of each paw
     # When each paw steps, in steps: diagonal paws nearly together.
     offset = (0.0, 0.5 + 0.2 * u[2], 0.5, 0.2 * u[2])
@@ -113,7 +117,7 @@ def draw_romping(rng: np.random.Generator, build: QuadrupedBuild, path: Path) ->
     bow_rad, shake_m = float(0.3 + 0.3 * u[4]), float(0.01 + 0.015 * u[5]) * h
     shake_hz = float(np.clip(9.4 * build.mass_kg**-0.22, 3.5, 8.0))
     # It bows and shakes itself where its number, -1 to 1, is above 0.4.
-    bout_of_each = Wander.draw(rng, [1.0, 1.0], [0.5, 0.5])
+    bout_of_each = Wander(rng, [1.0, 1.0], [0.5, 0.5])
     home = s.paw_m[0] - s.middle_m[0]
 
     def under(leg: int, t_s: Array) -> Array:
@@ -154,3 +158,111 @@ def draw_romping(rng: np.random.Generator, build: QuadrupedBuild, path: Path) ->
         )
 
     return at
+
+
+# By eye: crouch before, push of the legs and yield at the landing, in hip heights; how
+# far a paw clears what it jumps onto; how quickly legs fold; how long it then takes to stand.
+_CROUCH, _PUSH, _LANDING = 0.3, 0.9, 0.4
+_CLEAR_M, _TUCK_S, _RISE_S = 0.08, 0.3, 0.6
+
+
+class Leap:
+    """One jump from rest to rest, as seen from where it begins, along the heading and up.
+
+    It goes `climb_m` up (negative: down) and `ahead_m` ahead in the air.
+    """
+
+    def __init__(
+        self, begin_s: float, climb_m: float, ahead_m: float, hip_m: float, crouch_s: float
+    ) -> None:
+        # The trunk leaves at 0.6 hip heights over standing and touches down at 0.
+        rise = max(climb_m - 0.6 * hip_m, 0.0) + _CLEAR_M
+        up = float(np.sqrt(2.0 * GRAVITY_MPS2 * rise))
+        down = float(np.sqrt(2.0 * GRAVITY_MPS2 * (0.6 * hip_m + rise - climb_m)))
+        flight = (up + down) / GRAVITY_MPS2
+        self.begin_s, self.climb_m, self.hip_m = begin_s, climb_m, hip_m
+        self.leave_s = begin_s + crouch_s  # when the push begins; fore feet leave the floor
+        self.take_off_s = self.leave_s + 2.0 * _PUSH * hip_m / up  # the hind feet do
+        self.touch_down_s = self.take_off_s + flight  # when the fore feet land
+        self.still_s = self.touch_down_s + 2.0 * _LANDING * hip_m / down  # the trunk goes no more
+        self.end_s = self.still_s + _RISE_S  # when the body stands again
+        self.push_s = self.take_off_s - self.leave_s
+        self.flight_s = self.touch_down_s - self.take_off_s
+        self.landing_s = self.still_s - self.touch_down_s
+        # Ahead and up at take-off, and up at touch-down.
+        self.velocity_mps, self.landing_mps = (ahead_m / flight, up), -down
+        way_s = 0.5 * self.push_s + self.flight_s + 0.5 * self.landing_s
+        self.ahead_m = self.velocity_mps[0] * way_s  # from push to standstill
+
+    def trunk(self, t_s: Array) -> tuple[Array, Array, Array]:
+        """Return how far the trunk's middle is ahead and up, and its pitch, from standing."""
+        push_s, flight_s, landing_s = self.push_s, self.flight_s, self.landing_s
+        push = np.clip(t_s - self.leave_s, 0.0, push_s)
+        air = np.clip(t_s - self.take_off_s, 0.0, flight_s)
+        land = np.clip(t_s - self.touch_down_s, 0.0, landing_s)
+        # Way at constant acceleration from rest, in seconds at the full speed; and to rest.
+        pushed = push * push / (2.0 * push_s)
+        landed = land - land * land / (2.0 * landing_s)
+        vx, vz = self.velocity_mps
+        ahead = vx * (pushed + air + landed)
+        down = smooth_step((t_s - self.begin_s) / (self.leave_s - self.begin_s))
+        again = smooth_step((t_s - self.still_s) / _RISE_S)
+        up = (vz * (pushed + air) - 0.5 * GRAVITY_MPS2 * air * air) + self.landing_mps * landed
+        up += self.hip_m * (-_CROUCH * down + _LANDING * again)
+        tip = smooth_step((t_s - self.leave_s) / push_s)
+        over = smooth_step((t_s - self.take_off_s) / flight_s)
+        level = smooth_step((t_s - self.touch_down_s - 0.3 * landing_s) / _RISE_S)
+        climb = 0.9 if self.climb_m > 0 else 0.1
+        pitch = 0.15 * down + climb * tip - (climb + 0.45) * over + 0.3 * level
+        return ahead, up, pitch
+
+    def paw_share(self, t_s: Array, *, is_fore: bool) -> tuple[Array, Array]:
+        """Return how much a paw is off the floor it left, and on the floor it comes to."""
+        leaves = self.leave_s if is_fore else self.take_off_s
+        lands = self.touch_down_s if is_fore else 0.5 * (self.touch_down_s + self.still_s)
+        quick = min(_TUCK_S, 0.45 * (lands - leaves))
+        off = smooth_step((t_s - leaves) / quick)
+        return off, smooth_step((t_s - lands) / quick + 1.0)
+
+
+def draw_jumping(
+    rng: np.random.Generator, build: QuadrupedBuild, path: Path, species: Species
+) -> tuple[Action, float]:
+    """Draw one that jumps onto something, stays, and jumps down on its other side.
+
+    It goes all ahead, and stands in between; beside it is when it stands for good, in seconds.
+    """
+    standing = draw_staying(rng, build, "jump", path)
+    h = build.hip_m
+    climb = float(np.clip(h * rng.uniform(*species.jump), 0.2, 0.9))
+    crouch = rng.uniform(0.3, 0.7, 2)
+    up = Leap(rng.uniform(0.8, 2.0), climb, h * rng.uniform(1.2, 2.2), h, crouch[0])
+    stays = rng.uniform(1.5, 6.0)
+    down = Leap(up.end_s + stays, -climb, h * rng.uniform(1.5, 2.5), h, crouch[1])
+
+    def at(t_s: Array) -> Stance:
+        s = standing(t_s)
+        ahead = direction(s.heading_rad)
+        middle, pitch, paw = s.middle_m, s.pitch_rad, s.paw_m
+        for leap in (up, down):
+            way, height, tip = leap.trunk(t_s)
+            middle = middle + way[:, None] * ahead + height[:, None] * UP
+            pitch = pitch + tip
+        # Where paws are in the air: under hip and shoulder, legs half bent.
+        long = np.cos(pitch)[:, None] * ahead + np.sin(pitch)[:, None] * UP
+        left = np.cross(UP, ahead)
+        tucked = (
+            middle[:, None]
+            + (0.5 * ENDS * build.back_m)[:, None] * long[:, None]
+            + (SIDES * build.half_track_m)[:, None] * left[:, None]
+            + 0.15 * h * ENDS[:, None] * ahead[:, None]
+            - 0.62 * h * UP
+        )
+        for leap in (up, down):
+            end = paw + (leap.ahead_m * ahead + leap.climb_m * UP)[:, None]
+            shares = (leap.paw_share(t_s, is_fore=bool(k % 2)) for k in range(4))
+            off, on = (np.stack(x, axis=1)[..., None] for x in zip(*shares, strict=True))
+            paw = paw * (1.0 - off) + off * ((1.0 - on) * tucked + on * end)
+        return replace(s, middle_m=middle, pitch_rad=pitch, paw_m=paw)
+
+    return at, down.end_s
