@@ -14,9 +14,8 @@ import numpy as np
 
 from x2radar.errors import MessageError
 from x2radar.modules.base import ModuleSettings
-from x2radar.sim.module.faults import Dice, FaultPlan, ModuleFaults
+from x2radar.sim.module.faults import Dice, FaultPlan, Line, ModuleFaults
 from x2radar.sim.module.firmware import Firmware, X2Firmware
-from x2radar.sim.module.line import Line
 from x2radar.sim.module.stream import EchoStream
 from x2radar.sim.scene.scene import Scene
 from x2radar.wire import framing
@@ -193,8 +192,6 @@ class SimulatedModule:
                 self._resume = None
                 self._reset_due_s = self._now_s + RESET_DELAY_S
                 return msg.Ack()
-            case _:
-                pass
         done = self._firmware.obey(command)
         if done is None:
             return msg.ErrorReply(ErrorCode.NOT_RECOGNIZED)

@@ -36,14 +36,6 @@ def length_m(vectors_m: Array) -> Array:
     return np.asarray(np.maximum(np.sqrt(squared), NEAREST_M))
 
 
-def join(rows: tuple[EchoRows, ...]) -> EchoRows:
-    """Return all rows side by side; at least one set of rows, of equal length, is needed."""
-    return EchoRows(
-        np.concatenate([r.range_m for r in rows], axis=1),
-        np.concatenate([r.root_rcs_m for r in rows], axis=1),
-    )
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Antenna(Checked):
     """A pair of antennas side by side; raises SettingsError if a field makes no sense."""

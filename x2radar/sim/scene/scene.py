@@ -43,12 +43,6 @@ class SceneStep:
     most_s: float  # to here
     weight: float = 1.0  # how often this step is taken against others in its place
 
-    def duration_s(self, rng: np.random.Generator) -> float:
-        """Return a duration; nothing is drawn where it is fixed."""
-        if self.least_s == self.most_s:
-            return self.least_s
-        return float(rng.uniform(self.least_s, self.most_s))
-
 
 @dataclass(frozen=True, slots=True)
 class StaticPoint:
@@ -108,19 +102,16 @@ def load_scene(name: str) -> Scene:
 def parse_scene(text: str, name: str, where: str) -> Scene:
     """Return the scene that a YAML text says; raises as `load_scene`."""
     try:
-        return _parsed(text, name, where)
+        raw = load_yaml(text)
+        top = _inherited(checked({} if raw == {} else raw or [], _SCENE_KEYS, where), where)
+        said = {
+            key: read(top[key], f"{where}: {key}") for key, read in _READERS.items() if key in top
+        }
+    except YamlError as err:
+        raise SceneError(f"{where}: not YAML: {err}") from err
     except (TypeError, ValueError, LookupError, AttributeError, ArithmeticError) as err:
         # Values of kinds that no key takes: lists and mappings for numbers and words.
         raise SceneError(f"{where}: a value makes no sense ({err})") from err
-
-
-def _parsed(text: str, name: str, where: str) -> Scene:
-    try:
-        raw = load_yaml(text)
-    except YamlError as err:
-        raise SceneError(f"{where}: not YAML: {err}") from err
-    top = _inherited(checked({} if raw == {} else raw or [], _SCENE_KEYS, where), where)
-    said = {key: read(top[key], f"{where}: {key}") for key, read in _READERS.items() if key in top}
     if not said.get("steps"):
         raise SceneError(f"{where}: steps: must be a list with at least one step")
     return Scene(**{"name": name, "description": "", **said})

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from x2radar.errors import SceneError
-from x2radar.sim.place.antenna import EchoRows, join, length_m
+from x2radar.sim.place.antenna import EchoRows, length_m
 from x2radar.sim.place.multipath import DiffuseTail, image_rows
 from x2radar.sim.points import Array, Mover, Points
 from x2radar.sim.scene.cast import Actor
@@ -88,9 +88,11 @@ class Stage:
             for k, mover in enumerate(movers)
         )
         rows = [r for p in points for r in self._rows(p, offset_m)]
-        if not rows:
-            rows = [EchoRows(np.zeros((n, 0)), np.zeros((n, 0)))]
-        return SceneBlock(join(tuple(rows)), offset_m, movers, points)
+        joined = EchoRows(
+            np.concatenate([np.zeros((n, 0)), *(r.range_m for r in rows)], axis=1),
+            np.concatenate([np.zeros((n, 0)), *(r.root_rcs_m for r in rows)], axis=1),
+        )
+        return SceneBlock(joined, offset_m, movers, points)
 
     def labels(self, duration_s: float) -> list[tuple[float, float, str]]:
         """Return who is there from when to when since the stream's start: (t0_s, t1_s, label).
@@ -121,10 +123,9 @@ class Stage:
         while True:
             for choice in self._scene.steps:
                 step = self._step(choice, number) if len(choice) > 1 else choice[0]
-                duration_s = step.duration_s(np.random.default_rng([self._seed, number, _STEP]))
-                n = max(1, round(duration_s * self._rate_hz))
-                movers = tuple(self._cast(step.actors, number))
-                yield _Playing(movers, n, begun)
+                rng = np.random.default_rng([self._seed, number, _STEP])
+                n = max(1, round(rng.uniform(step.least_s, step.most_s) * self._rate_hz))
+                yield _Playing(tuple(self._cast(step.actors, number)), n, begun)
                 number += 1
                 begun += n
 
