@@ -18,9 +18,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from x2radar.errors import SceneError
-from x2radar.frame import FastTimeAxis
+from x2radar.frame import FastTimeAxis, Samples
 from x2radar.sim.echo import dense, gridded, spread
-from x2radar.sim.echo.common import FINEST_DB, Amplitude, Frames, Task, blocks, echo_sigma_m
+from x2radar.sim.echo.common import FINEST_DB, Task, blocks, echo_sigma_m
 from x2radar.sim.points import Array
 
 __all__ = ["TIERS", "Task", "choose", "echo_sigma_m", "frames"]
@@ -30,7 +30,7 @@ __all__ = ["TIERS", "Task", "choose", "echo_sigma_m", "frames"]
 class Tier:
     """A way to make frames of echoes, with its error and its cost."""
 
-    frames: Callable[[Array, Amplitude, Task, float], Frames]
+    frames: Callable[[Array, Array, Task, float], Samples]
     finest_db: float  # smallest error that it can be asked for
     cost_ns: Callable[[Task], float]  # an estimate; infinite if the tier cannot do it
 
@@ -84,17 +84,17 @@ def choose(task: Task) -> str:
 
 def frames(
     range_m: Array,
-    amplitude: Amplitude,
+    amplitude: Array,
     axis: FastTimeAxis,
     *,
     error_db: float = -60.0,
     floor: float = 0.0,
     tier: str | None = None,
-) -> Frames:
+) -> Samples:
     """Return noise-free frames of moving points, shape (n_slow, n_range), in the axis' type.
 
-    Distances, constant within a frame (2.16), and peak amplitudes, real or complex, without NaN,
-    are of shape (n_slow, n_points). `error_db`, -130 to -20 dB, is the largest error of a bin over
+    Distances, constant within a frame (2.16), and signed peak amplitudes, without NaN, are of
+    shape (n_slow, n_points). `error_db`, -130 to -20 dB, is the largest error of a bin over
     the sum of the frame's amplitudes; echoes up to `floor` are left out: say a tenth of the noise.
     `tier`, one of `TIERS`, makes them instead of the cheapest.
 

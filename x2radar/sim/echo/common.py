@@ -14,14 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.errors import SceneError
-from x2radar.frame import FastTimeAxis
+from x2radar.frame import FastTimeAxis, Samples
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 from x2radar.sim.points import Array
 from x2radar.sim.signal.pulse import pulse_sigma_s
 
-Amplitude = NDArray[np.float64] | NDArray[np.complex128]
 Baseband = NDArray[np.complex64]
-Frames = NDArray[np.complex64] | NDArray[np.float32]
 
 _FAINTEST = float(np.finfo(np.float32).tiny)  # below it, amplitudes are taken for zero
 
@@ -57,7 +55,7 @@ class Task:
 
 
 def counted(
-    range_m: Array, amplitude: Amplitude, near_m: float, far_m: float, floor: float
+    range_m: Array, amplitude: Array, near_m: float, far_m: float, floor: float
 ) -> NDArray[np.bool_]:
     """Tell which echoes lie between two ranges and are stronger than the floor."""
     mask = range_m > near_m
@@ -83,16 +81,11 @@ def carrier_turns(range_m: Array, axis: FastTimeAxis) -> Array:
     return turns
 
 
-def phasor(turns: Array, amplitude: Amplitude) -> Baseband:
+def phasor(turns: Array, amplitude: Array) -> Baseband:
     """Return ``amplitude * exp(2j pi turns)`` in complex64, turns already reduced."""
     angle = turns.astype(np.float32)
     angle *= np.float32(2 * np.pi)
     out = np.empty(turns.shape, np.complex64)
-    if np.iscomplexobj(amplitude):
-        out.real = np.cos(angle)
-        out.imag = np.sin(angle)
-        out *= amplitude.astype(np.complex64)
-        return out
     level = amplitude.astype(np.float32)
     np.multiply(np.cos(angle), level, out=out.real)
     np.multiply(np.sin(angle), level, out=out.imag)
@@ -108,7 +101,7 @@ def carrier_wave(axis: FastTimeAxis) -> Baseband:
     return wave
 
 
-def empty(n_slow: int, axis: FastTimeAxis) -> Frames:
+def empty(n_slow: int, axis: FastTimeAxis) -> Samples:
     """Return frames to be filled, in the axis' type."""
     shape = (n_slow, axis.n_range)
     if axis.kind == "rf":

@@ -22,10 +22,10 @@ from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
 from x2radar.errors import SceneError
-from x2radar.frame import FastTimeAxis
+from x2radar.frame import FastTimeAxis, Samples
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 from x2radar.sim.echo import common
-from x2radar.sim.echo.common import FINEST_DB, Amplitude, Baseband, Frames, Task
+from x2radar.sim.echo.common import FINEST_DB, Baseband, Task
 from x2radar.sim.echo.spread import SpreadGrid, spread
 from x2radar.sim.points import Array
 
@@ -42,7 +42,7 @@ _TOUCH_NS = 1.5  # an echo at a point
 _USUAL_POINTS = 20  # of a body
 
 
-def frames(range_m: Array, amplitude: Amplitude, task: Task, floor: float) -> Frames:
+def frames(range_m: Array, amplitude: Array, task: Task, floor: float) -> Samples:
     """Return frames by way of a coarse grid; arguments as of `echo.frames`.
 
     The error is over the sum of the amplitudes of the echoes near the bin; further than about 18
@@ -71,7 +71,7 @@ class Design:
     turn: Baseband | None
     error_db: float
 
-    def write(self, echo: Baseband, out: Frames) -> None:
+    def write(self, echo: Baseband, out: Samples) -> None:
         """Write the bins of an echo on the grid into `out`, shape (n_slow, n_range)."""
         row, point = echo.strides
         shape = (len(echo), self.n_blocks, self.n_window)

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.frame import FastTimeAxis
+from x2radar.frame import FastTimeAxis, Samples
 from x2radar.sim.echo import common
-from x2radar.sim.echo.common import Amplitude, Baseband, Frames, Task
+from x2radar.sim.echo.common import Baseband, Task
 from x2radar.sim.points import Array
 
 # With more than this share of the echoes in view, picking them out costs more than it saves.
@@ -37,7 +37,7 @@ class SpreadGrid:
 
 
 def spread(
-    range_m: Array, amplitude: Amplitude, axis: FastTimeAxis, grid: SpreadGrid, floor: float
+    range_m: Array, amplitude: Array, axis: FastTimeAxis, grid: SpreadGrid, floor: float
 ) -> Baseband:
     """Return all echoes on the grid, shape (n_slow, n_grid); any distance is allowed.
 
@@ -96,7 +96,7 @@ def _add(
         value *= step
 
 
-def frames(range_m: Array, amplitude: Amplitude, task: Task, floor: float) -> Frames:
+def frames(range_m: Array, amplitude: Array, task: Task, floor: float) -> Samples:
     """Return frames from the bins that echoes touch; arguments as of `echo.frames`.
 
     The error is over the sum of the amplitudes of the echoes that reach the bin; a bin that

@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from x2radar.errors import SceneError
-from x2radar.keys import place_of, unknown
+from x2radar.keys import place_of
 from x2radar.sim.points import Mover
 from x2radar.sim.things.draws import Mount, ThingKind, draw_mount, values_of
 from x2radar.sim.things.hanging import CURTAIN, DOOR, PLANT, RAIN
@@ -35,8 +34,6 @@ def draw_thing(
     rng: np.random.Generator, kind: str, position_m: Any, raw: Any = None, where: str = "thing"
 ) -> Mover:
     """Return a thing of `THINGS` that moves in its place on the floor, [x, y]; or SceneError."""
-    if kind not in THINGS:
-        raise SceneError(unknown(kind, THINGS, where, "no such thing"))
     thing = THINGS[kind]
     place = np.array(place_of(position_m, f"{where}.position_m"))
     return thing.make(rng, place, values_of(rng, thing.draws, raw, where))

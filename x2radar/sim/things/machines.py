@@ -184,25 +184,34 @@ def _drive(
     heading = rng.uniform(0, 360)
     knots = [(0.0, x, y, heading)]
     bumps = [-1e3]
-    home = (x, y)
+    home, first = (x, y), heading
+
+    # A run or a turn of nothing still takes a moment, so times go up.
+    def run(goal: tuple[float, float], speed_mps: float) -> None:
+        t, x, y, at_deg = knots[-1]
+        took_s = max(np.hypot(goal[0] - x, goal[1] - y) / speed_mps, 1e-3)
+        knots.append((t + took_s, *goal, at_deg))
+
+    def turn(goal_deg: float) -> None:
+        t, x, y, at_deg = knots[-1]
+        knots.append((t + max(abs(goal_deg - at_deg) / _TURN_DEG_PER_S, 1e-3), x, y, goal_deg))
+
     while knots[-1][0] < _LOOP_S:
         goal = _straight(x, y, heading, half_m)
-        _run(knots, goal, speed_mps)
+        run(goal, speed_mps)
         bumps.append(knots[-1][0])
         away = np.deg2rad(heading)
-        back = (goal[0] - _BACK_M * np.sin(away), goal[1] - _BACK_M * np.cos(away))
-        _run(knots, back, _BACK_MPS)
+        x, y = goal[0] - _BACK_M * np.sin(away), goal[1] - _BACK_M * np.cos(away)
+        run((x, y), _BACK_MPS)
         # Off the wall, and never straight back into it.
         heading += rng.uniform(70, 170) * (1 if rng.random() < 0.5 else -1)
-        _turn(knots, heading)
-        x, y = back
+        turn(heading)
     at = knots[-1]
     heading = float(np.rad2deg(np.arctan2(home[0] - at[1], home[1] - at[2])))
     heading += 360 * round((at[3] - heading) / 360)
-    _turn(knots, heading)
-    _run(knots, home, speed_mps)
-    first = knots[0][3]
-    _turn(knots, first + 360 * round((heading - first) / 360))
+    turn(heading)
+    run(home, speed_mps)
+    turn(first + 360 * round((heading - first) / 360))
     t_s, x_m, y_m, turn_deg = np.array(knots).T
     return t_s, x_m, y_m, turn_deg, np.array(bumps)
 
@@ -217,21 +226,6 @@ def _straight(x: float, y: float, heading_deg: float, half_m: float) -> tuple[fl
     ]
     way = max(min(ways), 0.0)
     return x + way * across, y + way * along
-
-
-def _run(
-    knots: list[tuple[float, float, float, float]], goal: tuple[float, float], speed_mps: float
-) -> None:
-    t, x, y, heading = knots[-1]
-    # A run of no length still takes a moment, so times go up.
-    took_s = max(np.hypot(goal[0] - x, goal[1] - y) / speed_mps, 1e-3)
-    knots.append((t + took_s, goal[0], goal[1], heading))
-
-
-def _turn(knots: list[tuple[float, float, float, float]], heading_deg: float) -> None:
-    t, x, y, heading = knots[-1]
-    took_s = max(abs(heading_deg - heading) / _TURN_DEG_PER_S, 1e-3)
-    knots.append((t + took_s, x, y, heading_deg))
 
 
 ROBOT_VACUUM = ThingKind(
