@@ -1,18 +1,8 @@
 """Wire captures: the raw bytes of both directions with their times, to keep and to replay.
 
-File (little-endian), appended record by record, so that a kill loses nothing but the
-record being written::
-
-    head     8 bytes "X2RADARC", u16 version (1), u16 reserved (0), u32 n,
-             n bytes of JSON: started_utc, port, settings
-    record   u8 kind, u64 nanoseconds since the start, u32 n, n bytes, u32 CRC-32 of all
-             of it before
-    kinds    0x3C '<' bytes from the module, 0x3E '>' bytes to the module,
-             0x4F 'O' the port was opened (one byte: 1 when it sits on USB),
-             0x43 'C' it was closed (no bytes)
-
-A record that is cut off or whose checksum is wrong ends the capture: what stands before it
-is good, `Capture.warning` says what was left out.
+They are appended record by record (layout: docs/research/recordings.md), so that a kill loses
+nothing but the record being written. A record that is cut off or whose checksum is wrong ends the
+capture: what stands before it is good, `Capture.warning` says what was left out.
 """
 
 import json
@@ -170,21 +160,14 @@ class Capture:
         with self.path.open("rb") as file:
             file.seek(self._begin)
             while head := file.read(_RECORD.size):
-                left = self.path.stat().st_size - file.tell() + len(head)
-                chunk = _read_chunk(file.read, head)
-                if chunk is None:
+                begin = file.tell() - len(head)
+                kind, t_ns, n = _RECORD.unpack(head.ljust(_RECORD.size, b"\0"))
+                is_sound = kind in _KINDS and n <= _MAX_BYTES
+                data = file.read(n) if is_sound else b""
+                crc = _CRC.pack(zlib.crc32(data, zlib.crc32(head)))
+                if not is_sound or file.read(_CRC.size) != crc:
+                    left = self.path.stat().st_size - begin
                     why = f"cut off or damaged; the last {left} bytes are left out"
                     self.warning = f"{self.path}: {why}"
                     return
-                yield chunk
-
-
-def _read_chunk(read: Callable[[int], bytes], head: bytes) -> Chunk | None:
-    """Return the record that begins with `head`; None if it is cut off or damaged."""
-    if len(head) == _RECORD.size:
-        kind, t_ns, n = _RECORD.unpack(head)
-        if kind in _KINDS and n <= _MAX_BYTES:
-            data, crc = read(n), read(_CRC.size)
-            if crc == _CRC.pack(zlib.crc32(data, zlib.crc32(head))):
-                return Chunk(kind, t_ns / 1e9, data)
-    return None
+                yield Chunk(kind, t_ns / 1e9, data)

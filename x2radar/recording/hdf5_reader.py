@@ -217,8 +217,6 @@ def lookup3(data: bytes) -> int:
     '0x17770551'
     """
     a = b = c = (0xDEADBEEF + len(data)) & _U32
-    if not data:
-        return c
     n_blocks = -(-len(data) // 12)
     words = struct.unpack(f"<{3 * n_blocks}I", data.ljust(12 * n_blocks, b"\0"))
     for k in range(0, len(words), 3):

@@ -6,7 +6,6 @@ a file of that name is readable from the first moment, and a kill costs less tha
 """
 
 import contextlib
-import errno
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -58,7 +57,7 @@ class RecordingWriter(Closing):
         self._made_as = path.with_name(f".{path.name}.{os.getpid()}.new")
         try:
             if path.exists():
-                raise FileExistsError(errno.EEXIST, "exists already")
+                raise FileExistsError
             self._file = h5py.File(self._made_as, "x", libver="latest")
         except OSError as err:
             raise self._cannot_make(err) from err
@@ -192,12 +191,10 @@ class RecordingWriter(Closing):
             try:
                 os.link(self._made_as, self._path)
                 self._made_as.unlink()
-            except FileExistsError:
-                raise
             except OSError:
-                # No hard links on this file system.
+                # The name is taken, or there are no hard links on this file system.
                 if self._path.exists():
-                    raise FileExistsError(errno.EEXIST, "exists already") from None
+                    raise
                 self._made_as.rename(self._path)
             if self._fsync:
                 with contextlib.suppress(OSError):

@@ -61,6 +61,7 @@ class RotatingWriter(Closing):
         self._keep: dict[str, Any] = {"device": device, "settings": settings, "fsync": fsync}
         self._rotate_bytes = rotate_bytes
         self._max_frames = None if rotate_s is None else max(1, rotate_s * stream.frame_rate_hz)
+        self.is_rotating = rotate_bytes is not None or rotate_s is not None
         self._id = str(uuid.uuid4())
         self._done_bytes = self._seen_bytes = self._grows_by = 0
         self._writer: RecordingWriter | None = None
@@ -69,11 +70,6 @@ class RotatingWriter(Closing):
         self._starts_s: list[float] = []
         check_free_name(path, rotating=self.is_rotating)
         self._next_part(0)
-
-    @property
-    def is_rotating(self) -> bool:
-        """Whether the recording comes in parts."""
-        return self._rotate_bytes is not None or self._max_frames is not None
 
     @property
     def n_bytes(self) -> int:
@@ -126,12 +122,13 @@ class RotatingWriter(Closing):
     def _next_part(self, index: int) -> None:
         part = len(self.paths)
         start_s = index / self._stream.frame_rate_hz
+        started = parse_utc(self._started_utc)
         attributes = {"recording_id": self._id, "part": part, "part_start_s": start_s}
         path = part_path(self._path, part) if self.is_rotating else self._path
         self._writer = RecordingWriter(
             path,
             self._stream,
-            started_utc=_later(self._started_utc, start_s),
+            started_utc=utc_text(started + timedelta(seconds=start_s)) if started else "",
             first_index=index,
             attributes=attributes if self.is_rotating else None,
             **self._keep,
@@ -259,9 +256,3 @@ def _in_order(parts: list[RecordingReader]) -> list[RecordingReader]:
 def _number(part: RecordingReader) -> int | None:
     number = part.attribute("part")
     return None if number is None else int(number)
-
-
-def _later(started_utc: str, seconds: float) -> str:
-    """Return an ISO time so much later; other texts as they are."""
-    started = parse_utc(started_utc)
-    return utc_text(started + timedelta(seconds=seconds)) if started else started_utc

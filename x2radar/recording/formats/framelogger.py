@@ -101,8 +101,7 @@ class FrameLoggerReader(BlockReader):
         }
         said = self._axis(pg_select, offset_m, warnings)
         said |= {"frame_rate_hz": rate_hz, "settings": settings}
-        device = "FrameLogger recording of an X2"
-        self._keep(("rf", n_range), said, device)
+        self._keep(("rf", n_range), said, "FrameLogger recording of an X2")
         self.warning = f"{path}: {'; '.join(warnings)}" if warnings else None
 
     def read_samples(self, first: int, last: int) -> Samples:
@@ -139,7 +138,6 @@ def _rate(
     stamps: NDArray[np.float64], fps: float, warnings: list[str]
 ) -> tuple[NDArray[np.uint32], float | None]:
     """Return counters and frame rate; the times' unit is the one that suits `fps`."""
-    counter = np.arange(1, stamps.size + 1, dtype=np.uint32)
     if stamps.size > 1:
         # Seconds first; other loggers of that house stamp in milliseconds or days.
         for unit_s in (1.0, 1e-3, 86_400.0):
@@ -148,8 +146,7 @@ def _rate(
                 return counted, 1 / period_s
     if fps > 0:
         warnings.append(f"times without use; the nominal {fps:g} frames per second are taken")
-        return counter, fps
-    return counter, None
+    return np.arange(1, stamps.size + 1, dtype=np.uint32), fps if fps > 0 else None
 
 
 def write(path: Path, source: BlockReader) -> list[str]:
@@ -182,7 +179,15 @@ def write(path: Path, source: BlockReader) -> list[str]:
         )
         file.seek(8 * n_frames, 1)
         for block in source.blocks():
-            worst = max(worst, _write_rows(path, file, block.samples, sweep))
+            counter = sweep.counter(block.samples)
+            if not (counter.min(initial=0) >= 0 and counter.max(initial=0) <= _MAX_U32):
+                msg = (
+                    f"{path.name}: samples outside 0 to 100, the X2's unit, cannot be raw counters"
+                )
+                raise SettingsError(msg)
+            raw = counter.astype("<u4")
+            file.write(raw.tobytes())
+            worst = max(worst, float(np.abs(sweep.unit(raw) - block.samples).max(initial=0)))
             times.append(block.t_s)
         file.write(struct.pack("<f", rate_hz))
         file.seek(_HEAD.size)
@@ -190,17 +195,6 @@ def write(path: Path, source: BlockReader) -> list[str]:
     if worst:
         notes.append(f"samples moved by up to {worst:.2g} to whole counts")
     return notes
-
-
-def _write_rows(path: Path, file: Any, samples: Samples, sweep: _Sweep) -> float:
-    """Append frames as counters; return the largest change of a sample."""
-    counter = sweep.counter(samples)
-    if not (counter.min(initial=0) >= 0 and counter.max(initial=0) <= _MAX_U32):
-        msg = f"{path.name}: samples outside 0 to 100, the X2's unit, cannot be raw counters"
-        raise SettingsError(msg)
-    raw = counter.astype("<u4")
-    file.write(raw.tobytes())
-    return float(np.abs(sweep.unit(raw) - samples).max(initial=0))
 
 
 def _sweep_of(settings: Mapping[str, Any]) -> _Sweep | None:

@@ -6,8 +6,7 @@ labels as JSON text (``jsondecode``). Written is version 5, whose variables hold
 
 P4xx, read only: ``scn(i).scn`` is a scan of real bins, ``scn(i).T`` its time in milliseconds,
 whose slope is the frame period and whose gaps are lost frames. Scans become RF frames in the
-radar's own unit, bins of 61.035 ps from 17.499 ns on (the file's Tstrt when it is there), carrier
-4.0 GHz, -10 dB from 3.1 to 4.8 GHz; integers are exact up to 2**24.
+radar's own unit, bins of 61.035 ps from 17.499 ns on (the file's Tstrt when it is there).
 
 scipy reads the variables, and believes what a file says of its sizes: every array's is held
 against the bytes that are there first, so a file costs no more memory than it unpacks to, 1 GiB at

@@ -1,12 +1,9 @@
 """SigMF: ``NAME.sigmf-data`` with the samples and ``NAME.sigmf-meta``, JSON, with the rest.
 
-Every range bin is a channel, sampled once a frame: ``core:num_channels`` is the number of
-bins, ``core:sample_rate`` the frame rate, ``core:frequency`` the carrier, so that one frame
-is one sample of all channels. ``core:datatype`` is cf32_le for baseband and rf32_le for RF.
-A capture segment begins with the recording and wherever a counter does not follow the one
-before; ``x2radar:counter`` is the segment's first. The range axis, device and settings stand
-in the global object as ``x2radar:…``; labels are annotations. Samples, counters, axis and
-rate are kept bit by bit; times are counted with the rate.
+Every range bin is a channel, sampled once a frame: ``core:num_channels`` is the number of bins,
+``core:sample_rate`` the frame rate, ``core:frequency`` the carrier. A capture segment begins with
+the recording and wherever a counter does not follow the one before; ``x2radar:counter`` is the
+segment's first. The range axis, device and settings stand in the global object as ``x2radar:…``.
 """
 
 import hashlib

@@ -61,8 +61,8 @@ class WireReader(BlockReader):
         self.n_frames = len(counters)
         known = {"frame_rate_hz": self._module.frame_rate_hz, **asdict(first.axis)}
         known |= {"started_utc": about.get("started_utc"), "settings": said}
-        frames = (first.axis.kind, first.axis.n_range)
-        self._keep(frames, known, str(about.get("port") or path.name))
+        device = str(about.get("port") or path.name)
+        self._keep((first.axis.kind, first.axis.n_range), known, device)
         warnings += [self._capture.warning] if self._capture.warning else []
         if self._n_damaged:
             warnings.append(f"{path}: {self._n_damaged} damaged stretches")
@@ -87,20 +87,16 @@ class WireReader(BlockReader):
                 assembler = FrameAssembler(self._module)
             if chunk.kind == OPENED:
                 session = Session()
-            if chunk.kind == FROM_MODULE:
-                yield from self._frames_in(chunk, session, assembler)
-
-    def _frames_in(
-        self, chunk: Chunk, session: Session, assembler: FrameAssembler | None
-    ) -> Iterator[Frame]:
-        session.receive(chunk.data)
-        while (event := session.next_event()) is not None:
-            if isinstance(event, Damaged):
-                self._n_damaged += 1
-            elif isinstance(event, Received) and assembler is not None:
-                frame = assembler.frame(event.message, chunk.t_s)
-                if frame is not None:
-                    yield frame
+            if chunk.kind != FROM_MODULE:
+                continue
+            session.receive(chunk.data)
+            while (event := session.next_event()) is not None:
+                if isinstance(event, Damaged):
+                    self._n_damaged += 1
+                elif isinstance(event, Received) and assembler is not None:
+                    frame = assembler.frame(event.message, chunk.t_s)
+                    if frame is not None:
+                        yield frame
 
 
 def _starts(host: PacketDecoder, chunk: Chunk) -> bool:
