@@ -12,7 +12,7 @@ from tests.recording_helpers import content, make
 from x2radar.errors import RecordingError
 from x2radar.frame import count_by_stamps
 from x2radar.recording.about import Overrides
-from x2radar.recording.formats.xethru import META, X4_BIN_LENGTH_M, XethruReader
+from x2radar.recording.formats.xethru import META, X4_BIN_LENGTH_M, Reader
 from x2radar.recording.formats.xethru import write as write_xethru
 from x2radar.recording.registry import open_recording
 
@@ -189,7 +189,7 @@ def test_a_written_xethru_recording_without_our_header(tmp_path):
     meta = tmp_path / "x" / META
     data = meta.read_bytes()
     meta.write_bytes(data.replace(b'"x2radar"', b'"another"', 1))
-    with XethruReader(tmp_path / "x") as reader:
+    with Reader(tmp_path / "x") as reader:
         assert np.array_equal(content(reader)[0], samples)
         assert reader.stream.frame_rate_hz == pytest.approx(60.25, rel=1e-3)
         assert reader.stream.axis.bin_length_m == pytest.approx(axis.bin_length_m, rel=1e-7)
@@ -260,18 +260,18 @@ def test_every_kind_is_read(tmp_path, kind, split):
 def test_one_file_and_a_rate_of_ones_own(tmp_path):
     path = folder(tmp_path / "r", "datafloat", noise(5, 4))
     file = next(path.glob("*datafloat*"))
-    assert XethruReader(file).n_frames == 5
+    assert Reader(file).n_frames == 5
     (path / "xethru_recording_meta.dat").unlink()
     with pytest.raises(RecordingError, match="frame rate is unknown"):
-        XethruReader(file)
-    assert XethruReader(file, Overrides(frame_rate_hz=20)).stream.frame_rate_hz == 20
+        Reader(file)
+    assert Reader(file, Overrides(frame_rate_hz=20)).stream.frame_rate_hz == 20
 
 
 def test_a_cut_record_is_dropped_and_said(tmp_path):
     path = folder(tmp_path / "r", "baseband_iq", noise(5, 4))
     file = next(path.glob("*baseband*"))
     file.write_bytes(file.read_bytes()[:-3])
-    reader = XethruReader(path)
+    reader = Reader(path)
     assert reader.n_frames == 4
     assert "cut off" in reader.warning
 
@@ -296,14 +296,14 @@ def test_foreign_content(tmp_path, kind, name, content, words):
     path = folder(tmp_path / "r", kind, noise(5, 4))
     next(path.glob(name)).write_bytes(content)
     with pytest.raises(RecordingError, match=words):
-        XethruReader(path)
+        Reader(path)
 
 
 def test_empty_folder_foreign_file_and_nothing(tmp_path):
     (tmp_path / "e").mkdir()
     for name, words in (("e", "no xethru"), ("gone", "no such")):
         with pytest.raises(RecordingError, match=words):
-            XethruReader(tmp_path / name)
+            Reader(tmp_path / name)
     (tmp_path / "x.dat").write_bytes(b"1")
     with pytest.raises(RecordingError, match="not one of"):
         open_recording(tmp_path / "x.dat")

@@ -16,7 +16,7 @@ from x2radar.modules.x4 import X4Settings
 from x2radar.ports import parse_port
 from x2radar.radars import make_radar
 from x2radar.recording.capture import CaptureWriter, capturing
-from x2radar.recording.formats.wire import WireReader
+from x2radar.recording.registry import open_recording
 from x2radar.sim.module.firmware import FIRMWARES, X2Firmware, X4Firmware
 from x2radar.sim.module.host import connect
 from x2radar.sim.module.module import SimulatedModule
@@ -171,7 +171,7 @@ def test_a_capture_of_any_module_reads_back(tmp_path, firmware):
     radar.wrap_transport(lambda inner: capturing(inner, wire))
     frames, _ = take(radar, 30)
     wire.close()
-    reader = WireReader(path)
+    reader = open_recording(path)
     assert reader.stream.axis == frames[0].axis
     assert reader.n_frames >= 30
     assert np.array_equal(reader.read_samples(0, 30), [f.samples for f in frames])

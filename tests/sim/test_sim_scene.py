@@ -47,7 +47,7 @@ def test_a_file_says_the_same_as_a_builtin_scene(tmp_path):
     (dog,), (nobody,) = scene.steps
     assert [(a.kind, dict(a.options)) for a in dog.actors] == [("thesis_dog", {})]
     assert (nobody.actors, nobody.least_s, nobody.most_s) == ((), 1.5, 1.5)
-    assert [(p.range_m, p.rcs_m2) for p in scene.clutter] == [(1.0, 2500.0)]
+    assert scene.clutter == ((1.0, 2500.0),)
 
 
 FULL = """

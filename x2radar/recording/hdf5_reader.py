@@ -267,7 +267,6 @@ class RecordingReader(BlockReader):
         self._file.close()
 
     def read_labels(self) -> Iterator[Label]:
-        """Yield the labels one by one."""
         if "labels" not in self._file.file:
             return
         found = [self._file.data_set(f"labels/{name}") for name in ("t0_s", "t1_s", "label")]

@@ -20,7 +20,7 @@ from x2radar.atomic import sync_path
 from x2radar.errors import RecordingError, WriteError
 from x2radar.frame import Closing, Frame, StreamInfo
 from x2radar.recording.about import SAMPLE_DTYPES, root_attributes
-from x2radar.recording.blocks import Block, BlockReader, Label
+from x2radar.recording.blocks import Block, Label
 from x2radar.recording.faults import refuse
 from x2radar.wall_clock import utc_text
 
@@ -238,21 +238,6 @@ def write_labels(path: Path, labels: list[Label]) -> None:
     finally:
         with contextlib.suppress(OSError, RuntimeError):
             file.close()
-
-
-def write(path: Path, source: BlockReader) -> list[str]:
-    """Write `source` into a new file, bit by bit; return what was not kept."""
-    with RecordingWriter(
-        path,
-        source.stream,
-        started_utc=source.started_utc,
-        device=source.device,
-        settings=source.settings,
-    ) as writer:
-        for block in source.blocks():
-            writer.write_block(block)
-    write_labels(path, source.labels)
-    return ["decisions are not copied"] if source.has_decisions else []
 
 
 def reason(err: BaseException) -> str:

@@ -156,6 +156,21 @@ def open_hdf5(path: Path, overrides: Overrides = NO_OVERRIDES) -> BlockReader:
     return PartsReader(parts, overrides)
 
 
+def write(path: Path, source: BlockReader) -> list[str]:
+    """Write `source` into a new file, bit by bit; return what was not kept."""
+    with RecordingWriter(
+        path,
+        source.stream,
+        started_utc=source.started_utc,
+        device=source.device,
+        settings=source.settings,
+    ) as writer:
+        for block in source.blocks():
+            writer.write_block(block)
+    write_labels(path, source.labels)
+    return ["decisions are not copied"] if source.has_decisions else []
+
+
 class PartsReader(BlockReader):
     """Read the parts of a recording as one, by their numbers, else in the order of `paths`."""
 
@@ -190,7 +205,6 @@ class PartsReader(BlockReader):
         self._start_s = self._starts()
 
     def read_labels(self) -> list[Label]:
-        """Return the labels of all parts, in the time of the whole."""
         return [
             (t0_s + start_s, t1_s + start_s, label)
             for start_s, part in zip(self._start_s, self._parts, strict=True)
@@ -198,7 +212,6 @@ class PartsReader(BlockReader):
         ]
 
     def close(self) -> None:
-        """Close all parts."""
         for part in self._parts:
             part.close()
 
@@ -216,7 +229,7 @@ class PartsReader(BlockReader):
         return starts
 
     def ranges(self) -> Iterator[tuple[int, int]]:
-        """Yield the borders of the blocks; a block lies in one part."""
+        # A block lies in one part.
         for offset, part in zip(self._first, self._parts, strict=False):
             for first, last in part.ranges():
                 yield offset + first, offset + last
@@ -230,7 +243,6 @@ class PartsReader(BlockReader):
         return part.read_counters(first - offset, last - offset)
 
     def read_times(self, first: int, last: int) -> NDArray[np.float64]:
-        """Return the times of these frames in the time of the whole, in seconds."""
         part, offset, start_s = self._part(first)
         return part.read_times(first - offset, last - offset) + start_s
 

@@ -67,7 +67,7 @@ class _Sweep(NamedTuple):
         return np.rint(value * (self.pulses * self.iterations / self.dac_step))
 
 
-class FrameLoggerReader(BlockReader):
+class Reader(BlockReader):
     """Read a FrameLogger file of an X2; its settings are named as in `RadarSettings`."""
 
     def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:
@@ -105,7 +105,6 @@ class FrameLoggerReader(BlockReader):
         self.warning = f"{path}: {'; '.join(warnings)}" if warnings else None
 
     def read_samples(self, first: int, last: int) -> Samples:
-        """Return these frames in the module's unit, shape (last - first, n_range), read-only."""
         return self._falling(self._sweep.unit(self._rows[first:last]))
 
     def _axis(self, pg_select: int, offset_m: float, warnings: list[str]) -> dict[str, Any]:

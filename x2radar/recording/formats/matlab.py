@@ -177,7 +177,7 @@ def _n_fields(path: Path, order: str, parts: list[tuple[int, memoryview]]) -> in
     return n_bytes // n_letters
 
 
-class MatReader(BlockReader):
+class Reader(BlockReader):
     """Read a MATLAB file with the variables that `write` makes; it is held as a whole."""
 
     def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:

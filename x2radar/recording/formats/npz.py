@@ -29,7 +29,7 @@ _MAX_WHOLE_BYTES = 1 << 30  # of samples in Fortran order, which are held as a w
 _MAX_PACKED = 1100  # bytes that one byte of an archive unpacks to; deflate reaches 1032 at most
 
 
-class NpzReader(BlockReader):
+class Reader(BlockReader):
     """Read a NumPy archive; samples are streamed, unless they are in Fortran order."""
 
     def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:

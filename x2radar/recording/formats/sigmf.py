@@ -35,7 +35,7 @@ def pair_of(path: Path) -> tuple[Path, Path]:
     return path.with_name(name + META), path.with_name(name + DATA)
 
 
-class SigmfReader(BlockReader):
+class Reader(BlockReader):
     """Read a SigMF pair whose channels are range bins, by the name of either file."""
 
     def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:
@@ -126,7 +126,6 @@ class SigmfReader(BlockReader):
         return out
 
     def read_counters(self, first: int, last: int) -> NDArray[Any]:
-        """Return the counters of these frames; they go on from the first of their segment."""
         k = np.arange(first, last)
         segment = np.searchsorted(self._begin, k, side="right") - 1
         counter: NDArray[np.int64] = self._number[segment] + k - self._begin[segment]

@@ -29,7 +29,7 @@ from x2radar.wire.protocol import Damaged, Received, Session
 from x2radar.wire.wire_ids import Mode, X4Setting
 
 
-class WireReader(BlockReader):
+class Reader(BlockReader):
     """Read the frames of a capture."""
 
     def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:
@@ -71,7 +71,7 @@ class WireReader(BlockReader):
         self._rest: Iterator[Frame] = iter(())
 
     def read_samples(self, first: int, last: int) -> Samples:
-        """Return these frames; block after block is one pass."""
+        # Block after block is one pass.
         if self._at < 0 or first < self._at:
             self._rest, self._at = self._decoded(), 0
         wanted = list(islice(self._rest, first - self._at, last - self._at))

@@ -69,7 +69,6 @@ class Design:
     n_step: int
     n_window: int
     turn: Baseband | None
-    error_db: float
 
     def write(self, echo: Baseband, out: Samples) -> None:
         """Write the bins of an echo on the grid into `out`, shape (n_slow, n_range)."""
@@ -108,7 +107,7 @@ def design_for(axis: FastTimeAxis, error_db: float) -> Design:
             f"bins must be shorter than a third of a sigma, the error at least {FINEST_DB:g}"
         )
     sigma_m = common.echo_sigma_m(axis)
-    shape, matrix, worst = _cheapest(axis.n_range, axis.bin_length_m / sigma_m, error_db)
+    shape, matrix = _cheapest(axis.n_range, axis.bin_length_m / sigma_m, error_db)
     n_block, n_step, halo, touched, share = shape
     spacing = n_block * axis.bin_length_m / sigma_m / n_step
     n_blocks = -(-axis.n_range // n_block)
@@ -131,7 +130,6 @@ def design_for(axis: FastTimeAxis, error_db: float) -> Design:
         n_step=n_step,
         n_window=n_window,
         turn=common.carrier_wave(axis)[::n_block][:, None].copy() if is_rf else None,
-        error_db=20 * math.log10(worst),
     )
 
 
@@ -143,7 +141,7 @@ class _Shape(NamedTuple):
     share: float
 
 
-def _cheapest(n_range: int, bin_sigma: float, error_db: float) -> tuple[_Shape, Array, float]:
+def _cheapest(n_range: int, bin_sigma: float, error_db: float) -> tuple[_Shape, Array]:
     """Return the first of all shapes, by estimated time, whose error is small enough."""
     found = []
     longest = max(128, int(4 / bin_sigma))
@@ -165,7 +163,7 @@ def _cheapest(n_range: int, bin_sigma: float, error_db: float) -> tuple[_Shape, 
     for _, shape in found:
         matrix, worst = _fit(shape, bin_sigma)
         if 20 * math.log10(worst) <= error_db:
-            return shape, matrix, worst
+            return shape, matrix
     raise SceneError(f"error_db {error_db:g}: no grid reaches it on this axis")
 
 

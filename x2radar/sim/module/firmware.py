@@ -63,7 +63,8 @@ class Firmware(ABC):
                 return Obeyed(msg.Reply(0x58, item, told))
             case msg.SetLed() | msg.SetBaudRate():
                 return Obeyed(msg.Ack())
-        return None
+            case _:
+                return None
 
     @abstractmethod
     def frame_message(
@@ -78,14 +79,12 @@ class X2Firmware(Firmware):
     order_code = "X2M-SIM"
 
     def forget(self) -> None:
-        """Go back to power-on: no settings, no profile, no output."""
         self._fields: dict[str, float] = {}
         self._output = self._streamed = _OUTPUTS[ids.BasebandOutput.OFF]
         self._profile: str | None = None
         self._zone_m: tuple[float, float] | None = None
 
     def obey(self, command: msg.Message) -> Obeyed | None:
-        """Carry out modes, radar settings, output, profiles and zones."""
         match command:
             case msg.SetMode(mode):
                 return self._set_mode(mode)
@@ -108,12 +107,12 @@ class X2Firmware(Firmware):
                 return Obeyed(msg.Ack())
             case msg.SetSensitivity():
                 return Obeyed(msg.Ack())
-        return super().obey(command)
+            case _:
+                return super().obey(command)
 
     def frame_message(
         self, axis: FastTimeAxis, counter: int, frame: np.ndarray[Any, Any]
     ) -> msg.Message:
-        """Return a raw frame, or baseband as I/Q or amplitude and phase."""
         if axis.kind == "rf":
             return msg.Data(ids.ContentId.RAW_FRAME, counter, frame)
         about = axis.bin_length_m, axis.sample_rate_hz, axis.carrier_hz, axis.range_offset_m
@@ -153,13 +152,11 @@ class X4Firmware(Firmware):
     order_code = "X4M03-SIM"
 
     def forget(self) -> None:
-        """Go back to power-on: stopped, not initialised, no settings."""
         self._mode = int(ids.Mode.STOP)
         self._is_initialised = False
         self._fields: dict[str, Any] = {"is_baseband": False}
 
     def obey(self, command: msg.Message) -> Obeyed | None:
-        """Carry out modes and X4 driver settings; a frame rate above 0 starts the stream."""
         match command:
             case msg.SetMode(mode):
                 if mode not in set(ids.Mode):
@@ -176,12 +173,13 @@ class X4Firmware(Firmware):
             case msg.X4Set(setting, values) if setting in X4_FIELDS:
                 self._fields |= dict(zip(X4_FIELDS[setting], values, strict=True))
                 return Obeyed(msg.Ack())
-        return super().obey(command)
+            case _:
+                return super().obey(command)
 
     def frame_message(
         self, axis: FastTimeAxis, counter: int, frame: np.ndarray[Any, Any]
     ) -> msg.Message:
-        """Return a raw frame: RF, or baseband as half I and half Q."""
+        # Baseband is half I and half Q.
         values = frame if axis.kind == "rf" else np.concatenate([frame.real, frame.imag])
         return msg.Data(ids.ContentId.RAW_FRAME, counter, values)
 

@@ -192,6 +192,8 @@ class SimulatedModule:
                 self._resume = None
                 self._reset_due_s = self._now_s + RESET_DELAY_S
                 return msg.Ack()
+            case _:
+                pass
         done = self._firmware.obey(command)
         if done is None:
             return msg.ErrorReply(ErrorCode.NOT_RECOGNIZED)

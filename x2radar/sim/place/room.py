@@ -7,6 +7,7 @@ scatterers costs one small matrix product, and a still room nothing at all.
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,7 +95,7 @@ class Room:
         self._drift_turns = drift.random((2, n, _DRIFT_LINES))
         self._turns_per_m = 2 * axis.carrier_hz / SPEED_OF_LIGHT_MPS
         self._is_rf = axis.kind == "rf"
-        self.still: Samples = self._frames(np.ones((1, n), np.complex64))[0]
+        self.still: NDArray[Any] = self._frames(np.ones((1, n), np.complex64))[0]
         """The echo without drift, shape (n_range,), float32 RF or complex64; read-only."""
         self.still.flags.writeable = False
 

@@ -45,14 +45,6 @@ class SceneStep:
 
 
 @dataclass(frozen=True, slots=True)
-class StaticPoint:
-    """A piece of static clutter; its cross section includes the module's 40 dB of gain."""
-
-    range_m: float
-    rcs_m2: float
-
-
-@dataclass(frozen=True, slots=True)
 class Scene:
     """A scene file, read and checked."""
 
@@ -61,7 +53,8 @@ class Scene:
     # Played in order, then again; one of each tuple, drawn by weight each time.
     steps: tuple[tuple[SceneStep, ...], ...]
     background: tuple[Actor, ...] = ()  # what moves all the time
-    clutter: tuple[StaticPoint, ...] = ()  # single static echoes
+    # Single static echoes: range in m, cross section in m2 with the module's 40 dB of gain.
+    clutter: tuple[tuple[float, float], ...] = ()
     room: RoomSettings | None = None  # static objects, distributed clutter, leakage
     antenna: Antenna = field(default_factory=lambda: Antenna(shape="isotropic"))
     surfaces: tuple[Surface, ...] = ()  # floor and walls that mirror
@@ -150,8 +143,7 @@ def _step(raw: Any, where: str) -> SceneStep:
         raw = checked(raw or [], _STEP_KEYS, where)
     raw = dict(raw)
     least_s, most_s = _duration(raw.pop("duration_s", None), f"{where}.duration_s")
-    weight = raw.pop("weight", 1.0)
-    _WEIGHT.judge(weight, f"{where}.weight")
+    weight = _number(_WEIGHT, raw.pop("weight", 1.0), f"{where}.weight")
     if "actors" in raw:
         actors = checked(raw, {"actors": None}, where)["actors"]
         return SceneStep(_list(read_actor)(actors, f"{where}.actors"), least_s, most_s, weight)
@@ -162,28 +154,25 @@ def _step(raw: Any, where: str) -> SceneStep:
 
 def _duration(raw: Any, where: str) -> tuple[float, float]:
     least_s, most_s = raw if isinstance(raw, list) and len(raw) == 2 else (raw, raw)
-    for value in (least_s, most_s):
-        _DURATION.judge(value, where)
+    least_s, most_s = _number(_DURATION, least_s, where), _number(_DURATION, most_s, where)
     if least_s > most_s:
-        raise SceneError(f"{where}: {least_s} is above {most_s}")
-    return float(least_s), float(most_s)
+        raise SceneError(f"{where}: {least_s:g} is above {most_s:g}")
+    return least_s, most_s
 
 
-def _point(raw: Any, where: str) -> StaticPoint:
+def _number(key: Key, raw: Any, where: str) -> float:
+    key.judge(raw, where)
+    return float(raw)
+
+
+def _point(raw: Any, where: str) -> tuple[float, ...]:
     item = checked(raw, _POINT, where)
-    for name, key in _POINT.items():
-        key.judge(item.get(name), f"{where}.{name}")
-    return StaticPoint(float(item["range_m"]), float(item["rcs_m2"]))
+    return tuple(_number(key, item.get(n), f"{where}.{n}") for n, key in _POINT.items())
 
 
 def _mount(raw: Any, where: str) -> Mapping[str, float]:
     draw_mount(np.random.default_rng(0), raw, where)
     return dict(raw or {})
-
-
-def _error_db(raw: Any, where: str) -> float:
-    _ERROR.judge(raw, where)
-    return float(raw)
 
 
 def _text(raw: Any, where: str) -> str:
@@ -214,7 +203,7 @@ _READERS: Mapping[str, Callable[[Any, str], Any]] = {
     "antenna": partial(settings_from, Antenna),
     "tail": partial(settings_from, TailSettings),
     "receiver": partial(settings_from, ReceiverEffects),
-    "error_db": _error_db,
+    "error_db": partial(_number, _ERROR),
 }
 """What a scene may say, and who judges it."""
 _SCENE_KEYS = dict.fromkeys(("description", "like", *list(_READERS)[1:]))
