@@ -8,9 +8,8 @@ from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.module.module import SimulatedModule
 from x2radar.sim.place.room import Room, RoomSettings
 from x2radar.sim.scene.scene import load_scene
-from x2radar.sim.signal.effects import ReceiverEffects
 from x2radar.sim.signal.pulse import LinkBudget
-from x2radar.sim.signal.receiver import MIDDLE, Receiver
+from x2radar.sim.signal.receiver import MIDDLE, Receiver, ReceiverEffects
 from x2radar.wire import framing
 from x2radar.wire.codec import decode_response, encode
 from x2radar.wire.framing import PacketDecoder

@@ -14,9 +14,9 @@ from x2radar.keys import settings_from
 from x2radar.sim.place.antenna import Antenna
 from x2radar.sim.place.multipath import Surface, TailSettings
 from x2radar.sim.place.room import RoomSettings
-from x2radar.sim.signal.effects import ReceiverEffects
-from x2radar.sim.things import THINGS, draw_mount, draw_thing
-from x2radar.sim.things.draws import DRAWS
+from x2radar.sim.signal.receiver import ReceiverEffects
+from x2radar.sim.things.draws import DRAWS, draw_mount
+from x2radar.sim.things.kinds import THINGS, draw_thing
 
 CLASSES = (Antenna, Surface, TailSettings, RoomSettings, ReceiverEffects)
 FIELDS = [(cls, field.name, field.metadata["key"]) for cls in CLASSES for field in fields(cls)]

@@ -5,8 +5,7 @@ import pytest
 
 from radard.dsp.downconvert import DownConverter
 from tests.sim_helpers import BASEBAND, RF, affected, room_echo
-from x2radar.sim.signal.effects import FrameDraws, ReceiverEffects
-from x2radar.sim.signal.receiver import MIDDLE
+from x2radar.sim.signal.receiver import MIDDLE, FrameDraws, ReceiverEffects
 
 EVERYTHING = ReceiverEffects(
     jitter_s=0.2e-12,

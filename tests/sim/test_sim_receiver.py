@@ -12,7 +12,6 @@ from tests.dsp_reference import micro_doppler_direct
 from tests.echo_references import baseband_echo, passband
 from tests.sim_helpers import BASEBAND, RF, affected, axis_of, room_echo, silence
 from x2radar.modules.x2 import RadarSettings
-from x2radar.sim.signal.effects import FrameDraws, ReceiverEffects
 from x2radar.sim.signal.pulse import (
     LinkBudget,
     baseband_noise_power,
@@ -20,7 +19,14 @@ from x2radar.sim.signal.pulse import (
     noise_sigma,
     pulse_sigma_s,
 )
-from x2radar.sim.signal.receiver import MIDDLE, Receiver, delayed_baseband, delayed_rf
+from x2radar.sim.signal.receiver import (
+    MIDDLE,
+    FrameDraws,
+    Receiver,
+    ReceiverEffects,
+    delayed_baseband,
+    delayed_rf,
+)
 
 
 def receiver(axis=RF, *, sigma=0.04, seed=0, **settings):

@@ -12,7 +12,7 @@ from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.module import cost, stream
 from x2radar.sim.scene.cast import BODIES
 from x2radar.sim.scene.scene import ERRORS_DB, builtin_scenes, load_scene, parse_scene, scene_names
-from x2radar.sim.things import THINGS
+from x2radar.sim.things.kinds import THINGS
 
 STEP = "steps: [{body: thesis_cat, duration_s: 5}]\n"
 

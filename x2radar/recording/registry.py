@@ -90,7 +90,7 @@ FORMATS: Mapping[str, Format] = {
         Format("npz", "NumPy archive", (".npz",), "npz", magic=b"PK\x03\x04"),
         Format("parquet", "Parquet table", (".parquet",), "columns", "", "write_parquet", b"PAR1"),
         Format("mcap", "MCAP file", (".mcap",), "columns", "", "write_mcap", b"\x89MCAP0\r\n"),
-        Format("capture", "wire capture", (".x2cap",), "wire", writer="", magic=b"X2RADARC"),
+        Format("capture", "wire capture", (".x2cap",), ".capture", writer="", magic=b"X2RADARC"),
     )
 }
 WRITABLE = tuple(row.name for row in FORMATS.values() if row.writer)

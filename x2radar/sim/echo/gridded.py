@@ -24,9 +24,8 @@ from numpy.typing import NDArray
 from x2radar.errors import SceneError
 from x2radar.frame import FastTimeAxis, Samples
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
-from x2radar.sim.echo import common
-from x2radar.sim.echo.common import FINEST_DB, Baseband, Task
-from x2radar.sim.echo.spread import SpreadGrid, spread
+from x2radar.sim.echo import direct
+from x2radar.sim.echo.direct import FINEST_DB, Baseband, SpreadGrid, Task, spread
 from x2radar.sim.points import Array
 
 _SHARES = (0.5, 0.6, 0.7, 0.76)  # of the variance that the first Gaussian takes
@@ -51,8 +50,8 @@ def frames(range_m: Array, amplitude: Array, task: Task, floor: float) -> Sample
     """
     axis = task.axis
     design = design_for(axis, task.error_db)
-    out = common.empty(len(range_m), axis)
-    for part in common.blocks(*range_m.shape):
+    out = direct.empty(len(range_m), axis)
+    for part in direct.blocks(*range_m.shape):
         echo = spread(range_m[part], amplitude[part], axis, design.grid, floor)
         design.write(echo, out[part])
     return out
@@ -95,7 +94,7 @@ class Design:
 
 def suits(axis: FastTimeAxis) -> bool:
     """Tell whether the axis' bins are short enough for a grid that is coarser."""
-    return common.echo_sigma_m(axis) > 3 * axis.bin_length_m and axis.n_range >= 2
+    return direct.echo_sigma_m(axis) > 3 * axis.bin_length_m and axis.n_range >= 2
 
 
 @lru_cache(maxsize=16)
@@ -106,7 +105,7 @@ def design_for(axis: FastTimeAxis, error_db: float) -> Design:
             f"no coarse grid gives {error_db:g} dB on bins of {axis.bin_length_m:g} m: the "
             f"bins must be shorter than a third of a sigma, the error at least {FINEST_DB:g}"
         )
-    sigma_m = common.echo_sigma_m(axis)
+    sigma_m = direct.echo_sigma_m(axis)
     shape, matrix = _cheapest(axis.n_range, axis.bin_length_m / sigma_m, error_db)
     n_block, n_step, halo, touched, share = shape
     spacing = n_block * axis.bin_length_m / sigma_m / n_step
@@ -129,7 +128,7 @@ def design_for(axis: FastTimeAxis, error_db: float) -> Design:
         n_blocks=n_blocks,
         n_step=n_step,
         n_window=n_window,
-        turn=common.carrier_wave(axis)[::n_block][:, None].copy() if is_rf else None,
+        turn=direct.carrier_wave(axis)[::n_block][:, None].copy() if is_rf else None,
     )
 
 

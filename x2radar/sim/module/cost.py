@@ -19,7 +19,7 @@ from x2radar.sim.module.stream import EchoStream
 from x2radar.sim.scene.cast import BODIES, Actor
 from x2radar.sim.scene.scene import ERRORS_DB, Scene, SceneStep
 from x2radar.sim.scene.stage import Stage
-from x2radar.sim.signal.effects import ReceiverEffects
+from x2radar.sim.signal.receiver import ReceiverEffects
 
 _BLOCK, _ROUNDS = 16, 5  # frames that a stream makes at a time; how often everything is timed
 _USUAL_HZ, _FAST_HZ = 60, 200

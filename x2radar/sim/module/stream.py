@@ -83,11 +83,7 @@ class EchoStream:
         return self._receiver.rf(frames) if is_rf else self._receiver.baseband(frames)
 
     def _echo(self, rows: EchoRows) -> NDArray[Any]:
-        """Return the echoes of what moves, shape (n_slow, n_range); nothing costs nothing."""
-        n_slow, n_rows = rows.range_m.shape
-        if not n_rows:
-            dtype = np.float32 if self.axis.kind == "rf" else np.complex64
-            return np.zeros((n_slow, self.axis.n_range), dtype)
+        """Return the echoes of what moves, shape (n_slow, n_range)."""
         # Physical cross sections get the module's integration gain here.
         amplitude = rows.amplitude(self._budget, self.axis) * np.sqrt(SEED_GAIN)
         return echo_frames(

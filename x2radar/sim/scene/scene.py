@@ -21,8 +21,8 @@ from x2radar.sim.place.antenna import Antenna
 from x2radar.sim.place.multipath import Surface, TailSettings
 from x2radar.sim.place.room import RoomSettings
 from x2radar.sim.scene.cast import Actor, read_actor
-from x2radar.sim.signal.effects import ReceiverEffects
-from x2radar.sim.things import draw_mount
+from x2radar.sim.signal.receiver import ReceiverEffects
+from x2radar.sim.things.draws import draw_mount
 
 _T = TypeVar("_T")
 ERRORS_DB = (-40.0, -60.0, -80.0, -100.0)  # of the echoes' error, 20 dB apart

@@ -16,7 +16,7 @@ from x2radar.sim.place.multipath import DiffuseTail, image_rows
 from x2radar.sim.points import Array, Mover, Points
 from x2radar.sim.scene.cast import Actor
 from x2radar.sim.scene.scene import Scene, SceneStep
-from x2radar.sim.things import Mount, draw_mount
+from x2radar.sim.things.draws import Mount, draw_mount
 
 _MAX_LOOK_S = 60.0  # how long `check_swath` follows a body: in a minute it has crossed any room
 _BACKGROUND, _MOUNT, _TAIL, _STEP = 0xBAC0, 0x3071, 0x7A11, 0x57E9

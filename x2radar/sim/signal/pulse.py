@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from x2radar.frame import FastTimeAxis
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS, RadarSettings
 from x2radar.sim.points import Array
-from x2radar.sim.signal.effects import ReceiverEffects
 
 NEAREST_M = 0.1  # nearer points count as here: the near field has no radar equation
 BOLTZMANN = 1.380_649e-23  # J/K, exact (SI 2019)
@@ -56,7 +55,7 @@ REFERENCE_STEP = 4
 
 
 def noise_sigma(
-    settings: RadarSettings, budget: LinkBudget, effects: ReceiverEffects | None = None
+    settings: RadarSettings, budget: LinkBudget, noise_figure_db: float = 13.0
 ) -> float:
     """Return the standard deviation of a raw sample's noise, in the module's unit.
 
@@ -68,8 +67,7 @@ def noise_sigma(
     """
     pulses = settings.pulses_per_step * settings.iterations
     power = REFERENCE_PULSES / pulses * settings.dac_step / REFERENCE_STEP
-    if effects is not None:
-        power *= 10 ** (effects.noise_figure_db / 10) / budget.noise_figure
+    power *= 10 ** (noise_figure_db / 10) / budget.noise_figure
     return budget.noise_sigma * math.sqrt(power)
 
 
