@@ -197,7 +197,7 @@ class PartsReader(BlockReader):
         self.device, self.settings = first.device, first.settings
         self.n_frames = sum(part.n_frames for part in self._parts)
         warnings += [part.warning for part in self._parts if part.warning]
-        numbers = [_number(part) for part in self._parts]
+        numbers = [part.attribute("part") for part in self._parts]
         if None not in numbers and numbers != list(range(len(numbers))):
             warnings.append(f"{first.path.parent}: parts are missing")
         self.warning = "; ".join(warnings) or None
@@ -253,18 +253,12 @@ class PartsReader(BlockReader):
 
 def _in_order(parts: list[RecordingReader]) -> list[RecordingReader]:
     """Return the parts by number; raise RecordingError if they are of different recordings."""
-    first = parts[0]
-    for part in parts[1:]:
-        ids = [each.attribute("recording_id") for each in (part, first)]
-        streams = [(each.stream.axis, each.stream.frame_rate_hz) for each in (part, first)]
-        if ids[0] != ids[1] or streams[0] != streams[1]:
+    own = [(p.attribute("recording_id"), p.stream.axis, p.stream.frame_rate_hz) for p in parts]
+    for part, about in zip(parts, own, strict=True):
+        if about != own[0]:
             why = f"and {part.path.name} are different recordings; name one of them"
-            raise refuse(first.path, why)
-    if any(_number(part) is None for part in parts):
+            raise refuse(parts[0].path, why)
+    numbers = [part.attribute("part") for part in parts]
+    if None in numbers:
         return parts
-    return sorted(parts, key=lambda part: _number(part) or 0)
-
-
-def _number(part: RecordingReader) -> int | None:
-    number = part.attribute("part")
-    return None if number is None else int(number)
+    return sorted(parts, key=lambda part: int(part.attribute("part")))

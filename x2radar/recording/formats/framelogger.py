@@ -10,11 +10,8 @@ Layout (decoded from real files, which it consumes to the last byte)::
 A counter becomes the module's unit, 0 to 100, as
 ``(counter / (pulses * iterations) * step + min) * 100 / 8192``. The logger wrote garbage as
 samples per second; 39 GS/s is assumed then and said. The offset is taken as the range of the
-first sample in metres. Frames are not counted: counters are made of the times.
-
-Written samples are exact when they came from these settings; else they move by half a count
-at most, and the result says how much. Not kept: counters before the first loss, what lies
-before float32 in sampling rate and offset, a carrier that no PGSelect has, device, labels.
+first sample in metres. Frames are not counted: counters are made of the times. Written samples
+are exact when they came from these settings; else they move by half a count at most.
 """
 
 import struct

@@ -1,8 +1,7 @@
 """MATLAB files of version 5 to 7: our own, and those of P4xx radars; both are held as a whole.
 
-Ours, for ``load FILE`` and ``scipy.io.loadmat``: samples (n, n_range) single, real or complex;
-counter (n, 1) uint32; t_s (n, 1) double; the attributes of an HDF5 recording; device, settings and
-labels as JSON text (``jsondecode``). Written is version 5, whose variables hold 2 GiB at most.
+Ours, for ``load FILE`` and ``scipy.io.loadmat``, are of version 5: samples, counter and t_s (both
+columns), the attributes of an HDF5 recording, and labels as JSON text (``jsondecode``).
 
 P4xx, read only: ``scn(i).scn`` is a scan of real bins, ``scn(i).T`` its time in milliseconds,
 whose slope is the frame period and whose gaps are lost frames. Scans become RF frames in the

@@ -108,10 +108,9 @@ def _name(actor: Actor) -> str:
     """Return what an actor is on the bill: a body by its skin, or a thing."""
     if actor.kind not in BODIES and actor.plugged is None:
         return f"thing: {actor.kind}"
-    skin = (
-        "" if actor.kind.startswith("thesis") else f", skin {actor.options.get('skin', 'surface')}"
-    )
-    return f"body: {actor.kind}{skin}"
+    if actor.kind.startswith("thesis"):
+        return f"body: {actor.kind}"
+    return f"body: {actor.kind}, skin {actor.options.get('skin', 'surface')}"
 
 
 def _without(scene: Scene, name: str) -> Scene:
