@@ -1,5 +1,6 @@
 """What tests ask of the simulator: axes, frames of its receiver, and a module without a port."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -89,7 +90,7 @@ def fps(rate_hz):
 
 def frames(m, n):
     """Start the stream if it does not run, and return the next `n` frame messages."""
-    if not m.is_streaming:
+    if m.next_due_s == math.inf:
         assert ask(m, MANUAL) == [Ack()]
     out = []
     while len(out) < n:

@@ -66,8 +66,8 @@ def test_phase_sign_is_brought_to_falling(tmp_path):
     [
         ({"format": "other"}, "'format'"),
         ({"format": None}, "'format'"),
-        ({"format_version": 2}, "format_version 2"),
-        *(({"format_version": other}, "format_version") for other in ("2", "one", 1.5, "")),
+        *(({"format_version": other}, "format_version") for other in (2, "2", "one", 1.5, "")),
+        *(({"phase_sign": sign}, "'phase_sign' is") for sign in (2, 0.5, -7)),
         ({"kind": "video"}, "no video data"),
         ({"carrier_hz": None}, "'carrier_hz' is missing"),
         ({"frame_rate_hz": 0.0}, "'frame_rate_hz' is 0"),
@@ -80,6 +80,7 @@ def test_phase_sign_is_brought_to_falling(tmp_path):
         ({"kind": "rf"}, "no rf data"),
         ({"t_s": np.zeros((10, 2))}, "/frames/t_s"),
         ({"samples": np.zeros((0, 8), np.complex64)}, "no frames"),
+        ({"samples": np.zeros((8, 10), np.complex64)}, "a column a frame"),
     ],
 )
 def test_faults_are_named(tmp_path, changes, words):

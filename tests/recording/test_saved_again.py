@@ -104,32 +104,6 @@ def test_counters_that_do_not_count_are_refused(tmp_path, value):
         assert len(list(open_recording(tmp_path / f"{n}.h5").frames())) == 1
 
 
-def replace(path, name, values):
-    with h5py.File(path, "r+") as file:
-        del file[f"frames/{name}"]
-        file[f"frames/{name}"] = values
-
-
-def test_halves_of_frames_and_frames_as_columns_are_refused(tmp_path):
-    """Half a number was cut off; columns, as MATLAB writes them, were taken for frames."""
-    path, samples = make(tmp_path / "in.h5")
-    replace(path, "counter", np.arange(len(samples)) + 0.5)
-    with pytest.raises(RecordingError, match="no numbers of frames"):
-        list(open_recording(path).frames())
-    replace(path, "samples", samples.T.copy())
-    with pytest.raises(RecordingError, match="a column a frame"):
-        open_recording(path)
-
-
-@pytest.mark.parametrize("sign", [2, 0.5, -7])
-def test_a_phase_that_neither_rises_nor_falls_is_refused(tmp_path, sign):
-    path, _ = make(tmp_path / "in.h5", "baseband")
-    with h5py.File(path, "r+") as file:
-        file.attrs["phase_sign"] = sign
-    with pytest.raises(RecordingError, match="'phase_sign' is"):
-        open_recording(path)
-
-
 @pytest.mark.parametrize("form", ["npz", "mat", "hdf5"])
 def test_a_replay_takes_a_file_for_what_its_user_says(tmp_path, form):
     source, samples = make(tmp_path / "in.h5")

@@ -101,7 +101,6 @@ def test_reset_boots_and_forgets_settings_and_stream():
     assert all(isinstance(message, msg.BasebandIq) for message in said(m))
     m.advance(10 + RESET_DELAY_S)
     assert said(m) == [msg.SystemMessage(ids.SystemCode.BOOTING)]
-    assert not m.is_streaming
     assert ask(m, msg.Ping(), MANUAL, msg.Reset()) == []  # nobody is at home
     assert m.next_due_s == pytest.approx(10 + RESET_DELAY_S + BOOT_S)
     m.advance(m.next_due_s)

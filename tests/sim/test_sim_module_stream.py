@@ -24,14 +24,11 @@ def test_frames_come_only_in_manual_mode():
     m = module()
     m.advance(5.0)
     assert said(m) == []
-    assert not m.is_streaming
     for mode in (Mode.RUN, Mode.NORMAL, Mode.IDLE, Mode.STOP):
         assert ask(m, MANUAL) == [Ack()]
-        assert m.is_streaming
         m.advance(m.next_due_s)
         assert len(said(m)) == 1
         assert ask(m, SetMode(mode)) == [Ack()]
-        assert not m.is_streaming
         assert m.next_due_s == math.inf
         m.advance(5.0)
         assert said(m) == []
@@ -120,7 +117,6 @@ def test_impossible_settings_are_refused_when_the_stream_should_start(command):
     m = module()
     assert ask(m, command) == [Ack()]
     assert ask(m, MANUAL) == [REFUSED]
-    assert not m.is_streaming
     m.advance(1.0)
     assert said(m) == []
     ask(m, Reset())

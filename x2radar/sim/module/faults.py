@@ -176,8 +176,8 @@ class Line:
         self._plan = plan = dice.plan
         self._dice = dice
         self.max_piece = int(plan.get("split", 0))  # bytes that are sent at a time; 0: all
-        self._hang_up_s = plan.get("hang_up", _NEVER_S)
-        self._last_s = min(self._hang_up_s, plan.get("silent", _NEVER_S))
+        self.hang_up_s = plan.get("hang_up", _NEVER_S)
+        self._last_s = min(self.hang_up_s, plan.get("silent", _NEVER_S))
         self._queue: deque[tuple[float, bytes]] = deque()
         self._last_due_s = 0.0
 
@@ -185,10 +185,6 @@ class Line:
     def next_due_s(self) -> float:
         """When the next bytes are due, in seconds of module time; inf for nothing."""
         return self._queue[0][0] if self._queue else _NEVER_S
-
-    def is_closed(self, now_s: float) -> bool:
-        """Return whether the line has been cut."""
-        return now_s >= self._hang_up_s
 
     def put(self, packet: bytes, made_s: float, *, late_s: float = 0.0) -> None:
         """Take a packet that was made at `made_s` and leaves `late_s` later."""

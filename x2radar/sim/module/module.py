@@ -71,17 +71,12 @@ class SimulatedModule:
     @property
     def has_hung_up(self) -> bool:
         """Whether the port must close now."""
-        return self._line.is_closed(self._now_s)
+        return self._now_s >= self._line.hang_up_s
 
     @property
     def splits_output(self) -> bool:
         """Whether `data_to_send` gives pieces that the host is to read one by one."""
         return self._line.max_piece > 0
-
-    @property
-    def is_streaming(self) -> bool:
-        """Whether frames are being sent."""
-        return self._stream is not None
 
     def receive(self, data: bytes) -> None:
         """Take bytes from the host and answer every whole packet in them."""
@@ -105,7 +100,8 @@ class SimulatedModule:
             if at_s == self._reset_due_s:
                 self._restart()
             elif at_s == self._awake_due_s:
-                self._wake_up()
+                self._is_awake, self._awake_due_s = True, _FOREVER_S
+                self._ready_due_s = at_s + max(self._faults.not_ready_s - BOOT_S, 0.0)
             elif at_s == self._ready_due_s:
                 self._be_ready()
             elif self._stream is not None and at_s == self._frame_due_s:
@@ -128,10 +124,6 @@ class SimulatedModule:
         if self._resume is None:
             self._firmware.forget()
         self._send(msg.SystemMessage(SystemCode.BOOTING))
-
-    def _wake_up(self) -> None:
-        self._is_awake, self._awake_due_s = True, _FOREVER_S
-        self._ready_due_s = self._now_s + max(self._faults.not_ready_s - BOOT_S, 0.0)
 
     def _be_ready(self) -> None:
         self._ready_due_s = _FOREVER_S
