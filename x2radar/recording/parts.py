@@ -8,7 +8,7 @@ parts belong together. Losses between two parts show in the counters, as within 
 import contextlib
 import re
 import uuid
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
@@ -41,7 +41,7 @@ def existing_parts(path: Path) -> list[Path]:
 
 
 class RotatingWriter(Closing):
-    """Write frames as `RecordingWriter`, or into parts of `rotate_bytes` or `rotate_s`."""
+    """Write frames as `RecordingWriter`, which is told `about`, or into parts of a size."""
 
     def __init__(
         self,
@@ -49,16 +49,14 @@ class RotatingWriter(Closing):
         stream: StreamInfo,
         *,
         started_utc: str,
-        device: Mapping[str, Any],
-        settings: Mapping[str, Any],
         rotate_bytes: float | None = None,
         rotate_s: float | None = None,
-        fsync: bool = False,
+        **about: Any,
     ) -> None:
         self._path = path
         self._stream = stream
         self._started_utc = started_utc
-        self._keep: dict[str, Any] = {"device": device, "settings": settings, "fsync": fsync}
+        self._about = about
         self._rotate_bytes = rotate_bytes
         self._max_frames = None if rotate_s is None else max(1, rotate_s * stream.frame_rate_hz)
         self.is_rotating = rotate_bytes is not None or rotate_s is not None
@@ -131,7 +129,7 @@ class RotatingWriter(Closing):
             started_utc=utc_text(started + timedelta(seconds=start_s)) if started else "",
             first_index=index,
             attributes=attributes if self.is_rotating else None,
-            **self._keep,
+            **self._about,
         )
         self._first_index = index
         self._seen_bytes = self._writer.n_bytes

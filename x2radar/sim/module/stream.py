@@ -10,7 +10,6 @@ from x2radar.modules.base import ModuleSettings
 from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.bodies.thesis_bodies import SEED_GAIN
 from x2radar.sim.echo import frames as echo_frames
-from x2radar.sim.place.antenna import EchoRows
 from x2radar.sim.place.room import Room
 from x2radar.sim.scene.scene import Scene
 from x2radar.sim.scene.stage import Stage
@@ -26,7 +25,7 @@ class EchoStream:
     """Frames of a scene, as the host configured them; draws and noise follow from the seed."""
 
     def __init__(self, scene: Scene, seed: int, settings: ModuleSettings) -> None:
-        self.settings = settings
+        self.settings, self._scene = settings, scene
         self.axis = axis = settings.axis
         self._budget = budget = LinkBudget()
         # The sweep of other modules is taken to be that of an X2 at this frame rate.
@@ -49,14 +48,10 @@ class EchoStream:
             range_m, rcs_m2 = np.array(scene.clutter).T[:, None]
             amplitude = budget.amplitude(range_m, rcs_m2, axis)
             self._static = echo_frames(range_m, amplitude, axis, error_db=-90)[0]
-        self._error_db = scene.error_db
-        self._room: Room | None = None
-        if scene.room is not None:
-            rng = np.random.default_rng([seed, _ROOM])
-            self._room = Room(rng, scene.room, axis, budget)
+        rng = np.random.default_rng([seed, _ROOM])
+        self._room = None if scene.room is None else Room(rng, scene.room, axis)
         noise = baseband_noise_power(axis, budget.noise_sigma)
         self._floor = _UNSEEN * float(np.sqrt(noise))
-        self._has_jitter = bool(scene.receiver.frame_jitter)
         self._at = 0
         self._block: deque[NDArray[Any] | None] = deque()
 
@@ -73,19 +68,19 @@ class EchoStream:
 
     def _frames(self) -> NDArray[Any]:
         times_s = self._receiver.draws.times_s(self._at, _BLOCK)
-        block = self._stage.next_block(_BLOCK, times_s if self._has_jitter else None)
-        frames = self._echo(block.rows)
+        has_jitter = bool(self._scene.receiver.frame_jitter)
+        block = self._stage.next_block(_BLOCK, times_s if has_jitter else None)
+        # Physical cross sections get the module's integration gain here.
+        frames: NDArray[Any] = echo_frames(
+            block.rows.range_m,
+            block.rows.amplitude(self._budget, self.axis) * np.sqrt(SEED_GAIN),
+            self.axis,
+            error_db=self._scene.error_db,
+            floor=self._floor,
+        )
         if self._static is not None:
             frames += self._static
         if self._room is not None:
             frames += self._room.echo(times_s[: block.n_slow], block.offset_m)
         is_rf = self.axis.kind == "rf"
         return self._receiver.rf(frames) if is_rf else self._receiver.baseband(frames)
-
-    def _echo(self, rows: EchoRows) -> NDArray[Any]:
-        """Return the echoes of what moves, shape (n_slow, n_range)."""
-        # Physical cross sections get the module's integration gain here.
-        amplitude = rows.amplitude(self._budget, self.axis) * np.sqrt(SEED_GAIN)
-        return echo_frames(
-            rows.range_m, amplitude, self.axis, error_db=self._error_db, floor=self._floor
-        )

@@ -69,11 +69,7 @@ class Room:
     """The static echo of one room, as one axis, RF or baseband, sees it."""
 
     def __init__(
-        self,
-        rng: np.random.Generator,
-        settings: RoomSettings,
-        axis: FastTimeAxis,
-        budget: LinkBudget,
+        self, rng: np.random.Generator, settings: RoomSettings, axis: FastTimeAxis
     ) -> None:
         objects, diffuse, leakage, drift = rng.spawn(4)
         groups = [
@@ -82,7 +78,7 @@ class Room:
             *_leakage(leakage, settings),
         ]
         n = len(groups)
-        noise = math.sqrt(baseband_noise_power(axis, budget.noise_sigma))
+        noise = math.sqrt(baseband_noise_power(axis, LinkBudget().noise_sigma))
         self._profiles = np.zeros((n, axis.n_range), np.complex64)
         for k, group in enumerate(groups):
             self._profiles[k] = noise * _profile(group, axis)

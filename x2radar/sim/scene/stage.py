@@ -16,7 +16,7 @@ from x2radar.sim.place.multipath import DiffuseTail, image_rows
 from x2radar.sim.points import Array, Mover, Points
 from x2radar.sim.scene.cast import Actor
 from x2radar.sim.scene.scene import Scene, SceneStep
-from x2radar.sim.things.draws import Mount, draw_mount
+from x2radar.sim.things.draws import draw_mount
 
 _MAX_LOOK_S = 60.0  # how long `check_swath` follows a body: in a minute it has crossed any room
 _BACKGROUND, _MOUNT, _TAIL, _STEP = 0xBAC0, 0x3071, 0x7A11, 0x57E9
@@ -57,13 +57,10 @@ class Stage:
             actor.make(np.random.default_rng([seed, _BACKGROUND, k]))
             for k, actor in enumerate(scene.background)
         )
-        self._mount: Mount | None = None
-        if scene.mount is not None:
-            self._mount = draw_mount(np.random.default_rng([seed, _MOUNT]), scene.mount)
-        self._tail: DiffuseTail | None = None
-        if scene.tail is not None:
-            rng = np.random.default_rng([seed, _TAIL])
-            self._tail = DiffuseTail(rng, scene.tail, scene.antenna)
+        mount, tail = scene.mount, scene.tail
+        rng, tail_rng = (np.random.default_rng([seed, kind]) for kind in (_MOUNT, _TAIL))
+        self._mount = None if mount is None else draw_mount(rng, mount)
+        self._tail = None if tail is None else DiffuseTail(tail_rng, tail, scene.antenna)
         self._steps = self._walk()
         self._now = _Playing((), 0, 0)
         self._at = 0
