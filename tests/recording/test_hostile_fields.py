@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from radard.commands.detect_tables import time_of
 from radard.config.quiet_hours import recorded_clock
-from tests.recording_helpers import make, run
+from tests.recording_helpers import make, refused, run
 from x2radar.commands.convert import convert
 from x2radar.errors import RecordingError
 from x2radar.recording.registry import FORMATS, WRITABLE, check_no_recording, open_recording
@@ -89,8 +89,7 @@ def test_a_pipe_is_no_recording_and_nobody_waits_for_it(tmp_path, form, is_named
     path = tmp_path / f"pipe{FORMATS[form].suffixes[0]}"
     os.mkfifo(path)
     kind = form if is_named and FORMATS[form].reader else None
-    with pytest.raises(RecordingError, match="is no file"):
-        open_recording(path, kind=kind)
+    refused(path, "is no file", kind=kind)
 
 
 @given(st.text(max_size=40) | st.datetimes().map(lambda when: when.isoformat()))

@@ -12,7 +12,7 @@ import pytest
 from tests.alarm_helpers import write_recording
 from tests.processes import ran
 from tests.radar_helpers import BASEBAND, frames_of, noise
-from tests.recording_helpers import assert_same_frames, content, record_scene, run
+from tests.recording_helpers import assert_same_frames, content, record_scene, refused, run
 from x2radar.commands import record as command
 from x2radar.commands.record import record, stop_flag
 from x2radar.errors import ReadTimeout, RecordingError
@@ -90,9 +90,7 @@ def test_phase_sign_is_brought_to_falling(tmp_path):
     ],
 )
 def test_faults_are_named(tmp_path, changes, words):
-    with pytest.raises(RecordingError, match=words) as caught:
-        RecordingReader(minimal(tmp_path / "m.h5", **changes))
-    assert "\n" not in str(caught.value)
+    refused(minimal(tmp_path / "m.h5", **changes), words)
 
 
 def test_attributes_are_those_of_the_contract(tmp_path):
@@ -238,18 +236,14 @@ def test_missing_damaged_and_foreign_parts(tmp_path):
     paths[0].unlink()
     parts_of(tmp_path, "again", 130)
     (tmp_path / "again_001.h5").unlink()
-    with pytest.raises(RecordingError, match="different recordings"):
-        open_recording(tmp_path)
+    refused(tmp_path, "different recordings")
     (tmp_path / "again_000.h5").unlink()
     with open_recording(tmp_path) as reader:
         assert "parts are missing" in reader.warning
     paths[1].write_bytes(b"")
-    with pytest.raises(RecordingError, match="not an HDF5 file"):
-        open_recording(tmp_path)
-    with pytest.raises(RecordingError, match="no parts"):
-        open_recording([])
-    with pytest.raises(RecordingError, match="no such recording"):
-        open_recording(tmp_path / "other.h5")
+    refused(tmp_path, "not an HDF5 file")
+    refused([], "no parts")
+    refused(tmp_path / "other.h5", "no such recording")
 
 
 def test_parts_of_other_programs_follow_their_names(tmp_path):
