@@ -32,7 +32,7 @@ from x2radar.modules.modules import settings_from_mapping
 from x2radar.modules.x2 import RadarSettings
 from x2radar.recording.about import NO_OVERRIDES, Overrides
 from x2radar.recording.blocks import BlockReader
-from x2radar.recording.faults import refuse
+from x2radar.recording.faults import refuse, unreadable
 from x2radar.wire.codec import decode_command
 from x2radar.wire.framing import Packet, PacketDecoder
 from x2radar.wire.messages import SetMode, X4Set
@@ -158,18 +158,15 @@ class Capture:
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
         self.warning: str | None = None
-        try:
-            with self.path.open("rb") as file:
-                head = file.read(_HEAD.size)
-                if len(head) < _HEAD.size or head[:8] != MAGIC:
-                    raise refuse(path, "not a wire capture")
-                _, version, _, n = _HEAD.unpack(head)
-                if version != VERSION:
-                    raise refuse(path, f"capture version {version}, this reads {VERSION}")
-                self._begin = _HEAD.size + n
-                about = file.read(n) if n <= _MAX_BYTES else b""
-        except OSError as err:
-            raise refuse(path, f"cannot be read: {err.strerror}") from err
+        with unreadable(path), self.path.open("rb") as file:
+            head = file.read(_HEAD.size)
+            if len(head) < _HEAD.size or head[:8] != MAGIC:
+                raise refuse(path, "not a wire capture")
+            _, version, _, n = _HEAD.unpack(head)
+            if version != VERSION:
+                raise refuse(path, f"capture version {version}, this reads {VERSION}")
+            self._begin = _HEAD.size + n
+            about = file.read(n) if n <= _MAX_BYTES else b""
         try:
             self.about = dict(json.loads(about))
         except (ValueError, TypeError) as err:

@@ -26,11 +26,6 @@ from x2radar.recording.hdf5_writer import RecordingWriter, reason, write_labels
 from x2radar.wall_clock import parse_utc, utc_text
 
 
-def part_path(path: Path, part: int) -> Path:
-    """Return the name of one part of the recording `path`."""
-    return path.with_name(f"{path.stem}_{part:03d}{path.suffix or '.h5'}")
-
-
 def existing_parts(path: Path) -> list[Path]:
     """Return the parts of the recording `path` that are there, in order."""
     name = re.compile(rf"{re.escape(path.stem)}_(\d{{3,}}){re.escape(path.suffix or '.h5')}")
@@ -122,7 +117,9 @@ class RotatingWriter(Closing):
         start_s = index / self._stream.frame_rate_hz
         started = parse_utc(self._started_utc)
         attributes = {"recording_id": self._id, "part": part, "part_start_s": start_s}
-        path = part_path(self._path, part) if self.is_rotating else self._path
+        path = self._path
+        if self.is_rotating:
+            path = path.with_name(f"{path.stem}_{part:03d}{path.suffix or '.h5'}")
         self._writer = RecordingWriter(
             path,
             self._stream,
