@@ -64,8 +64,8 @@ def _variables(path: Path, names: Collection[str]) -> dict[str, Any]:
     head, order, content = _opened(path)
     parts: list[bytes | memoryview] = [head]
     left = MAX_BYTES
-    for kind, data in _elements(path, order, content):
-        if _name_in(path, order, kind, data) in names:
+    for name, kind, data in _named(path, order, content):
+        if name in names:
             array = _array(kind, data, left)
             _check(path, order, array)
             left -= len(array)
@@ -76,11 +76,7 @@ def _variables(path: Path, names: Collection[str]) -> dict[str, Any]:
 def has_frames(path: Path) -> bool:
     """Return whether a file has the variable `samples`, as those that x2radar writes."""
     try:
-        _, order, content = _opened(path)
-        return any(
-            _name_in(path, order, kind, data) == "samples"
-            for kind, data in _elements(path, order, content)
-        )
+        return any(name == "samples" for name, *_ in _named(path, *_opened(path)[1:]))
     except (RecordingError, struct.error, zlib.error):
         return False
 
@@ -126,13 +122,13 @@ def _array(kind: int, data: memoryview, most_bytes: int) -> memoryview:
     return memoryview(zlib.decompressobj().decompress(data, most_bytes))[8:]
 
 
-def _name_in(path: Path, order: str, kind: int, data: memoryview) -> str:
-    """Return the name of a variable; the third part, behind its class and its shape."""
-    if kind not in {_COMPRESSED, _MATRIX}:
-        return ""
-    parts = _elements(path, order, _array(kind, data, _NAME_BYTES))
-    _, name = next(itertools.islice(parts, 2, None), (0, b""))
-    return bytes(name).decode("latin-1")
+def _named(path: Path, order: str, content: memoryview) -> Iterator[tuple[str, int, memoryview]]:
+    """Yield the variables, each with its name: the third part, behind its class and its shape."""
+    for kind, data in _elements(path, order, content):
+        if kind in {_COMPRESSED, _MATRIX}:
+            parts = _elements(path, order, _array(kind, data, _NAME_BYTES))
+            _, name = next(itertools.islice(parts, 2, None), (0, b""))
+            yield bytes(name).decode("latin-1"), kind, data
 
 
 def _check(path: Path, order: str, array: memoryview, depth: int = 0) -> None:

@@ -193,36 +193,25 @@ def spread(
     low = (range_m - grid.origin_m) * (1 / grid.spacing_m)
     low += touched / 2
     first = np.ceil(low)
-    ahead = (first - low).astype(np.float32)  # from half the reach before the echo, 0 to 1
+    ahead = (first - low).astype(np.float32).ravel()  # from half the reach before the echo, 0 to 1
     first += row * width
+    at = first.astype(np.intp).ravel()
     padded = np.zeros(n_slow * width, np.complex64)
-    weight = phasor(carrier_turns(range_m, axis), amplitude)
-    _add(padded, first.astype(np.intp).ravel(), weight.ravel(), ahead.ravel(), grid)
-    return padded.reshape(n_slow, width)[:, touched:-touched]
-
-
-def _add(
-    padded: Baseband,
-    first: NDArray[np.intp],
-    weight: Baseband,
-    ahead: NDArray[np.float32],
-    grid: SpreadGrid,
-) -> None:
-    """Add every echo to the points from `first` on, one point of all echoes at a time."""
-    curvature = (grid.spacing_m / grid.sigma_m) ** 2
-    half = grid.n_touched / 2
+    curvature, half = (grid.spacing_m / grid.sigma_m) ** 2, touched / 2
     envelope = ahead - np.float32(half)
     envelope *= envelope
     envelope *= np.float32(-0.5 * curvature)
     np.exp(envelope, out=envelope)
-    value = weight * envelope
+    value = phasor(carrier_turns(range_m, axis), amplitude).ravel() * envelope
     ratio = np.exp(ahead * np.float32(-curvature)).astype(np.complex64)
     step = np.empty_like(ratio)
-    for j in range(grid.n_touched):
+    # One point of all echoes at a time.
+    for j in range(touched):
         # With flat indices of the native kind this is a tight loop; duplicates add up.
-        np.add.at(padded[j:], first, value)
+        np.add.at(padded[j:], at, value)
         np.multiply(ratio, np.float32(np.exp(-curvature * (j + 0.5 - half))), out=step)
         value *= step
+    return padded.reshape(n_slow, width)[:, touched:-touched]
 
 
 def local_frames(range_m: Array, amplitude: Array, task: Task, floor: float) -> Samples:

@@ -92,7 +92,9 @@ def matched_noise(
     """
     width = 2 * np.pi * pulse_sigma_s(axis.bandwidth_hz) * bins_per_s(axis)
     # So long that the first and last bins of a circular frame do not know each other.
-    n_fft = fast_length(axis.n_range + 2 * math.ceil(5 * width / (2 * np.pi)))
+    n_fft = axis.n_range + 2 * math.ceil(5 * width / (2 * np.pi))
+    while 30 ** n_fft.bit_length() % n_fft:
+        n_fft += 1  # an FFT is quick without prime factors over 5
     reach = math.sqrt(2 * math.log(1e4)) / width
     if reach >= 0.5:
         n_fft |= 1  # every frequency has its negative, none is left out
@@ -110,14 +112,6 @@ def matched_noise(
     spectrum[:, n_fft - n_half :] = drawn[:, n_half + 1 :]
     noise = np.fft.ifft(spectrum, axis=1)
     return np.ascontiguousarray(noise[:, : axis.n_range], np.complex64)
-
-
-def fast_length(least: int) -> int:
-    """Return the next length that an FFT takes quickly: no prime factor over 5."""
-    length = least
-    while 30 ** length.bit_length() % length:
-        length += 1
-    return length
 
 
 def bins_per_s(axis: FastTimeAxis) -> float:

@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -164,19 +165,13 @@ class Receiver:
 
     def rf(self, echo: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return raw frames, shape (n_slow, n_range), float32, from noise-free echoes."""
-        first, n = self._at, len(echo)
-        self._at += n
-        if self._effects.jitter_s:
-            echo = delayed_rf(echo, self.draws.delay_s(first, n), self._axis)
-        out = self._rng.standard_normal(echo.shape, np.float32)
-        out *= self._noise_scale(first, n)
-        out += echo * self._gain(first, n) if self._effects.gain_noise else echo
+        noise = self._rng.standard_normal(echo.shape, np.float32)
+        out, (row, column, counts) = self._received(echo, noise, delayed_rf)
         out += np.float32(MIDDLE)
         out /= self._quantum
         np.rint(out, out=out)
         out *= self._quantum
         np.clip(out, self._low, self._high, out=out)
-        row, column, counts = self.draws.spikes(first, n, self._axis.n_range)
         out[row, column] = (counts * UNIT_PER_COUNT).astype(np.float32)
         return out
 
@@ -186,24 +181,25 @@ class Receiver:
         Left out: quantisation, 57 dB under the noise with the settings for 60 Hz and 45 dB with
         those for 1000 Hz, and clipping. A spike becomes a pulse.
         """
-        first, n = self._at, len(echo)
-        self._at += n
-        if self._effects.jitter_s:
-            echo = delayed_baseband(echo, self.draws.delay_s(first, n), self._axis)
-        out = pulse.matched_noise(n, self._axis, self._rng)
-        out *= self._noise_scale(first, n)
-        out += echo * self._gain(first, n) if self._effects.gain_noise else echo
-        row, column, counts = self.draws.spikes(first, n, self._axis.n_range)
+        noise = pulse.matched_noise(len(echo), self._axis, self._rng)
+        out, (row, column, counts) = self._received(echo, noise, delayed_baseband)
         for r, c, count in zip(row, column, counts, strict=True):
             out[r] += self._spike(int(c)) * np.float32(count * UNIT_PER_COUNT - MIDDLE)
         return out
 
-    def _gain(self, first: int, n: int) -> NDArray[np.float32]:
-        return self.draws.gain(first, n).astype(np.float32)[:, None]
-
-    def _noise_scale(self, first: int, n: int) -> NDArray[np.float32]:
-        scale = self._sigma * self.draws.noise_gain(first, n)
-        return np.asarray(scale[:, None], np.float32)
+    def _received(
+        self, echo: NDArray[Any], noise: NDArray[Any], delayed: Callable[..., NDArray[Any]]
+    ) -> tuple[NDArray[Any], tuple[NDArray[np.int64], ...]]:
+        """Return the echo with its delay and gain over noise of unit level, and the spikes."""
+        first, n = self._at, len(echo)
+        self._at += n
+        if self._effects.jitter_s:
+            echo = delayed(echo, self.draws.delay_s(first, n), self._axis)
+        if self._effects.gain_noise:
+            echo = echo * self.draws.gain(first, n).astype(np.float32)[:, None]
+        noise *= np.asarray((self._sigma * self.draws.noise_gain(first, n))[:, None], np.float32)
+        noise += echo
+        return noise, self.draws.spikes(first, n, self._axis.n_range)
 
     def _spike(self, column: int) -> NDArray[np.complex64]:
         """Return what one raw sample of 1 becomes: the kernel 2 p / sum p^2 around it."""
