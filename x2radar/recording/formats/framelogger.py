@@ -38,30 +38,29 @@ _DAC_LEVELS = 8192
 _MAX_PULSES = 1 << 16  # of a sweep that is unknown: finer than float32 resolves
 
 _MAX_U32 = (1 << 32) - 1
-_SWEEP = ("iterations", "pulses_per_step", "dac_min", "dac_max", "dac_step")
 
 
 class _Sweep(NamedTuple):
     iterations: int
-    pulses: int
+    pulses_per_step: int
     dac_min: int
     dac_max: int
     dac_step: int
 
     @property
     def is_sound(self) -> bool:
-        return min(self.iterations, self.pulses, self.dac_step) > 0 and self.dac_min >= 0
+        return min(self.iterations, self.pulses_per_step, self.dac_step) > 0 and self.dac_min >= 0
 
     def unit(self, counter: NDArray[np.uint32]) -> NDArray[np.float32]:
         """Return raw counters in the module's unit, 0 to 100."""
-        scale = self.dac_step / (self.pulses * self.iterations)
+        scale = self.dac_step / (self.pulses_per_step * self.iterations)
         value = (counter * scale + self.dac_min) * (100 / _DAC_LEVELS)
         return value.astype(np.float32)
 
     def counter(self, unit: NDArray[Any]) -> NDArray[np.float64]:
         """Return what `unit` was made of, rounded."""
         value = np.asarray(unit, np.float64) * (_DAC_LEVELS / 100) - self.dac_min
-        return np.rint(value * (self.pulses * self.iterations / self.dac_step))
+        return np.rint(value * (self.pulses_per_step * self.iterations / self.dac_step))
 
 
 class Reader(BlockReader):
@@ -91,11 +90,8 @@ class Reader(BlockReader):
         if (rest := size - at - 4 * n_range * self.n_frames - 4) > 0:
             warnings.append(f"{rest} bytes behind the frames, which are left out")
         self._counter, rate_hz = _rate(stamps, float(fps), warnings)
-        settings = {
-            **dict(zip(_SWEEP, self._sweep, strict=True)),
-            "pulse_generator": pg_select,
-            "sample_delay_s": delay_s,
-        }
+        settings = self._sweep._asdict()
+        settings |= {"pulse_generator": pg_select, "sample_delay_s": delay_s}
         said = self._axis(pg_select, offset_m, warnings)
         said |= {"frame_rate_hz": rate_hz, "settings": settings}
         self._keep(("rf", n_range), said, "FrameLogger recording of an X2")
@@ -195,7 +191,7 @@ def write(path: Path, source: BlockReader) -> list[str]:
 
 def _sweep_of(settings: Mapping[str, Any]) -> _Sweep | None:
     try:
-        sweep = _Sweep(*(int(settings[name]) for name in _SWEEP))
+        sweep = _Sweep(*(int(settings[name]) for name in _Sweep._fields))
     except (KeyError, TypeError, ValueError):
         return None
     return sweep if sweep.is_sound else None

@@ -146,9 +146,8 @@ class SimulatedModule:
 
     def _next_frame(self, stream: EchoStream, until_s: float) -> None:
         samples = stream.next()
-        frame, n_copies, restarts_counter, reboots = self._faults.frame(
-            samples if samples is not None else _NO_FRAME
-        )
+        given = _NO_FRAME if samples is None else samples
+        frame, n_copies, restarts_counter, reboots = self._faults.frame(given)
         rate_hz = stream.settings.frame_rate_hz
         self._counter = 1 if restarts_counter else (self._counter + 1) & 0xFFFFFFFF
         due_s, self._frame_due_s = self._frame_due_s, self._frame_due_s + 1.0 / rate_hz
@@ -161,13 +160,12 @@ class SimulatedModule:
             self.n_skipped += 1
         elif n_copies and samples is not None:
             message = self._firmware.frame_message(stream.axis, self._counter, frame)
-            packet = framing.encode(encode(message))
-            late_s = self._line.frame_lateness_s(self._counter, rate_hz)
-            for _ in range(n_copies):
-                self._line.put(packet, self._now_s, late_s=late_s)
+            self._send(message, n_copies, self._line.frame_lateness_s(self._counter, rate_hz))
 
-    def _send(self, message: msg.Message) -> None:
-        self._line.put(framing.encode(encode(message)), self._now_s)
+    def _send(self, message: msg.Message, n_copies: int = 1, late_s: float = 0.0) -> None:
+        packet = framing.encode(encode(message))
+        for _ in range(n_copies):
+            self._line.put(packet, self._now_s, late_s=late_s)
 
     def _obey(self) -> None:
         _, command = self._commands.popleft()

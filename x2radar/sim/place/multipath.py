@@ -142,10 +142,10 @@ class DiffuseTail:
         near_m = np.sqrt(np.maximum(near_sq, NEAREST_M**2))
         between_m = np.sqrt(np.maximum(between_sq, self._clear_m**2))
         range_m = (near_m + between_m + self._out_m) / 2
-        # Log-normal weights of unit sigma have the mean sqrt(e).
         weight = points.rcs_m2 / np.maximum(points.rcs_m2.sum(axis=1, keepdims=True), _TINY)
         centre_m = np.einsum("tpk,tp->tk", points.position_m, weight)
         gain = self._antenna.gain(centre_m - here)[:, None]
+        # Log-normal weights of unit sigma have the mean sqrt(e).
         root = self._root * np.sqrt(total * (gain / math.sqrt(math.e)))
         return EchoRows(range_m, root * range_m**2 / (near_m * between_m * self._out_m))
 

@@ -28,6 +28,7 @@ _T = TypeVar("_T")
 ERRORS_DB = (-40.0, -60.0, -80.0, -100.0)  # of the echoes' error, 20 dB apart
 _USUAL_ERROR_DB = -60.0  # 20 dB under the noise beside a body at 1 m
 _ERROR = Key(ERRORS_DB[-1], ERRORS_DB[0], "largest error of a bin over the echoes' sum, dB")
+_SCENES = resources.files("x2radar.sim") / "scenes"
 _DURATION = Key(0.1, 86_400.0, "s")
 _WEIGHT = Key(0.0, 1e6, "weight")
 _POINT = {"range_m": Key(0.1, 1000, "m"), "rcs_m2": Key(0, 1e9, "m2, processing gain included")}
@@ -66,8 +67,8 @@ class Scene:
 
 def scene_names() -> tuple[str, ...]:
     """Return the names of the built-in scenes."""
-    files = (resources.files("x2radar.sim") / "scenes").iterdir()
-    return tuple(sorted(f.name.removesuffix(".yaml") for f in files if f.name.endswith(".yaml")))
+    names = (file.name for file in _SCENES.iterdir())
+    return tuple(sorted(name.removesuffix(".yaml") for name in names if name.endswith(".yaml")))
 
 
 def builtin_scenes() -> tuple[Scene, ...]:
@@ -124,8 +125,7 @@ def _inherited(top: dict[str, Any], where: str) -> dict[str, Any]:
 
 
 def _builtin_text(name: str) -> str:
-    file = resources.files("x2radar.sim") / "scenes" / f"{name}.yaml"
-    return file.read_text(encoding="utf-8")
+    return (_SCENES / f"{name}.yaml").read_text(encoding="utf-8")
 
 
 def _choice(raw: Any, where: str) -> tuple[SceneStep, ...]:
