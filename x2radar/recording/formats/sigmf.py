@@ -116,8 +116,7 @@ class Reader(BlockReader):
     def read_counters(self, first: int, last: int) -> NDArray[Any]:
         k = np.arange(first, last)
         segment = np.searchsorted(self._begin, k, side="right") - 1
-        counter: NDArray[np.int64] = self._number[segment] + k - self._begin[segment]
-        return counter
+        return np.asarray(self._number[segment] + k - self._begin[segment])
 
 
 def _read_meta(meta: Path) -> tuple[_Object, list[_Object], list[_Object]]:

@@ -79,9 +79,8 @@ class Room:
         ]
         n = len(groups)
         noise = math.sqrt(baseband_noise_power(axis, LinkBudget().noise_sigma))
-        self._profiles = np.zeros((n, axis.n_range), np.complex64)
-        for k, group in enumerate(groups):
-            self._profiles[k] = noise * _profile(group, axis)
+        profiles = np.array([noise * _profile(group, axis) for group in groups], np.complex64)
+        self._profiles = profiles.reshape(n, axis.n_range)
         self._towards = np.array([g.towards for g in groups]).reshape(n, 3)
         drifting = np.array([[g.drifts] for g in groups]).reshape(n, 1)
         self._drift_m = settings.drift_m * drifting

@@ -15,7 +15,7 @@ from x2radar.sim.place.antenna import EchoRows, length_m
 from x2radar.sim.place.multipath import DiffuseTail, image_rows
 from x2radar.sim.points import Array, Mover, Points
 from x2radar.sim.scene.cast import Actor
-from x2radar.sim.scene.scene import Scene, SceneStep
+from x2radar.sim.scene.scene import Scene
 from x2radar.sim.things.draws import draw_mount
 
 _MAX_LOOK_S = 60.0  # how long `check_swath` follows a body: in a minute it has crossed any room
@@ -119,17 +119,16 @@ class Stage:
         number = begun = 0
         while True:
             for choice in self._scene.steps:
-                step = self._step(choice, number) if len(choice) > 1 else choice[0]
+                step = choice[0]
+                if len(choice) > 1:
+                    rng = np.random.default_rng([self._seed, number, _STEP, 1])
+                    weights = np.array([each.weight for each in choice])
+                    step = choice[int(rng.choice(len(choice), p=weights / weights.sum()))]
                 rng = np.random.default_rng([self._seed, number, _STEP])
                 n = max(1, round(rng.uniform(step.least_s, step.most_s) * self._rate_hz))
                 yield _Playing(tuple(self._cast(step.actors, number)), n, begun)
                 number += 1
                 begun += n
-
-    def _step(self, choice: tuple[SceneStep, ...], number: int) -> SceneStep:
-        rng = np.random.default_rng([self._seed, number, _STEP, 1])
-        weights = np.array([step.weight for step in choice])
-        return choice[int(rng.choice(len(choice), p=weights / weights.sum()))]
 
     def _cast(self, actors: tuple[Actor, ...], number: int) -> Iterator[Mover]:
         for k, actor in enumerate(actors):

@@ -245,7 +245,7 @@ def _washing_machine(rng: np.random.Generator, position_m: Array, values: Values
 
 def _vacuum(rng: np.random.Generator, position_m: Array, values: Values) -> Thing:
     """Draw a flat disc with a side brush; its way of ten minutes ends where it began."""
-    radius_m, brush_hz = values["radius_m"], values["brush_hz"]
+    radius_m, brush_hz, total_m2 = values["radius_m"], values["brush_hz"], values["rcs_m2"]
     low_m, top_m = np.array([[0, 0, values["height_m"] / 2], [0, 0, values["height_m"]]])
     knot_s, x_m, y_m, turn_deg, bump_s = _drive(rng, values["area_m"] / 2, values["speed_mps"])
     home_m, begin_s = np.array([*position_m, 0.0]), rng.uniform(0, _LOOP_S)
@@ -271,17 +271,9 @@ def _vacuum(rng: np.random.Generator, position_m: Array, values: Values) -> Thin
         bristle_m = brush_m[:, None] + 0.09 * draws.facing(angle_deg)[1] + 0.1 * low_m
         bright = np.maximum(draws.lit(outward, rim_m, antenna_m), 0.05)
         top, bristle = np.ones((len(t_s), 1)), np.ones((len(t_s), _BRISTLES)) / _BRISTLES
-        return Points(
-            np.concatenate([(middle_m + top_m)[:, None], rim_m, bristle_m], axis=1),
-            np.concatenate(
-                [
-                    0.15 * values["rcs_m2"] * top,
-                    rim_rcs_m2 * bright,
-                    0.05 * values["rcs_m2"] * bristle,
-                ],
-                axis=1,
-            ),
-        )
+        parts_m = [(middle_m + top_m)[:, None], rim_m, bristle_m]
+        parts_m2 = [0.15 * total_m2 * top, rim_rcs_m2 * bright, 0.05 * total_m2 * bristle]
+        return Points(np.concatenate(parts_m, axis=1), np.concatenate(parts_m2, axis=1))
 
     names = ("top", *draws.numbered("rim", _N_RIM), *draws.numbered("bristle", _BRISTLES))
     return Thing(names, points)
