@@ -37,13 +37,8 @@ from x2radar.recording.capture import CaptureWriter, capturing
 from x2radar.recording.registry import open_recording
 from x2radar.sim.module.firmware import FIRMWARES, X2Firmware, X4Firmware
 from x2radar.sim.module.host import connect
-from x2radar.sim.module.module import (
-    BOOT_S,
-    MAX_LATE_S,
-    RESET_DELAY_S,
-    EchoStream,
-    SimulatedModule,
-)
+from x2radar.sim.module.module import BOOT_S, MAX_LATE_S, RESET_DELAY_S, SimulatedModule
+from x2radar.sim.module.stream import EchoStream
 from x2radar.sim.scene.scene import load_scene, parse_scene
 from x2radar.sim.signal.pulse import LinkBudget
 from x2radar.wire import framing

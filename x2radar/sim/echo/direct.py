@@ -139,7 +139,7 @@ def dense_frames(range_m: Array, amplitude: Array, task: Task, floor: float) -> 
     weight = amplitude * np.exp(2j * np.pi * carrier_turns(range_m, axis))
     rows = np.stack([weight.real, weight.imag], axis=1)
     out = empty(len(range_m), axis)
-    wave = np.exp(-2j * np.pi * carrier_turns(axis.range_m, axis))  # the carrier
+    wave = np.exp(-2j * np.pi * carrier_turns(axis.range_m, axis)) if axis.kind == "rf" else None
     size = max(1, _BLOCK_SAMPLES // max(1, range_m.shape[1] * axis.n_range))
     for at in range(0, len(range_m), size):
         part = slice(at, at + size)
@@ -147,10 +147,10 @@ def dense_frames(range_m: Array, amplitude: Array, task: Task, floor: float) -> 
         since *= since
         since *= -0.5
         real, imag = np.moveaxis(rows[part] @ np.exp(since, out=since), 1, 0)
-        if axis.kind == "rf":
-            out[part] = real * wave.real - imag * wave.imag
-        else:
+        if wave is None:
             out[part].real, out[part].imag = real, imag
+        else:
+            out[part] = real * wave.real - imag * wave.imag
     return out
 
 

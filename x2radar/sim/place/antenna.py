@@ -77,9 +77,7 @@ class Antenna(Checked):
         towards_m = points.position_m - self.position_m
         if offset_m is not None:
             towards_m = towards_m - offset_m[:, None]
-        root_rcs_m = np.sqrt(points.rcs_m2)
-        if self.shape != "isotropic":
-            root_rcs_m *= self.gain(towards_m)
+        root_rcs_m = np.sqrt(points.rcs_m2) * self.gain(towards_m)
         range_m = length_m(towards_m)
         if points.nearer_m is not None:
             range_m = np.maximum(range_m - points.nearer_m, NEAREST_M)
