@@ -22,8 +22,8 @@ from x2radar.sim.bodies.skins import SKINS
 from x2radar.sim.module.cost import cpu_ms, echoes
 from x2radar.sim.scene.cast import BODIES
 from x2radar.sim.scene.scene import parse_scene
-from x2radar.sim.signal.effects import ReceiverEffects
-from x2radar.sim.things import THINGS
+from x2radar.sim.signal.receiver import ReceiverEffects
+from x2radar.sim.things.kinds import THINGS
 
 _IQ = RadarSettings.for_frame_rate(60, output="iq")
 _FAST = RadarSettings.for_frame_rate(200, output="iq")

@@ -23,8 +23,7 @@ from x2radar.device.transport import Transport
 from x2radar.errors import PortNotFound, TransportClosed
 from x2radar.modules.base import ModuleSettings
 from x2radar.modules.x2 import RadarSettings
-from x2radar.sim.module.faults import KINDS, Dice, FaultPlan, ModuleFaults
-from x2radar.sim.module.line import Line
+from x2radar.sim.module.faults import KINDS, Dice, FaultPlan, Line, ModuleFaults
 from x2radar.sim.module.module import SimulatedModule
 from x2radar.sim.module.stream import EchoStream
 from x2radar.sim.scene.scene import load_scene

@@ -185,7 +185,7 @@ def simulated_walk(
     frames = echo_frames(rows.range_m, amplitude, axis, error_db=_ERROR_DB)
     rng = np.random.default_rng([seed, round(1000 * radar_x_m)])
     assert scene.room is not None  # noqa: S101 - the text above names one
-    frames += Room(rng, scene.room, axis, budget).still.astype(np.complex64)
+    frames += Room(rng, scene.room, axis).still.astype(np.complex64)
     frames += matched_noise(n_frames, axis, rng, budget.noise_sigma)
     return np.asarray(frames, np.complex64)
 

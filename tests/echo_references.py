@@ -26,10 +26,9 @@ def baseband_echo(range_m, amplitude, axis):
 def passband(range_m, amplitude, axis):
     """Frames of moving points, arguments and result as `x2radar.sim.echo.frames` has them.
 
-    RF: ``sum_k Re(a_k) p(t - tau_k) cos(2 pi fc (t - tau_k))`` and the quadrature part of
-    complex amplitudes (2.12). Baseband: the matched filter's output (2.19); nothing is cut off
-    at the ends of the swath before the filter. Error below 1e-7 of the sum of amplitudes,
-    which is float32's rounding.
+    RF: ``sum_k a_k p(t - tau_k) cos(2 pi fc (t - tau_k))`` (2.12). Baseband: the matched filter's
+    output (2.19); nothing is cut off at the ends of the swath before the filter. Error below 1e-7
+    of the sum of amplitudes, which is float32's rounding.
     """
     sigma_m = echo_sigma_m(axis, "rf")
     if axis.kind == "rf":
@@ -52,12 +51,7 @@ def _samples(range_m, amplitude, x_m, axis, sigma_m):
     for k in range(range_m.shape[1]):
         since_m = x_m - range_m[:, k, None]
         envelope = np.exp(-0.5 * (since_m / sigma_m) ** 2)
-        angle = 2 * np.pi * per_m * since_m
-        wave = amplitude[:, k, None].real * np.cos(angle)
-        if np.iscomplexobj(amplitude):
-            # The frame's phase runs against the carrier's if the axis says so.
-            wave += axis.phase_sign * amplitude[:, k, None].imag * np.sin(angle)
-        out += envelope * wave
+        out += envelope * amplitude[:, k, None] * np.cos(2 * np.pi * per_m * since_m)
     return out
 
 

@@ -4,15 +4,18 @@ from dataclasses import replace
 from itertools import chain
 
 import numpy as np
+import pytest
 
 import x2radar
 from tests.radar_helpers import BASEBAND, noise
 from tests.sim_helpers import axis_with
 from x2radar.cli import main as x2radar_main
+from x2radar.errors import RecordingError
 from x2radar.frame import CounterTracker, StreamInfo
 from x2radar.modules.x2 import RadarSettings
 from x2radar.recording.blocks import Block
 from x2radar.recording.hdf5_writer import RecordingWriter, write_labels
+from x2radar.recording.registry import open_recording
 
 RATE_HZ = 60.25
 SETTINGS = RadarSettings()
@@ -72,6 +75,15 @@ def content(reader):
         np.concatenate([getattr(block, name) for block in blocks])
         for name in ("samples", "counter", "t_s")
     )
+
+
+def refused(path, words=None, **how):
+    """The one line that a recording is refused with, read as the programs read it."""
+    caught = pytest.raises(RecordingError, match=words)
+    with caught as said, open_recording(path, **how) as reader:
+        _ = reader.labels, *reader.blocks()
+    assert "\n" not in str(said.value)
+    return str(said.value)
 
 
 def assert_same_frames(frames, others):

@@ -1,5 +1,6 @@
 """What tests ask of the simulator: axes, frames of its receiver, and a module without a port."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -8,9 +9,8 @@ from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.module.module import SimulatedModule
 from x2radar.sim.place.room import Room, RoomSettings
 from x2radar.sim.scene.scene import load_scene
-from x2radar.sim.signal.effects import ReceiverEffects
 from x2radar.sim.signal.pulse import LinkBudget
-from x2radar.sim.signal.receiver import MIDDLE, Receiver
+from x2radar.sim.signal.receiver import MIDDLE, Receiver, ReceiverEffects
 from x2radar.wire import framing
 from x2radar.wire.codec import decode_response, encode
 from x2radar.wire.framing import PacketDecoder
@@ -61,7 +61,7 @@ def affected(axis=RF, *, n=400, seed=0, echo=None, sizes=None, **effects):
 
 def room_echo(axis, level_db=57.0):
     settings = RoomSettings(objects_db=level_db, diffuse_db=level_db - 17)
-    room = Room(np.random.default_rng(3), settings, axis, LinkBudget())
+    room = Room(np.random.default_rng(3), settings, axis)
     return np.array(room.echo(np.zeros(400)))
 
 
@@ -90,7 +90,7 @@ def fps(rate_hz):
 
 def frames(m, n):
     """Start the stream if it does not run, and return the next `n` frame messages."""
-    if not m.is_streaming:
+    if m.next_due_s == math.inf:
         assert ask(m, MANUAL) == [Ack()]
     out = []
     while len(out) < n:

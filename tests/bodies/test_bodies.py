@@ -13,7 +13,8 @@ from x2radar.sim.bodies.motion.people.gait import STYLES
 from x2radar.sim.bodies.skeleton.species import SPECIES
 from x2radar.sim.bodies.skins import SKINS
 from x2radar.sim.points import Pose
-from x2radar.sim.things import THINGS, draw_mount, draw_thing
+from x2radar.sim.things.draws import draw_mount
+from x2radar.sim.things.kinds import THINGS, draw_thing
 
 GOERS = [("human", "walk"), ("human", "run"), ("human", "carry"), ("dog", "walk"), ("cat", "trot")]
 EVERY = [

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.device_helpers import OnUsb, wire
-from tests.recording_helpers import assert_same_frames, content, run
+from tests.recording_helpers import assert_same_frames, content, refused, run
 from x2radar.commands.convert import convert
 from x2radar.device.device import X2Radar
 from x2radar.device.link import Deadlines
@@ -45,6 +45,15 @@ def captured(path, settings=None, *, is_usb=False, n=N):
         frames = list(islice(radar.frames(), n))
     writer.close()
     return frames
+
+
+def written(path, about, *records):
+    """A capture of records by hand: kinds, each with its bytes."""
+    writer = CaptureWriter(path, about)
+    for record in records:
+        writer.add(*record)
+    writer.close()
+    return path
 
 
 def test_a_port_that_was_opened_twice(tmp_path):
@@ -110,33 +119,27 @@ def test_a_capture_is_a_recording_too(tmp_path, output):
         assert reader.n_frames == done.n_frames
 
 
-def test_a_capture_whose_settings_nobody_knows_says_so(tmp_path):
-    writer = CaptureWriter(tmp_path / "w", {"settings": {"frame_rate_hz": "sixty"}})
-    writer.add(FROM_MODULE, wire(*(Data(0, k, np.zeros(4, np.float32)) for k in range(9))))
-    writer.close()
-    with open_recording(tmp_path / "w") as reader:
+def test_a_capture_whose_settings_nobody_knows_says_so_and_one_has_no_frames(tmp_path):
+    sent = wire(*(Data(0, k, np.zeros(4, np.float32)) for k in range(9)))
+    about = {"settings": {"frame_rate_hz": "sixty"}}
+    with open_recording(written(tmp_path / "w", about, (FROM_MODULE, sent))) as reader:
         assert "settings that are not known" in reader.warning
-
-
-def test_a_capture_without_frames(tmp_path):
-    writer = CaptureWriter(tmp_path / "w", {"settings": {"output": "?", "junk": 1}})
-    writer.add(FROM_MODULE, wire(Ack()))
-    writer.close()
-    with pytest.raises(RecordingError, match="no frames"):
-        open_recording(tmp_path / "w")
+    about = {"settings": {"output": "?", "junk": 1}}
+    refused(written(tmp_path / "none", about, (FROM_MODULE, wire(Ack()))), "no frames")
 
 
 def test_decode_of_a_capture(capsys, tmp_path):
-    path = tmp_path / "w"
-    writer = CaptureWriter(path, {})
     ping = wire(Ping())
-    writer.add(OPENED, b"\0")
-    writer.add(TO_MODULE, ping[:3])
-    writer.add(FROM_MODULE, wire(Ack()) + b"\x01")
-    writer.add(TO_MODULE, ping[3:] + wire(Reset()))
-    writer.add(FROM_MODULE, wire(Ack())[:-1])
-    writer.add(CLOSED)
-    writer.close()
+    path = written(
+        tmp_path / "w",
+        {},
+        (OPENED, b"\0"),
+        (TO_MODULE, ping[:3]),
+        (FROM_MODULE, wire(Ack()) + b"\x01"),
+        (TO_MODULE, ping[3:] + wire(Reset())),
+        (FROM_MODULE, wire(Ack())[:-1]),
+        (CLOSED,),
+    )
     with path.open("ab") as file:
         file.write(b"<12")
     code, out, err = run(capsys, "decode", path)

@@ -18,18 +18,9 @@ from tests.recording_helpers import (
 )
 from x2radar.commands.convert import convert
 from x2radar.errors import RecordingError
-from x2radar.recording.registry import open_recording
+from x2radar.recording.registry import FORMATS, WRITABLE, open_recording
 
-NAMES = {
-    "hdf5": "out.h5",
-    "xethru": "out",
-    "framelogger": "out.framelogger",
-    "sigmf": "out.sigmf-meta",
-    "npz": "out.npz",
-    "mat": "out.mat",
-    "parquet": "out.parquet",
-    "mcap": "out.mcap",
-}
+NAMES = {form: f"out{FORMATS[form].suffixes[0]}" for form in WRITABLE}
 HOLDS = [
     *product(("hdf5", "npz", "sigmf", "mat"), ("rf", "baseband")),
     ("xethru", "baseband"),

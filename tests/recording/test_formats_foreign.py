@@ -8,11 +8,10 @@ import pytest
 from scipy.io import savemat
 
 from tests.radar_helpers import noise
-from tests.recording_helpers import content, make
-from x2radar.errors import RecordingError
+from tests.recording_helpers import content, make, refused
 from x2radar.frame import count_by_stamps
 from x2radar.recording.about import Overrides
-from x2radar.recording.formats.xethru import META, X4_BIN_LENGTH_M, XethruReader
+from x2radar.recording.formats.xethru import META, X4_BIN_LENGTH_M, Reader
 from x2radar.recording.formats.xethru import write as write_xethru
 from x2radar.recording.registry import open_recording
 
@@ -75,8 +74,7 @@ def test_an_array_that_holds_what_it_cannot_is_refused(tmp_path, good, bad):
     whole = path.read_bytes()
     at = whole.index(good, whole.index(b"scn\0"))
     path.write_bytes(whole[:at] + bad + whole[at + len(bad) :])
-    with pytest.raises(RecordingError, match=r"damaged|cut off"):
-        open_recording(path)
+    refused(path, r"damaged|cut off")
 
 
 def test_p4xx(tmp_path):
@@ -99,8 +97,7 @@ def test_p4xx(tmp_path):
     assert axis.range_offset_m == pytest.approx(299_792_458 * 17.499e-9 / 2)
     # One scan needs a rate.
     path, _, _ = mat(tmp_path / "w.mat", n=1)
-    with pytest.raises(RecordingError, match="--frame-rate"):
-        open_recording(path)
+    refused(path, "--frame-rate")
     assert open_recording(path, overrides=Overrides(frame_rate_hz=30)).n_frames == 1
 
 
@@ -111,17 +108,14 @@ def test_no_p4xx(tmp_path):
     whole = mat(tmp_path / "d.mat")[0].read_bytes()
     (tmp_path / "d.mat").write_bytes(whole[: len(whole) // 2])
     for name in "abcd":
-        with pytest.raises(RecordingError, match=rf"{name}\.mat") as caught:
-            open_recording(tmp_path / f"{name}.mat")
-        assert "\n" not in str(caught.value)
+        refused(tmp_path / f"{name}.mat", rf"{name}\.mat")
     with h5py.File(tmp_path / "e.mat", "w", userblock_size=512) as file:
         file["scn"] = [1]
     data = bytearray((tmp_path / "e.mat").read_bytes())
     head = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM"
     data[: len(head)] = head
     (tmp_path / "e.mat").write_bytes(data)
-    with pytest.raises(RecordingError, match=r"7\.3 files are not read"):
-        open_recording(tmp_path / "e.mat")
+    refused(tmp_path / "e.mat", r"7\.3 files are not read")
 
 
 def logger(path, *, n=20, rate=1.08e-19, fps=200, times=None, radar=2, pg=5, n_range=256):
@@ -157,25 +151,21 @@ def test_framelogger(tmp_path):
 
 def test_no_framelogger(tmp_path):
     path, _ = logger(tmp_path / "x1", radar=10)
-    with pytest.raises(RecordingError, match="only X2 files"):
-        open_recording(path)
+    refused(path, "only X2 files")
     path, _ = logger(tmp_path / "none", pg=99)
-    with pytest.raises(RecordingError, match="--carrier"):
-        open_recording(path)
+    refused(path, "--carrier")
     path, _ = logger(tmp_path / "cut")
     for share in (0.01, 0.5, 0.99):
         data = path.read_bytes()
         (tmp_path / "c").write_bytes(data[: int(share * len(data))])
-        with pytest.raises(RecordingError, match=r"c: (cut off|not a|no rec)"):
-            open_recording(tmp_path / "c", kind="framelogger")
+        refused(tmp_path / "c", r"c: (cut off|not a|no rec)", kind="framelogger")
 
 
 def test_numpy_by_hand(tmp_path):
     samples = noise(10, 8).astype(np.complex128)
     path = tmp_path / "a.npz"
     np.savez_compressed(path, samples=samples, frame_rate_hz=50, bin_length_m=0.03)
-    with pytest.raises(RecordingError, match=r"convert it with --carrier$"):
-        open_recording(path)
+    refused(path, r"convert it with --carrier$")
     with open_recording(path, overrides=Overrides(carrier_hz=7e9)) as reader:
         assert np.array_equal(content(reader)[0], samples.astype(np.complex64))
         assert [f.index for f in reader.frames(0.1)] == [5, 6, 7, 8, 9]
@@ -189,7 +179,7 @@ def test_a_written_xethru_recording_without_our_header(tmp_path):
     meta = tmp_path / "x" / META
     data = meta.read_bytes()
     meta.write_bytes(data.replace(b'"x2radar"', b'"another"', 1))
-    with XethruReader(tmp_path / "x") as reader:
+    with Reader(tmp_path / "x") as reader:
         assert np.array_equal(content(reader)[0], samples)
         assert reader.stream.frame_rate_hz == pytest.approx(60.25, rel=1e-3)
         assert reader.stream.axis.bin_length_m == pytest.approx(axis.bin_length_m, rel=1e-7)
@@ -260,18 +250,17 @@ def test_every_kind_is_read(tmp_path, kind, split):
 def test_one_file_and_a_rate_of_ones_own(tmp_path):
     path = folder(tmp_path / "r", "datafloat", noise(5, 4))
     file = next(path.glob("*datafloat*"))
-    assert XethruReader(file).n_frames == 5
+    assert Reader(file).n_frames == 5
     (path / "xethru_recording_meta.dat").unlink()
-    with pytest.raises(RecordingError, match="frame rate is unknown"):
-        XethruReader(file)
-    assert XethruReader(file, Overrides(frame_rate_hz=20)).stream.frame_rate_hz == 20
+    refused(file, "frame rate is unknown", kind="xethru")
+    assert Reader(file, Overrides(frame_rate_hz=20)).stream.frame_rate_hz == 20
 
 
 def test_a_cut_record_is_dropped_and_said(tmp_path):
     path = folder(tmp_path / "r", "baseband_iq", noise(5, 4))
     file = next(path.glob("*baseband*"))
     file.write_bytes(file.read_bytes()[:-3])
-    reader = XethruReader(path)
+    reader = Reader(path)
     assert reader.n_frames == 4
     assert "cut off" in reader.warning
 
@@ -295,15 +284,12 @@ FOREIGN = [
 def test_foreign_content(tmp_path, kind, name, content, words):
     path = folder(tmp_path / "r", kind, noise(5, 4))
     next(path.glob(name)).write_bytes(content)
-    with pytest.raises(RecordingError, match=words):
-        XethruReader(path)
+    refused(path, words, kind="xethru")
 
 
 def test_empty_folder_foreign_file_and_nothing(tmp_path):
     (tmp_path / "e").mkdir()
     for name, words in (("e", "no xethru"), ("gone", "no such")):
-        with pytest.raises(RecordingError, match=words):
-            XethruReader(tmp_path / name)
+        refused(tmp_path / name, words, kind="xethru")
     (tmp_path / "x.dat").write_bytes(b"1")
-    with pytest.raises(RecordingError, match="not one of"):
-        open_recording(tmp_path / "x.dat")
+    refused(tmp_path / "x.dat", "not one of")

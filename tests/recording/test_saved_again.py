@@ -14,7 +14,7 @@ from pyarrow import parquet
 from scipy.io import loadmat, savemat
 
 from radard.stream.source import ReplaySource
-from tests.recording_helpers import COUNTERS, LABELS, RATE_HZ, content, make
+from tests.recording_helpers import COUNTERS, LABELS, RATE_HZ, content, make, refused
 from x2radar.commands.convert import convert
 from x2radar.commands.info import describe_recording
 from x2radar.errors import RecordingError, SettingsError
@@ -95,39 +95,12 @@ def test_counters_that_do_not_count_are_refused(tmp_path, value):
     with h5py.File(path, "r+") as file:
         counter = file["frames/counter"]
         counter[...] = counter[()][value] if isinstance(value, slice) else value
-    with pytest.raises(RecordingError, match="counters that do not count"):
-        list(open_recording(path).frames())
+    refused(path, "counters that do not count")
     if isinstance(value, slice):
         return
     for n in (1, 2):
         make(tmp_path / f"{n}.h5", counters=[value] * n, samples=samples[:n])
         assert len(list(open_recording(tmp_path / f"{n}.h5").frames())) == 1
-
-
-def replace(path, name, values):
-    with h5py.File(path, "r+") as file:
-        del file[f"frames/{name}"]
-        file[f"frames/{name}"] = values
-
-
-def test_halves_of_frames_and_frames_as_columns_are_refused(tmp_path):
-    """Half a number was cut off; columns, as MATLAB writes them, were taken for frames."""
-    path, samples = make(tmp_path / "in.h5")
-    replace(path, "counter", np.arange(len(samples)) + 0.5)
-    with pytest.raises(RecordingError, match="no numbers of frames"):
-        list(open_recording(path).frames())
-    replace(path, "samples", samples.T.copy())
-    with pytest.raises(RecordingError, match="a column a frame"):
-        open_recording(path)
-
-
-@pytest.mark.parametrize("sign", [2, 0.5, -7])
-def test_a_phase_that_neither_rises_nor_falls_is_refused(tmp_path, sign):
-    path, _ = make(tmp_path / "in.h5", "baseband")
-    with h5py.File(path, "r+") as file:
-        file.attrs["phase_sign"] = sign
-    with pytest.raises(RecordingError, match="'phase_sign' is"):
-        open_recording(path)
 
 
 @pytest.mark.parametrize("form", ["npz", "mat", "hdf5"])
@@ -203,8 +176,7 @@ def test_a_pair_of_another_program(tmp_path):
             assert reader.stream.axis.carrier_hz == 7e9
             assert "cut off" in reader.warning
     meta.write_text(json.dumps({"global": plain, "captures": captures}))
-    with pytest.raises(RecordingError, match="--bin-length"):
-        open_recording(meta)
+    refused(meta, "--bin-length")
     known = Overrides(bin_length_m=0.05)
     assert open_recording(meta, overrides=known).stream.axis.bin_length_m == 0.05
 
@@ -236,9 +208,7 @@ ELSEWHERE = [
 )
 def test_what_is_no_whole_number_is_refused_in_words(tmp_path, place, name, value):
     sigmf(tmp_path, put(place, name, value))
-    with pytest.raises(RecordingError, match=f"'{name}' is") as caught:
-        _ = open_recording(tmp_path / "out.sigmf-meta").labels
-    assert "Error" not in str(caught.value)
+    assert "Error" not in refused(tmp_path / "out.sigmf-meta", f"'{name}' is")
 
 
 @pytest.mark.parametrize(
@@ -260,22 +230,17 @@ def test_what_is_no_whole_number_is_refused_in_words(tmp_path, place, name, valu
 )
 def test_a_pair_that_does_not_add_up_is_refused(tmp_path, change, words):
     sigmf(tmp_path, change)
-    with pytest.raises(RecordingError, match=words) as caught:
-        _ = open_recording(tmp_path / "out.sigmf-meta").labels
-    assert "\n" not in str(caught.value)
-    assert len(str(caught.value)) <= 2000
+    assert len(refused(tmp_path / "out.sigmf-meta", words)) <= 2000
 
 
 def test_a_key_of_a_pair_that_stands_twice_and_an_archive_are_refused(tmp_path):
     sigmf(tmp_path)
     meta = tmp_path / "out.sigmf-meta"
     meta.write_text(meta.read_text().replace('{"global": {', '{"global": {}, "global": {'))
-    with pytest.raises(RecordingError, match=r"the key .* stands twice"):
-        open_recording(meta)
+    refused(meta, r"the key .* stands twice")
     with tarfile.open(tmp_path / "all.sigmf", "w") as archive:
         archive.add(meta)
-    with pytest.raises(RecordingError, match="an archive; unpack it"):
-        open_recording(tmp_path / "all.sigmf")
+    refused(tmp_path / "all.sigmf", "an archive; unpack it")
 
 
 COLUMNS = {"rf": ["samples"], "baseband": ["samples_i", "samples_q"]}
@@ -295,8 +260,7 @@ def written(tmp_path, name, kind, **about):
 def test_a_matlab_file_that_lost_its_counters_is_refused(tmp_path):
     path, _ = written(tmp_path, "out.mat", "rf")
     path.write_bytes(path.read_bytes().replace(b"counter", b"counted"))
-    with pytest.raises(RecordingError, match="lacks counter"):
-        open_recording(path)
+    refused(path, "lacks counter")
 
 
 def test_too_much_for_a_matlab_file_is_said_before_it_is_tried(tmp_path, monkeypatch):

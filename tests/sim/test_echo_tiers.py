@@ -55,14 +55,14 @@ CASES = [
 ]
 
 
-def scene(axis, n_slow=30, n_points=6, seed=0, beyond=0.2, *, is_turned=False):
-    """Echoes in the swath and a little outside, amplitudes over 60 dB, in any phase or in none."""
+def scene(axis, n_slow=30, n_points=6, seed=0, beyond=0.2):
+    """Echoes in the swath and a little outside, amplitudes over 60 dB, of both signs."""
     rng = np.random.default_rng(seed)
     low, high = axis.range_m[[0, -1]]
     span = high - low
     range_m = rng.uniform(low - beyond * span, high + beyond * span, (n_slow, n_points))
     amplitude = 10 ** rng.uniform(-3, 0, range_m.shape)
-    return range_m, amplitude * np.exp(2j * np.pi * rng.random(range_m.shape)) ** is_turned
+    return range_m, amplitude * rng.choice([-1, 1], range_m.shape)
 
 
 def worst_db(ours, wanted, amplitude):
@@ -74,25 +74,19 @@ def worst_db(ours, wanted, amplitude):
 
 @pytest.fixture(scope="module")
 def references():
-    return {
-        (name, is_turned): passband(*scene(axis, is_turned=is_turned), axis)
-        for name, axis in AXES.items()
-        for is_turned in (False, True)
-    }
+    return {name: passband(*scene(axis), axis) for name, axis in AXES.items()}
 
 
 @pytest.mark.parametrize(("tier", "name", "error_db"), CASES)
-@pytest.mark.parametrize("is_turned", [False, True])
-def test_error_against_the_reference(tier, name, error_db, is_turned, references):
-    """Of real amplitudes, and of such as multipath and Fresnel factors have turned."""
+def test_error_against_the_reference(tier, name, error_db, references):
     axis = AXES[name]
-    range_m, amplitude = scene(axis, is_turned=is_turned)
+    range_m, amplitude = scene(axis)
     ours = made_by(tier, range_m, amplitude, axis, error_db=error_db)
     assert ours.dtype == (np.float32 if axis.kind == "rf" else np.complex64)
     assert ours.shape == (30, axis.n_range)
     # Rounding to float32 comes on top of the designed error.
     allowed = 10 ** (error_db / 20) + 3e-7
-    assert worst_db(ours, references[name, is_turned], amplitude) <= 20 * math.log10(allowed)
+    assert worst_db(ours, references[name], amplitude) <= 20 * math.log10(allowed)
 
 
 @pytest.mark.parametrize("tier", FAST)
@@ -190,7 +184,7 @@ def test_the_floor_leaves_out_what_is_under_it(tier):
     range_m, amplitude = scene(X2, 20, 8)
     floor = 0.05
     quiet = made_by(tier, range_m, amplitude, X2, error_db=-60, floor=floor)
-    cut = np.where(amplitude > floor, amplitude, 0.0)
+    cut = np.where(np.abs(amplitude) > floor, amplitude, 0.0)
     assert np.array_equal(quiet, made_by(tier, range_m, cut, X2, error_db=-60))
     assert not made_by(tier, range_m, amplitude, X2, error_db=-60, floor=1.0).any()
 
@@ -221,7 +215,7 @@ def test_frames_do_not_depend_on_their_neighbours(tier):
     for row in rows:
         part = slice(row, row + 1)
         alone = made_by(tier, range_m[part], amplitude[part], X2, error_db=-60)
-        assert np.abs(alone - together[part]).max() <= 2e-6 * amplitude[part].sum()
+        assert np.abs(alone - together[part]).max() <= 2e-6 * np.abs(amplitude[part]).sum()
 
 
 POINTS = st.tuples(st.floats(-1e7, 1e7) | st.floats(0.3, 3.8), st.floats(0, 1e6))

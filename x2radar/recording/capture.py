@@ -1,20 +1,15 @@
 """Wire captures: the raw bytes of both directions with their times, to keep and to replay.
 
-File (little-endian), appended record by record, so that a kill loses nothing but the
-record being written::
+They are appended record by record (layout: docs/research/recordings.md), so that a kill loses
+nothing but the record being written. A record that is cut off or whose checksum is wrong ends the
+capture: what stands before it is good, `Capture.warning` says what was left out.
 
-    head     8 bytes "X2RADARC", u16 version (1), u16 reserved (0), u32 n,
-             n bytes of JSON: started_utc, port, settings
-    record   u8 kind, u64 nanoseconds since the start, u32 n, n bytes, u32 CRC-32 of all
-             of it before
-    kinds    0x3C '<' bytes from the module, 0x3E '>' bytes to the module,
-             0x4F 'O' the port was opened (one byte: 1 when it sits on USB),
-             0x43 'C' it was closed (no bytes)
-
-A record that is cut off or whose checksum is wrong ends the capture: what stands before it
-is good, `Capture.warning` says what was left out.
+As a recording a capture holds the frames that the driver would have had. The module's bytes go
+through the driver's decoder and assembler once to be counted and once to be read, so it needs no
+memory of its size. Raw RF frames carry no axis; it follows from the settings in the head.
 """
 
+import contextlib
 import json
 import os
 import struct
@@ -22,12 +17,26 @@ import threading
 import time
 import zlib
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict
+from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from x2radar.device.assemble import FrameAssembler
 from x2radar.device.transport import Transport
-from x2radar.errors import WriteError
-from x2radar.recording.faults import refuse
+from x2radar.errors import MessageError, SettingsError, WriteError
+from x2radar.frame import Frame, Samples
+from x2radar.modules.modules import settings_from_mapping
+from x2radar.modules.x2 import RadarSettings
+from x2radar.recording.about import NO_OVERRIDES, Overrides
+from x2radar.recording.blocks import BlockReader
+from x2radar.recording.faults import refuse, unreadable
+from x2radar.wire.codec import decode_command, read_messages
+from x2radar.wire.framing import Packet, PacketDecoder
+from x2radar.wire.messages import SetMode, X4Set
+from x2radar.wire.wire_ids import Mode, X4Setting
 
 MAGIC = b"X2RADARC"
 VERSION = 1
@@ -148,18 +157,15 @@ class Capture:
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
         self.warning: str | None = None
-        try:
-            with self.path.open("rb") as file:
-                head = file.read(_HEAD.size)
-                if len(head) < _HEAD.size or head[:8] != MAGIC:
-                    raise refuse(path, "not a wire capture")
-                _, version, _, n = _HEAD.unpack(head)
-                if version != VERSION:
-                    raise refuse(path, f"capture version {version}, this reads {VERSION}")
-                self._begin = _HEAD.size + n
-                about = file.read(n) if n <= _MAX_BYTES else b""
-        except OSError as err:
-            raise refuse(path, f"cannot be read: {err.strerror}") from err
+        with unreadable(path), self.path.open("rb") as file:
+            head = file.read(_HEAD.size)
+            if len(head) < _HEAD.size or head[:8] != MAGIC:
+                raise refuse(path, "not a wire capture")
+            _, version, _, n = _HEAD.unpack(head)
+            if version != VERSION:
+                raise refuse(path, f"capture version {version}, this reads {VERSION}")
+            self._begin = _HEAD.size + n
+            about = file.read(n) if n <= _MAX_BYTES else b""
         try:
             self.about = dict(json.loads(about))
         except (ValueError, TypeError) as err:
@@ -170,21 +176,92 @@ class Capture:
         with self.path.open("rb") as file:
             file.seek(self._begin)
             while head := file.read(_RECORD.size):
-                left = self.path.stat().st_size - file.tell() + len(head)
-                chunk = _read_chunk(file.read, head)
-                if chunk is None:
+                begin = file.tell() - len(head)
+                kind, t_ns, n = _RECORD.unpack(head.ljust(_RECORD.size, b"\0"))
+                is_sound = kind in _KINDS and n <= _MAX_BYTES
+                data = file.read(n) if is_sound else b""
+                crc = _CRC.pack(zlib.crc32(data, zlib.crc32(head)))
+                if not is_sound or file.read(_CRC.size) != crc:
+                    left = self.path.stat().st_size - begin
                     why = f"cut off or damaged; the last {left} bytes are left out"
                     self.warning = f"{self.path}: {why}"
                     return
-                yield chunk
+                yield Chunk(kind, t_ns / 1e9, data)
 
 
-def _read_chunk(read: Callable[[int], bytes], head: bytes) -> Chunk | None:
-    """Return the record that begins with `head`; None if it is cut off or damaged."""
-    if len(head) == _RECORD.size:
-        kind, t_ns, n = _RECORD.unpack(head)
-        if kind in _KINDS and n <= _MAX_BYTES:
-            data, crc = read(n), read(_CRC.size)
-            if crc == _CRC.pack(zlib.crc32(data, zlib.crc32(head))):
-                return Chunk(kind, t_ns / 1e9, data)
-    return None
+class Reader(BlockReader):
+    """Read the frames of a capture."""
+
+    def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:
+        super().__init__(path, overrides)
+        self._capture = Capture(path)
+        about = self._capture.about
+        said = about.get("settings")
+        warnings = []
+        try:
+            self._module = settings_from_mapping(dict(said or {}))
+        except (SettingsError, TypeError, ValueError) as err:
+            # Of another version: as far as this one knows them.
+            self._module = RadarSettings()
+            warnings.append(f"{path}: settings that are not known ({err}); an X2's are assumed")
+        self._n_damaged = 0
+        host = PacketDecoder()
+        # Where the host starts a stream, what came before is not its own.
+        self._is_started = any(_starts(host, chunk) for chunk in self._capture.chunks())
+        counters: list[int] = []
+        first: Frame | None = None
+        for frame in self._decoded():
+            first = first or frame
+            if frame.axis.n_range != first.axis.n_range or frame.axis.kind != first.axis.kind:
+                raise refuse(path, "its frames change their shape on the way")
+            counters.append(frame.counter)
+        if first is None:
+            raise refuse(path, "no frames in it")
+        self._counter = np.array(counters, np.uint32)
+        self.n_frames = len(counters)
+        known = {"frame_rate_hz": self._module.frame_rate_hz, **asdict(first.axis)}
+        known |= {"started_utc": about.get("started_utc"), "settings": said}
+        device = str(about.get("port") or path.name)
+        self._keep((first.axis.kind, first.axis.n_range), known, device)
+        warnings += [self._capture.warning] if self._capture.warning else []
+        if self._n_damaged:
+            warnings.append(f"{path}: {self._n_damaged} damaged stretches")
+        self.warning = "; ".join(warnings) or None
+        self._at = -1
+        self._rest: Iterator[Frame] = iter(())
+
+    def read_samples(self, first: int, last: int) -> Samples:
+        # Block after block is one pass.
+        if self._at < 0 or first < self._at:
+            self._rest, self._at = self._decoded(), 0
+        wanted = list(islice(self._rest, first - self._at, last - self._at))
+        self._at = last
+        return self._falling(np.stack([f.samples for f in wanted]))
+
+    def _decoded(self) -> Iterator[Frame]:
+        module, host = PacketDecoder(), PacketDecoder()
+        assembler = None if self._is_started else FrameAssembler(self._module)
+        self._n_damaged = 0
+        for chunk in self._capture.chunks():
+            if assembler is None and _starts(host, chunk):
+                assembler = FrameAssembler(self._module)
+            if chunk.kind == OPENED:
+                module = PacketDecoder()
+            messages = read_messages(module, chunk.data) if chunk.kind == FROM_MODULE else ()
+            for message in messages:
+                if message is None:
+                    self._n_damaged += 1
+                elif assembler is not None and (frame := assembler.frame(message, chunk.t_s)):
+                    yield frame
+
+
+def _starts(host: PacketDecoder, chunk: Chunk) -> bool:
+    """Return whether the host's bytes in `chunk` end a command that starts a stream."""
+    for item in host.feed(chunk.data) if chunk.kind == TO_MODULE else ():
+        with contextlib.suppress(MessageError):
+            match decode_command(item.data) if isinstance(item, Packet) else None:
+                case SetMode(Mode.RUN | Mode.MANUAL):
+                    return True
+                case X4Set(X4Setting.FPS, (rate_hz,)) if rate_hz > 0:
+                    return True
+    return False

@@ -217,8 +217,6 @@ def lookup3(data: bytes) -> int:
     '0x17770551'
     """
     a = b = c = (0xDEADBEEF + len(data)) & _U32
-    if not data:
-        return c
     n_blocks = -(-len(data) // 12)
     words = struct.unpack(f"<{3 * n_blocks}I", data.ljust(12 * n_blocks, b"\0"))
     for k in range(0, len(words), 3):
@@ -269,7 +267,6 @@ class RecordingReader(BlockReader):
         self._file.close()
 
     def read_labels(self) -> Iterator[Label]:
-        """Yield the labels one by one."""
         if "labels" not in self._file.file:
             return
         found = [self._file.data_set(f"labels/{name}") for name in ("t0_s", "t1_s", "label")]

@@ -6,7 +6,6 @@ a file of that name is readable from the first moment, and a kill costs less tha
 """
 
 import contextlib
-import errno
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -21,7 +20,7 @@ from x2radar.atomic import sync_path
 from x2radar.errors import RecordingError, WriteError
 from x2radar.frame import Closing, Frame, StreamInfo
 from x2radar.recording.about import SAMPLE_DTYPES, root_attributes
-from x2radar.recording.blocks import Block, BlockReader, Label
+from x2radar.recording.blocks import Block, Label
 from x2radar.recording.faults import refuse
 from x2radar.wall_clock import utc_text
 
@@ -58,7 +57,7 @@ class RecordingWriter(Closing):
         self._made_as = path.with_name(f".{path.name}.{os.getpid()}.new")
         try:
             if path.exists():
-                raise FileExistsError(errno.EEXIST, "exists already")
+                raise FileExistsError
             self._file = h5py.File(self._made_as, "x", libver="latest")
         except OSError as err:
             raise self._cannot_make(err) from err
@@ -76,12 +75,12 @@ class RecordingWriter(Closing):
 
     def _begin(self, stream: StreamInfo, attributes: Mapping[str, Any]) -> None:
         self._file.attrs.update(attributes)
-        n_chunk = max(1, round(stream.frame_rate_hz))
-        self._samples: NDArray[Any] = np.empty(
-            (n_chunk, stream.axis.n_range), SAMPLE_DTYPES[stream.axis.kind]
+        n = max(1, round(stream.frame_rate_hz))
+        self._buffers: tuple[NDArray[Any], ...] = (
+            np.empty((n, stream.axis.n_range), SAMPLE_DTYPES[stream.axis.kind]),
+            np.empty(n, np.uint32),
+            np.empty(n, np.float64),
         )
-        self._counter = np.empty(n_chunk, np.uint32)
-        self._t_s = np.empty(n_chunk, np.float64)
         self._filled = self._flushed = 0
         group = self._file.create_group("frames")
         self._sets = [
@@ -95,7 +94,7 @@ class RecordingWriter(Closing):
                 compression="gzip",
                 compression_opts=1,
             )
-            for name, buffer in self._buffers()
+            for name, buffer in zip(("samples", "counter", "t_s"), self._buffers, strict=True)
         ]
         self._file.flush()
         self._file.swmr_mode = True
@@ -113,7 +112,7 @@ class RecordingWriter(Closing):
 
         Raises RecordingError if the disk does not take it, or its length is not the stream's.
         """
-        if frame.samples.shape != self._samples.shape[1:]:
+        if frame.samples.shape != self._buffers[0].shape[1:]:
             raise refuse(
                 self._path, f"a frame of {frame.samples.size} bins does not fit the recording"
             )
@@ -125,17 +124,17 @@ class RecordingWriter(Closing):
 
     def write_block(self, block: Block) -> None:
         """Keep many frames, with the times that the block gives; see `write`."""
-        at = 0
+        at, n_chunk = 0, len(self._buffers[0])
         while at < len(block.counter):
             k = self._filled
-            n = min(len(self._samples) - k, len(block.counter) - at)
-            self._samples[k : k + n] = block.samples[at : at + n]
-            self._counter[k : k + n] = block.counter[at : at + n]
-            self._t_s[k : k + n] = block.t_s[at : at + n]
+            n = min(n_chunk - k, len(block.counter) - at)
+            given = (block.samples, block.counter, block.t_s)
+            for buffer, values in zip(self._buffers, given, strict=True):
+                buffer[k : k + n] = values[at : at + n]
             self._filled = k + n
             self.n_frames += n
             at += n
-            if self._filled == len(self._samples):
+            if self._filled == n_chunk:
                 self._flush()
 
     def close(self) -> None:
@@ -162,22 +161,19 @@ class RecordingWriter(Closing):
                 with contextlib.suppress(OSError):
                     sync_path(self._path)
 
-    def _buffers(self) -> tuple[tuple[str, NDArray[Any]], ...]:
-        return (("samples", self._samples), ("counter", self._counter), ("t_s", self._t_s))
-
     def _flush(self) -> None:
         first, last = self._flushed, self._filled
         self._flushed = last
-        if last == len(self._samples):
+        if last == len(self._buffers[0]):
             self._filled = self._flushed = 0
         try:
-            for dataset, (name, buffer) in zip(self._sets, self._buffers(), strict=True):
+            for dataset, buffer in zip(self._sets, self._buffers, strict=True):
                 old = len(dataset)
                 dataset.resize(old + last - first, axis=0)
                 dataset[old:] = buffer[first:last]
                 dataset.flush()
                 # Counters and times that are on the disk vouch for their samples.
-                if self._fsync and name != "counter":
+                if self._fsync and dataset is not self._sets[1]:
                     os.fsync(self._file.id.get_vfd_handle())
         except (OSError, RuntimeError) as err:
             self._filled = self._flushed
@@ -192,12 +188,10 @@ class RecordingWriter(Closing):
             try:
                 os.link(self._made_as, self._path)
                 self._made_as.unlink()
-            except FileExistsError:
-                raise
             except OSError:
-                # No hard links on this file system.
+                # The name is taken, or there are no hard links on this file system.
                 if self._path.exists():
-                    raise FileExistsError(errno.EEXIST, "exists already") from None
+                    raise
                 self._made_as.rename(self._path)
             if self._fsync:
                 with contextlib.suppress(OSError):
@@ -241,21 +235,6 @@ def write_labels(path: Path, labels: list[Label]) -> None:
     finally:
         with contextlib.suppress(OSError, RuntimeError):
             file.close()
-
-
-def write(path: Path, source: BlockReader) -> list[str]:
-    """Write `source` into a new file, bit by bit; return what was not kept."""
-    with RecordingWriter(
-        path,
-        source.stream,
-        started_utc=source.started_utc,
-        device=source.device,
-        settings=source.settings,
-    ) as writer:
-        for block in source.blocks():
-            writer.write_block(block)
-    write_labels(path, source.labels)
-    return ["decisions are not copied"] if source.has_decisions else []
 
 
 def reason(err: BaseException) -> str:

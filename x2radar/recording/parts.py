@@ -8,7 +8,7 @@ parts belong together. Losses between two parts show in the counters, as within 
 import contextlib
 import re
 import uuid
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
@@ -26,11 +26,6 @@ from x2radar.recording.hdf5_writer import RecordingWriter, reason, write_labels
 from x2radar.wall_clock import parse_utc, utc_text
 
 
-def part_path(path: Path, part: int) -> Path:
-    """Return the name of one part of the recording `path`."""
-    return path.with_name(f"{path.stem}_{part:03d}{path.suffix or '.h5'}")
-
-
 def existing_parts(path: Path) -> list[Path]:
     """Return the parts of the recording `path` that are there, in order."""
     name = re.compile(rf"{re.escape(path.stem)}_(\d{{3,}}){re.escape(path.suffix or '.h5')}")
@@ -41,7 +36,7 @@ def existing_parts(path: Path) -> list[Path]:
 
 
 class RotatingWriter(Closing):
-    """Write frames as `RecordingWriter`, or into parts of `rotate_bytes` or `rotate_s`."""
+    """Write frames as `RecordingWriter`, which is told `about`, or into parts of a size."""
 
     def __init__(
         self,
@@ -49,18 +44,17 @@ class RotatingWriter(Closing):
         stream: StreamInfo,
         *,
         started_utc: str,
-        device: Mapping[str, Any],
-        settings: Mapping[str, Any],
         rotate_bytes: float | None = None,
         rotate_s: float | None = None,
-        fsync: bool = False,
+        **about: Any,
     ) -> None:
         self._path = path
         self._stream = stream
         self._started_utc = started_utc
-        self._keep: dict[str, Any] = {"device": device, "settings": settings, "fsync": fsync}
+        self._about = about
         self._rotate_bytes = rotate_bytes
         self._max_frames = None if rotate_s is None else max(1, rotate_s * stream.frame_rate_hz)
+        self.is_rotating = rotate_bytes is not None or rotate_s is not None
         self._id = str(uuid.uuid4())
         self._done_bytes = self._seen_bytes = self._grows_by = 0
         self._writer: RecordingWriter | None = None
@@ -69,11 +63,6 @@ class RotatingWriter(Closing):
         self._starts_s: list[float] = []
         check_free_name(path, rotating=self.is_rotating)
         self._next_part(0)
-
-    @property
-    def is_rotating(self) -> bool:
-        """Whether the recording comes in parts."""
-        return self._rotate_bytes is not None or self._max_frames is not None
 
     @property
     def n_bytes(self) -> int:
@@ -126,15 +115,18 @@ class RotatingWriter(Closing):
     def _next_part(self, index: int) -> None:
         part = len(self.paths)
         start_s = index / self._stream.frame_rate_hz
+        started = parse_utc(self._started_utc)
         attributes = {"recording_id": self._id, "part": part, "part_start_s": start_s}
-        path = part_path(self._path, part) if self.is_rotating else self._path
+        path = self._path
+        if self.is_rotating:
+            path = path.with_name(f"{path.stem}_{part:03d}{path.suffix or '.h5'}")
         self._writer = RecordingWriter(
             path,
             self._stream,
-            started_utc=_later(self._started_utc, start_s),
+            started_utc=utc_text(started + timedelta(seconds=start_s)) if started else "",
             first_index=index,
             attributes=attributes if self.is_rotating else None,
-            **self._keep,
+            **self._about,
         )
         self._first_index = index
         self._seen_bytes = self._writer.n_bytes
@@ -157,6 +149,21 @@ def open_hdf5(path: Path, overrides: Overrides = NO_OVERRIDES) -> BlockReader:
     if not parts:
         raise refuse(path, "no .h5 file in it" if is_folder else "no such recording")
     return PartsReader(parts, overrides)
+
+
+def write(path: Path, source: BlockReader) -> list[str]:
+    """Write `source` into a new file, bit by bit; return what was not kept."""
+    with RecordingWriter(
+        path,
+        source.stream,
+        started_utc=source.started_utc,
+        device=source.device,
+        settings=source.settings,
+    ) as writer:
+        for block in source.blocks():
+            writer.write_block(block)
+    write_labels(path, source.labels)
+    return ["decisions are not copied"] if source.has_decisions else []
 
 
 class PartsReader(BlockReader):
@@ -185,7 +192,7 @@ class PartsReader(BlockReader):
         self.device, self.settings = first.device, first.settings
         self.n_frames = sum(part.n_frames for part in self._parts)
         warnings += [part.warning for part in self._parts if part.warning]
-        numbers = [_number(part) for part in self._parts]
+        numbers = [part.attribute("part") for part in self._parts]
         if None not in numbers and numbers != list(range(len(numbers))):
             warnings.append(f"{first.path.parent}: parts are missing")
         self.warning = "; ".join(warnings) or None
@@ -193,7 +200,6 @@ class PartsReader(BlockReader):
         self._start_s = self._starts()
 
     def read_labels(self) -> list[Label]:
-        """Return the labels of all parts, in the time of the whole."""
         return [
             (t0_s + start_s, t1_s + start_s, label)
             for start_s, part in zip(self._start_s, self._parts, strict=True)
@@ -201,7 +207,6 @@ class PartsReader(BlockReader):
         ]
 
     def close(self) -> None:
-        """Close all parts."""
         for part in self._parts:
             part.close()
 
@@ -219,7 +224,7 @@ class PartsReader(BlockReader):
         return starts
 
     def ranges(self) -> Iterator[tuple[int, int]]:
-        """Yield the borders of the blocks; a block lies in one part."""
+        # A block lies in one part.
         for offset, part in zip(self._first, self._parts, strict=False):
             for first, last in part.ranges():
                 yield offset + first, offset + last
@@ -233,7 +238,6 @@ class PartsReader(BlockReader):
         return part.read_counters(first - offset, last - offset)
 
     def read_times(self, first: int, last: int) -> NDArray[np.float64]:
-        """Return the times of these frames in the time of the whole, in seconds."""
         part, offset, start_s = self._part(first)
         return part.read_times(first - offset, last - offset) + start_s
 
@@ -244,24 +248,12 @@ class PartsReader(BlockReader):
 
 def _in_order(parts: list[RecordingReader]) -> list[RecordingReader]:
     """Return the parts by number; raise RecordingError if they are of different recordings."""
-    first = parts[0]
-    for part in parts[1:]:
-        ids = [each.attribute("recording_id") for each in (part, first)]
-        streams = [(each.stream.axis, each.stream.frame_rate_hz) for each in (part, first)]
-        if ids[0] != ids[1] or streams[0] != streams[1]:
+    own = [(p.attribute("recording_id"), p.stream.axis, p.stream.frame_rate_hz) for p in parts]
+    for part, about in zip(parts, own, strict=True):
+        if about != own[0]:
             why = f"and {part.path.name} are different recordings; name one of them"
-            raise refuse(first.path, why)
-    if any(_number(part) is None for part in parts):
+            raise refuse(parts[0].path, why)
+    numbers = [part.attribute("part") for part in parts]
+    if None in numbers:
         return parts
-    return sorted(parts, key=lambda part: _number(part) or 0)
-
-
-def _number(part: RecordingReader) -> int | None:
-    number = part.attribute("part")
-    return None if number is None else int(number)
-
-
-def _later(started_utc: str, seconds: float) -> str:
-    """Return an ISO time so much later; other texts as they are."""
-    started = parse_utc(started_utc)
-    return utc_text(started + timedelta(seconds=seconds)) if started else started_utc
+    return sorted(parts, key=lambda part: int(part.attribute("part")))

@@ -15,15 +15,16 @@ from x2radar.recording.blocks import BlockReader
 from x2radar.recording.faults import refuse, unreadable
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Format:
-    """One format; what it takes from modules is named ``module:name``, below this folder."""
+    """One format, and what reads and writes it in `module`, below `formats`."""
 
     name: str  # as ``--from`` and ``--to`` take it
     title: str
-    reader: str = ""  # makes a BlockReader of path and overrides; empty: written only
-    writer: str = ""  # ``write(path, source)``; empty when the format is only read
     suffixes: tuple[str, ...]
+    module: str
+    reader: str = "Reader"  # makes a BlockReader of path and overrides; empty: written only
+    writer: str = "write"  # ``write(path, source)``; empty when the format is only read
     magic: bytes = b""  # first bytes of such files; empty when they have none
     content: str = ""  # tells whether a file with that magic is one; empty: magic is enough
     in_folder: str = ""  # pattern of the files in a folder that is such a recording
@@ -33,111 +34,63 @@ class Format:
         """Return a reader of `path`; raises RecordingError if the format is only written."""
         if not self.reader:
             raise refuse(path, f"{self.title}s are only written; open what it was made of")
-        made: BlockReader = _named(self.reader)(path, overrides=overrides)
+        made: BlockReader = self._named(self.reader)(path, overrides=overrides)
         return made
 
     def is_in(self, path: Path, head: bytes) -> bool:
         """Return whether a file that begins with `head` is one of these, by what is in it."""
         is_like = bool(self.magic) and head.startswith(self.magic)
-        return is_like and (not self.content or bool(_named(self.content)(path)))
+        return is_like and (not self.content or bool(self._named(self.content)(path)))
 
     def write(self, path: Path, source: BlockReader) -> list[str]:
         """Write `source` into `path`, which is new; return what was not kept."""
-        notes: list[str] = _named(self.writer)(path, source)
+        notes: list[str] = self._named(self.writer)(path, source)
         return notes
 
     def files(self, path: Path) -> tuple[Path, ...]:
         """Return the files that make the recording `path`, whether they are there or not."""
-        return tuple(_named(self.pair)(path)) if self.pair else (path,)
+        return tuple(self._named(self.pair)(path)) if self.pair else (path,)
 
-
-def _named(text: str) -> Any:
-    module, _, name = text.partition(":")
-    return getattr(import_module(f"x2radar.recording.{module}"), name)
+    def _named(self, name: str) -> Any:
+        return getattr(import_module(f".{self.module}", "x2radar.recording.formats"), name)
 
 
 FORMATS: Mapping[str, Format] = {
     row.name: row
     for row in (
         Format(
-            name="hdf5",
-            title="HDF5 recording",
-            reader="parts:open_hdf5",
-            writer="hdf5_writer:write",
-            suffixes=(".h5", ".hdf5"),
+            "hdf5",
+            "HDF5 recording",
+            (".h5", ".hdf5"),
+            ".parts",
+            "open_hdf5",
             magic=b"\x89HDF\r\n\x1a\n",
             in_folder="[!.]*.h5",
         ),
+        Format("xethru", "XeThru recording", (".dat",), "xethru", in_folder="xethru_*.dat"),
         Format(
-            name="xethru",
-            title="XeThru recording",
-            reader="formats.xethru:XethruReader",
-            writer="formats.xethru:write",
-            suffixes=(".dat",),
-            in_folder="xethru_*.dat",
-        ),
-        Format(
-            name="framelogger",
-            title="FrameLogger file",
-            reader="formats.framelogger:FrameLoggerReader",
-            writer="formats.framelogger:write",
-            suffixes=(".framelogger",),
+            "framelogger",
+            "FrameLogger file",
+            (".framelogger",),
+            "framelogger",
             magic=b"\xa2\x00\xfe\xfe",
         ),
         # Before p4xx: its first bytes are those of every MATLAB file.
         Format(
-            name="mat",
-            title="MATLAB file",
-            reader="formats.matlab:MatReader",
-            writer="formats.matlab:write",
-            suffixes=(".mat",),
-            magic=b"MATLAB 5.0",
-            content="formats.matlab:has_frames",
+            "mat", "MATLAB file", (".mat",), "matlab", magic=b"MATLAB 5.0", content="has_frames"
         ),
+        Format("p4xx", "P4xx MATLAB file", (".mat",), "matlab", "P4xxReader", "", b"MATLAB "),
         Format(
-            name="p4xx",
-            title="P4xx MATLAB file",
-            reader="formats.matlab:P4xxReader",
-            suffixes=(".mat",),
-            magic=b"MATLAB ",
+            "sigmf",
+            "SigMF pair",
+            (".sigmf-meta", ".sigmf-data", ".sigmf"),
+            "sigmf",
+            pair="pair_of",
         ),
-        Format(
-            name="sigmf",
-            title="SigMF pair",
-            reader="formats.sigmf:SigmfReader",
-            writer="formats.sigmf:write",
-            suffixes=(".sigmf-meta", ".sigmf-data", ".sigmf"),
-            pair="formats.sigmf:pair_of",
-        ),
-        Format(
-            name="npz",
-            title="NumPy archive",
-            reader="formats.npz:NpzReader",
-            writer="formats.npz:write",
-            suffixes=(".npz",),
-            magic=b"PK\x03\x04",
-        ),
-        Format(
-            name="parquet",
-            title="Parquet table",
-            writer="formats.columns:write_parquet",
-            suffixes=(".parquet",),
-            magic=b"PAR1",
-        ),
-        Format(
-            name="mcap",
-            title="MCAP file",
-            writer="formats.columns:write_mcap",
-            suffixes=(".mcap",),
-            magic=b"\x89MCAP0\r\n",
-        ),
-        Format(
-            name="capture",
-            title="wire capture",
-            reader="formats.wire:WireReader",
-            suffixes=(".x2cap",),
-            magic=b"X2RADARC",
-        ),
+        Format("npz", "NumPy archive", (".npz",), "npz", magic=b"PK\x03\x04"),
+        Format("parquet", "Parquet table", (".parquet",), "columns", "", "write_parquet", b"PAR1"),
+        Format("mcap", "MCAP file", (".mcap",), "columns", "", "write_mcap", b"\x89MCAP0\r\n"),
+        Format("capture", "wire capture", (".x2cap",), ".capture", writer="", magic=b"X2RADARC"),
     )
 }
 WRITABLE = tuple(row.name for row in FORMATS.values() if row.writer)

@@ -88,8 +88,5 @@ class Thing:
     """What moves, all of it drawn: points as a function of time; a `Mover`."""
 
     names: tuple[str, ...]
-    points: Callable[[Array, Array], Points]  # of times (n_slow,) and the antenna's place (3,)
+    at: Callable[[Array, Array], Points]  # of times (n_slow,) and the antenna's place (3,)
     label: Label = "other"
-
-    def at(self, t_s: Array, antenna_m: Array) -> Points:
-        return self.points(t_s, antenna_m)

@@ -135,7 +135,7 @@ class Player:
         self._budget = LinkBudget()
         self._noise = float(np.sqrt(baseband_noise_power(axis, self._budget.noise_sigma)))
         self._gain = _gain(site)
-        self._room = None if site.room is None else Room(rng, site.room, axis, self._budget)
+        self._room = None if site.room is None else Room(rng, site.room, axis)
         sweep = RadarSettings.for_frame_rate(max(1, round(rate_hz)))
         self._receiver = Receiver(
             sweep, axis, self._budget, rng, effects=site.receiver, seed=int(rng.integers(2**31))

@@ -17,7 +17,7 @@ from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.place.antenna import Antenna
 from x2radar.sim.place.multipath import Surface, TailSettings
 from x2radar.sim.place.room import RoomSettings
-from x2radar.sim.signal.effects import ReceiverEffects
+from x2radar.sim.signal.receiver import ReceiverEffects
 
 SAMPLE_RATE_HZ = 41e9  # of the X2; it sets the level of the noise of all radars here
 RoomKind = Literal["usual", "unseen"]

@@ -1,16 +1,9 @@
-"""Parquet tables and MCAP files, written only: frames in real columns.
+"""Parquet tables and MCAP files (https://mcap.dev/spec), written only: frames in real columns.
 
-RF frames are `samples`, baseband is `samples_i` and `samples_q`, all float32. Beside them stand
-the attributes of an HDF5 recording with n_range, device, settings and labels, named `x2radar`:
-JSON in the schema's metadata of Parquet, a metadata record of MCAP.
-
-Parquet (pandas, polars, DuckDB, Spark): a row is a frame, counter uint32, t_s float64 and its
-samples as lists of n_range.
-
-MCAP (Foxglove, Lichtblick, ROS 2; https://mcap.dev/spec): the topic `/radar/frames` carries a
-frame a message, type `x2radar/Frame`, in ROS 2's CDR with its definition beside it;
-`/radar/labels` a JSON object where a labelled stretch begins. Times are those of t_s behind the
-start, or behind 1970 where the start is unknown.
+RF frames are `samples`, baseband is `samples_i` and `samples_q`, all float32; Parquet has lists of
+n_range. Beside them stand the attributes of an HDF5 recording with n_range, device, settings and
+labels, named `x2radar`: JSON in the schema's metadata of Parquet, a metadata record of MCAP. In
+MCAP times are those of t_s behind the start, or behind 1970 where it is unknown.
 """
 
 import json

@@ -10,11 +10,8 @@ Layout (decoded from real files, which it consumes to the last byte)::
 A counter becomes the module's unit, 0 to 100, as
 ``(counter / (pulses * iterations) * step + min) * 100 / 8192``. The logger wrote garbage as
 samples per second; 39 GS/s is assumed then and said. The offset is taken as the range of the
-first sample in metres. Frames are not counted: counters are made of the times.
-
-Written samples are exact when they came from these settings; else they move by half a count
-at most, and the result says how much. Not kept: counters before the first loss, what lies
-before float32 in sampling rate and offset, a carrier that no PGSelect has, device, labels.
+first sample in metres. Frames are not counted: counters are made of the times. Written samples
+are exact when they came from these settings; else they move by half a count at most.
 """
 
 import struct
@@ -41,33 +38,32 @@ _DAC_LEVELS = 8192
 _MAX_PULSES = 1 << 16  # of a sweep that is unknown: finer than float32 resolves
 
 _MAX_U32 = (1 << 32) - 1
-_SWEEP = ("iterations", "pulses_per_step", "dac_min", "dac_max", "dac_step")
 
 
 class _Sweep(NamedTuple):
     iterations: int
-    pulses: int
+    pulses_per_step: int
     dac_min: int
     dac_max: int
     dac_step: int
 
     @property
     def is_sound(self) -> bool:
-        return min(self.iterations, self.pulses, self.dac_step) > 0 and self.dac_min >= 0
+        return min(self.iterations, self.pulses_per_step, self.dac_step) > 0 and self.dac_min >= 0
 
     def unit(self, counter: NDArray[np.uint32]) -> NDArray[np.float32]:
         """Return raw counters in the module's unit, 0 to 100."""
-        scale = self.dac_step / (self.pulses * self.iterations)
+        scale = self.dac_step / (self.pulses_per_step * self.iterations)
         value = (counter * scale + self.dac_min) * (100 / _DAC_LEVELS)
         return value.astype(np.float32)
 
     def counter(self, unit: NDArray[Any]) -> NDArray[np.float64]:
         """Return what `unit` was made of, rounded."""
         value = np.asarray(unit, np.float64) * (_DAC_LEVELS / 100) - self.dac_min
-        return np.rint(value * (self.pulses * self.iterations / self.dac_step))
+        return np.rint(value * (self.pulses_per_step * self.iterations / self.dac_step))
 
 
-class FrameLoggerReader(BlockReader):
+class Reader(BlockReader):
     """Read a FrameLogger file of an X2; its settings are named as in `RadarSettings`."""
 
     def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:
@@ -94,19 +90,14 @@ class FrameLoggerReader(BlockReader):
         if (rest := size - at - 4 * n_range * self.n_frames - 4) > 0:
             warnings.append(f"{rest} bytes behind the frames, which are left out")
         self._counter, rate_hz = _rate(stamps, float(fps), warnings)
-        settings = {
-            **dict(zip(_SWEEP, self._sweep, strict=True)),
-            "pulse_generator": pg_select,
-            "sample_delay_s": delay_s,
-        }
+        settings = self._sweep._asdict()
+        settings |= {"pulse_generator": pg_select, "sample_delay_s": delay_s}
         said = self._axis(pg_select, offset_m, warnings)
         said |= {"frame_rate_hz": rate_hz, "settings": settings}
-        device = "FrameLogger recording of an X2"
-        self._keep(("rf", n_range), said, device)
+        self._keep(("rf", n_range), said, "FrameLogger recording of an X2")
         self.warning = f"{path}: {'; '.join(warnings)}" if warnings else None
 
     def read_samples(self, first: int, last: int) -> Samples:
-        """Return these frames in the module's unit, shape (last - first, n_range), read-only."""
         return self._falling(self._sweep.unit(self._rows[first:last]))
 
     def _axis(self, pg_select: int, offset_m: float, warnings: list[str]) -> dict[str, Any]:
@@ -139,7 +130,6 @@ def _rate(
     stamps: NDArray[np.float64], fps: float, warnings: list[str]
 ) -> tuple[NDArray[np.uint32], float | None]:
     """Return counters and frame rate; the times' unit is the one that suits `fps`."""
-    counter = np.arange(1, stamps.size + 1, dtype=np.uint32)
     if stamps.size > 1:
         # Seconds first; other loggers of that house stamp in milliseconds or days.
         for unit_s in (1.0, 1e-3, 86_400.0):
@@ -148,8 +138,7 @@ def _rate(
                 return counted, 1 / period_s
     if fps > 0:
         warnings.append(f"times without use; the nominal {fps:g} frames per second are taken")
-        return counter, fps
-    return counter, None
+    return np.arange(1, stamps.size + 1, dtype=np.uint32), fps if fps > 0 else None
 
 
 def write(path: Path, source: BlockReader) -> list[str]:
@@ -182,7 +171,15 @@ def write(path: Path, source: BlockReader) -> list[str]:
         )
         file.seek(8 * n_frames, 1)
         for block in source.blocks():
-            worst = max(worst, _write_rows(path, file, block.samples, sweep))
+            counter = sweep.counter(block.samples)
+            if not (counter.min(initial=0) >= 0 and counter.max(initial=0) <= _MAX_U32):
+                msg = (
+                    f"{path.name}: samples outside 0 to 100, the X2's unit, cannot be raw counters"
+                )
+                raise SettingsError(msg)
+            raw = counter.astype("<u4")
+            file.write(raw.tobytes())
+            worst = max(worst, float(np.abs(sweep.unit(raw) - block.samples).max(initial=0)))
             times.append(block.t_s)
         file.write(struct.pack("<f", rate_hz))
         file.seek(_HEAD.size)
@@ -192,20 +189,9 @@ def write(path: Path, source: BlockReader) -> list[str]:
     return notes
 
 
-def _write_rows(path: Path, file: Any, samples: Samples, sweep: _Sweep) -> float:
-    """Append frames as counters; return the largest change of a sample."""
-    counter = sweep.counter(samples)
-    if not (counter.min(initial=0) >= 0 and counter.max(initial=0) <= _MAX_U32):
-        msg = f"{path.name}: samples outside 0 to 100, the X2's unit, cannot be raw counters"
-        raise SettingsError(msg)
-    raw = counter.astype("<u4")
-    file.write(raw.tobytes())
-    return float(np.abs(sweep.unit(raw) - samples).max(initial=0))
-
-
 def _sweep_of(settings: Mapping[str, Any]) -> _Sweep | None:
     try:
-        sweep = _Sweep(*(int(settings[name]) for name in _SWEEP))
+        sweep = _Sweep(*(int(settings[name]) for name in _Sweep._fields))
     except (KeyError, TypeError, ValueError):
         return None
     return sweep if sweep.is_sound else None

@@ -1,13 +1,11 @@
 """MATLAB files of version 5 to 7: our own, and those of P4xx radars; both are held as a whole.
 
-Ours, for ``load FILE`` and ``scipy.io.loadmat``: samples (n, n_range) single, real or complex;
-counter (n, 1) uint32; t_s (n, 1) double; the attributes of an HDF5 recording; device, settings and
-labels as JSON text (``jsondecode``). Written is version 5, whose variables hold 2 GiB at most.
+Ours, for ``load FILE`` and ``scipy.io.loadmat``, are of version 5: samples, counter and t_s (both
+columns), the attributes of an HDF5 recording, and labels as JSON text (``jsondecode``).
 
 P4xx, read only: ``scn(i).scn`` is a scan of real bins, ``scn(i).T`` its time in milliseconds,
 whose slope is the frame period and whose gaps are lost frames. Scans become RF frames in the
-radar's own unit, bins of 61.035 ps from 17.499 ns on (the file's Tstrt when it is there), carrier
-4.0 GHz, -10 dB from 3.1 to 4.8 GHz; integers are exact up to 2**24.
+radar's own unit, bins of 61.035 ps from 17.499 ns on (the file's Tstrt when it is there).
 
 scipy reads the variables, and believes what a file says of its sizes: every array's is held
 against the bytes that are there first, so a file costs no more memory than it unpacks to, 1 GiB at
@@ -66,8 +64,8 @@ def _variables(path: Path, names: Collection[str]) -> dict[str, Any]:
     head, order, content = _opened(path)
     parts: list[bytes | memoryview] = [head]
     left = MAX_BYTES
-    for kind, data in _elements(path, order, content):
-        if _name_in(path, order, kind, data) in names:
+    for name, kind, data in _named(path, order, content):
+        if name in names:
             array = _array(kind, data, left)
             _check(path, order, array)
             left -= len(array)
@@ -78,11 +76,7 @@ def _variables(path: Path, names: Collection[str]) -> dict[str, Any]:
 def has_frames(path: Path) -> bool:
     """Return whether a file has the variable `samples`, as those that x2radar writes."""
     try:
-        _, order, content = _opened(path)
-        return any(
-            _name_in(path, order, kind, data) == "samples"
-            for kind, data in _elements(path, order, content)
-        )
+        return any(name == "samples" for name, *_ in _named(path, *_opened(path)[1:]))
     except (RecordingError, struct.error, zlib.error):
         return False
 
@@ -128,13 +122,13 @@ def _array(kind: int, data: memoryview, most_bytes: int) -> memoryview:
     return memoryview(zlib.decompressobj().decompress(data, most_bytes))[8:]
 
 
-def _name_in(path: Path, order: str, kind: int, data: memoryview) -> str:
-    """Return the name of a variable; the third part, behind its class and its shape."""
-    if kind not in {_COMPRESSED, _MATRIX}:
-        return ""
-    parts = _elements(path, order, _array(kind, data, _NAME_BYTES))
-    _, name = next(itertools.islice(parts, 2, None), (0, b""))
-    return bytes(name).decode("latin-1")
+def _named(path: Path, order: str, content: memoryview) -> Iterator[tuple[str, int, memoryview]]:
+    """Yield the variables, each with its name: the third part, behind its class and its shape."""
+    for kind, data in _elements(path, order, content):
+        if kind in {_COMPRESSED, _MATRIX}:
+            parts = _elements(path, order, _array(kind, data, _NAME_BYTES))
+            _, name = next(itertools.islice(parts, 2, None), (0, b""))
+            yield bytes(name).decode("latin-1"), kind, data
 
 
 def _check(path: Path, order: str, array: memoryview, depth: int = 0) -> None:
@@ -178,7 +172,7 @@ def _n_fields(path: Path, order: str, parts: list[tuple[int, memoryview]]) -> in
     return n_bytes // n_letters
 
 
-class MatReader(BlockReader):
+class Reader(BlockReader):
     """Read a MATLAB file with the variables that `write` makes; it is held as a whole."""
 
     def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:

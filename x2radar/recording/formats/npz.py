@@ -1,11 +1,8 @@
 """NumPy archives: ``numpy.load(FILE)`` gives samples, counter, t_s and the attributes.
 
-Everything is kept bit by bit. Arrays: samples (n, n_range) float32 or complex64, counter (n,)
-uint32, t_s (n,) float64, the attributes of an HDF5 recording as arrays without dimensions,
-and labels_t0_s, labels_t1_s, labels_label where there are labels. Foreign archives need
-samples only: counters then run from 1, and what the axis lacks must be given.
-
-Nothing in an archive is unpickled, and arrays that it does not name above are not read.
+Everything is kept bit by bit: samples, counter and t_s as in an HDF5 recording, its attributes as
+arrays without dimensions, and labels_t0_s, labels_t1_s, labels_label where there are labels.
+Foreign archives need samples only. Nothing is unpickled, and no other array is read.
 """
 
 import contextlib
@@ -32,7 +29,7 @@ _MAX_WHOLE_BYTES = 1 << 30  # of samples in Fortran order, which are held as a w
 _MAX_PACKED = 1100  # bytes that one byte of an archive unpacks to; deflate reaches 1032 at most
 
 
-class NpzReader(BlockReader):
+class Reader(BlockReader):
     """Read a NumPy archive; samples are streamed, unless they are in Fortran order."""
 
     def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:

@@ -1,17 +1,13 @@
 """SigMF: ``NAME.sigmf-data`` with the samples and ``NAME.sigmf-meta``, JSON, with the rest.
 
-Every range bin is a channel, sampled once a frame: ``core:num_channels`` is the number of
-bins, ``core:sample_rate`` the frame rate, ``core:frequency`` the carrier, so that one frame
-is one sample of all channels. ``core:datatype`` is cf32_le for baseband and rf32_le for RF.
-A capture segment begins with the recording and wherever a counter does not follow the one
-before; ``x2radar:counter`` is the segment's first. The range axis, device and settings stand
-in the global object as ``x2radar:…``; labels are annotations. Samples, counters, axis and
-rate are kept bit by bit; times are counted with the rate.
+Every range bin is a channel, sampled once a frame: ``core:num_channels`` is the number of bins,
+``core:sample_rate`` the frame rate, ``core:frequency`` the carrier. A capture segment begins with
+the recording and wherever a counter does not follow the one before; ``x2radar:counter`` is the
+segment's first. The range axis, device and settings stand in the global object as ``x2radar:…``.
 """
 
 import hashlib
 import json
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,13 +18,14 @@ from x2radar.frame import CounterTracker, Kind, Step
 from x2radar.keys import unrepeated
 from x2radar.recording.about import MAX_BINS, NO_OVERRIDES, Overrides
 from x2radar.recording.blocks import BlockReader, Label
-from x2radar.recording.faults import refuse
+from x2radar.recording.faults import refuse, unreadable
 
 META = ".sigmf-meta"
 DATA = ".sigmf-data"
 _VERSION = "1.0.0"
 _KINDS: dict[str, tuple[Kind, str]] = {"cf32_le": ("baseband", "<c8"), "rf32_le": ("rf", "<f4")}
 _MAX_META_BYTES = 1 << 26  # a capture segment a gap, for days; as JSON in memory some hundred MB
+_Object = dict[str, Any]
 _KEPT = ("bin_length_m", "range_offset_m", "bandwidth_hz", "sample_rate_hz")
 
 
@@ -38,7 +35,7 @@ def pair_of(path: Path) -> tuple[Path, Path]:
     return path.with_name(name + META), path.with_name(name + DATA)
 
 
-class SigmfReader(BlockReader):
+class Reader(BlockReader):
     """Read a SigMF pair whose channels are range bins, by the name of either file."""
 
     def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:
@@ -62,8 +59,8 @@ class SigmfReader(BlockReader):
         first = segments[0] if segments else {}
         if len({repr(each.get("core:frequency")) for each in segments}) > 1:
             raise refuse(meta, "its core:frequency changes: frames of several carriers")
-        said = {name: head.get(f"x2radar:{name}") for name in (*_KEPT, "phase_sign")}
-        said |= {name: head.get(f"x2radar:{name}") for name in ("device", "settings")}
+        kept = (*_KEPT, "phase_sign", "device", "settings")
+        said = {name: head.get(f"x2radar:{name}") for name in kept}
         said["frame_rate_hz"] = head.get("core:sample_rate")
         said["carrier_hz"] = first.get("core:frequency")
         said["started_utc"] = first.get("core:datetime")
@@ -80,30 +77,18 @@ class SigmfReader(BlockReader):
         if not is_ordered or self._begin[-1] >= self.n_frames:
             raise refuse(meta, "its capture segments are not in order, or behind the data")
 
-    def _map(
-        self,
-        data: Path,
-        row: np.dtype[Any],
-        head: Mapping[str, Any],
-        segments: list[dict[str, Any]],
-    ) -> None:
+    def _map(self, data: Path, row: np.dtype[Any], head: _Object, segments: list[_Object]) -> None:
         """Map the frames of the data file; bytes in front of and behind them are left out."""
         meta = self.path
         if any(_count(meta, segment, "core:header_bytes", 0) for segment in segments[1:]):
             raise refuse(meta, "core:header_bytes between frames, which are not read")
         before = _count(meta, segments[0], "core:header_bytes", 0) if segments else 0
         behind = _count(meta, head, "core:trailing_bytes", 0)
-        try:
-            with data.open("rb") as file:
-                size = data.stat().st_size - before - behind
-                wanted = head.get("core:sha512")
-                if (
-                    wanted is not None
-                    and hashlib.file_digest(file, "sha512").hexdigest() != str(wanted).lower()
-                ):
-                    raise refuse(data, "its bytes are not those that core:sha512 is of: damaged")
-        except OSError as err:
-            raise refuse(data, f"cannot be read: {err.strerror}") from err
+        with unreadable(data), data.open("rb") as file:
+            size = data.stat().st_size - before - behind
+            wanted = str(head.get("core:sha512") or "").lower()
+            if wanted and hashlib.file_digest(file, "sha512").hexdigest() != wanted:
+                raise refuse(data, "its bytes are not those that core:sha512 is of: damaged")
         self.n_frames, rest = divmod(max(size, 0), row.itemsize)
         if self.n_frames == 0:
             raise refuse(data, "no frames in it")
@@ -129,30 +114,26 @@ class SigmfReader(BlockReader):
         return out
 
     def read_counters(self, first: int, last: int) -> NDArray[Any]:
-        """Return the counters of these frames; they go on from the first of their segment."""
         k = np.arange(first, last)
         segment = np.searchsorted(self._begin, k, side="right") - 1
-        counter: NDArray[np.int64] = self._number[segment] + k - self._begin[segment]
-        return counter
+        return np.asarray(self._number[segment] + k - self._begin[segment])
 
 
-def _read_meta(meta: Path) -> tuple[dict[str, Any], list[dict[str, Any]], list[dict[str, Any]]]:
+def _read_meta(meta: Path) -> tuple[_Object, list[_Object], list[_Object]]:
     """Return the global object, capture segments and annotations."""
     try:
-        with meta.open("rb") as file:
+        with unreadable(meta), meta.open("rb") as file:
             text = file.read(_MAX_META_BYTES + 1)
         if len(text) > _MAX_META_BYTES:
             raise refuse(meta, "too long for a SigMF meta file")
         root = json.loads(text, object_pairs_hook=unrepeated)
         captures, annotations = root.get("captures", []), root.get("annotations", [])
         return dict(root["global"]), [dict(s) for s in captures], [dict(a) for a in annotations]
-    except OSError as err:
-        raise refuse(meta, f"cannot be read: {err.strerror}") from err
     except (ValueError, KeyError, TypeError, AttributeError) as err:
         raise refuse(meta, f"not a SigMF meta file ({err!r})") from err
 
 
-def _count(meta: Path, said: Mapping[str, Any], name: str, default: int | None = None) -> int:
+def _count(meta: Path, said: _Object, name: str, default: int | None = None) -> int:
     """Return a whole number of samples or bytes."""
     value = said.get(name, default)
     if type(value) is not int or not 0 <= value < 1 << 62:
@@ -165,7 +146,7 @@ def write(path: Path, source: BlockReader) -> list[str]:
     meta, data = pair_of(path)
     axis, rate_hz = source.stream.axis, source.stream.frame_rate_hz
     digest = hashlib.sha512()
-    segments: list[dict[str, Any]] = []
+    segments: list[_Object] = []
     tracker, n = CounterTracker(), 0
     dtype, datatype = ("<c8", "cf32_le") if axis.kind == "baseband" else ("<f4", "rf32_le")
     with data.open("wb") as file:
@@ -203,7 +184,7 @@ def write(path: Path, source: BlockReader) -> list[str]:
     return ["times (t_s) are counted with the frame rate when it is read"]
 
 
-def _annotation(label: Label, rate_hz: float, n_frames: int) -> dict[str, Any]:
+def _annotation(label: Label, rate_hz: float, n_frames: int) -> _Object:
     t0_s, t1_s, text = label
     first = min(max(0, round(t0_s * rate_hz)), n_frames)
     last = min(max(first, round(t1_s * rate_hz)), n_frames)

@@ -69,7 +69,7 @@ _STORED = {
 _MAX_META_BYTES = 1 << 28  # above this a file is damaged: days of frames
 
 
-class XethruReader(BlockReader):
+class Reader(BlockReader):
     """Read a recording folder, or one ``.dat`` file in it; its meta file gives the times."""
 
     def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:

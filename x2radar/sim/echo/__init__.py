@@ -18,9 +18,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from x2radar.errors import SceneError
-from x2radar.frame import FastTimeAxis
-from x2radar.sim.echo import dense, gridded, spread
-from x2radar.sim.echo.common import FINEST_DB, Amplitude, Frames, Task, blocks, echo_sigma_m
+from x2radar.frame import FastTimeAxis, Samples
+from x2radar.sim.echo import direct, gridded
+from x2radar.sim.echo.direct import DENSE_FINEST_DB, FINEST_DB, Task, blocks, echo_sigma_m
 from x2radar.sim.points import Array
 
 __all__ = ["TIERS", "Task", "choose", "echo_sigma_m", "frames"]
@@ -30,7 +30,7 @@ __all__ = ["TIERS", "Task", "choose", "echo_sigma_m", "frames"]
 class Tier:
     """A way to make frames of echoes, with its error and its cost."""
 
-    frames: Callable[[Array, Amplitude, Task, float], Frames]
+    frames: Callable[[Array, Array, Task, float], Samples]
     finest_db: float  # smallest error that it can be asked for
     cost_ns: Callable[[Task], float]  # an estimate; infinite if the tier cannot do it
 
@@ -42,8 +42,8 @@ def _dense_ns(task: Task) -> float:
 def _local_ns(task: Task) -> float:
     axis = task.axis
     sigma_bins = echo_sigma_m(axis) / axis.bin_length_m
-    touched = spread.n_touched(sigma_bins, task.error_db)
-    n_calls = sum(1 for _ in spread.pieces(task.n_slow, task.n_points, touched))
+    touched = direct.n_touched(sigma_bins, task.error_db)
+    n_calls = sum(1 for _ in direct.pieces(task.n_slow, task.n_points, touched))
     bin_ns = 1.4 if axis.kind == "rf" else 0.4
     return (
         n_calls * (5e4 + 1500.0 * touched)
@@ -64,8 +64,8 @@ def _gridded_ns(task: Task) -> float:
 
 
 TIERS: Mapping[str, Tier] = {
-    "dense": Tier(dense.frames, dense.FINEST_DB, _dense_ns),
-    "local": Tier(spread.frames, FINEST_DB, _local_ns),
+    "dense": Tier(direct.dense_frames, DENSE_FINEST_DB, _dense_ns),
+    "local": Tier(direct.local_frames, FINEST_DB, _local_ns),
     "gridded": Tier(gridded.frames, FINEST_DB, _gridded_ns),
 }
 """Every tier by its name."""
@@ -75,8 +75,8 @@ _COARSEST_DB = -20.0  # coarser is no frame
 
 def choose(task: Task) -> str:
     """Return the name of the cheapest tier for an error of -130 to -20 dB; or SceneError."""
-    if not dense.FINEST_DB <= task.error_db <= _COARSEST_DB:
-        msg = f"error_db {task.error_db:g} is not within {dense.FINEST_DB:g} to {_COARSEST_DB:g}"
+    if not DENSE_FINEST_DB <= task.error_db <= _COARSEST_DB:
+        msg = f"error_db {task.error_db:g} is not within {DENSE_FINEST_DB:g} to {_COARSEST_DB:g}"
         raise SceneError(msg)
     able = [name for name, tier in TIERS.items() if tier.finest_db <= task.error_db]
     return min(able, key=lambda name: TIERS[name].cost_ns(task))
@@ -84,17 +84,17 @@ def choose(task: Task) -> str:
 
 def frames(
     range_m: Array,
-    amplitude: Amplitude,
+    amplitude: Array,
     axis: FastTimeAxis,
     *,
     error_db: float = -60.0,
     floor: float = 0.0,
     tier: str | None = None,
-) -> Frames:
+) -> Samples:
     """Return noise-free frames of moving points, shape (n_slow, n_range), in the axis' type.
 
-    Distances, constant within a frame (2.16), and peak amplitudes, real or complex, without NaN,
-    are of shape (n_slow, n_points). `error_db`, -130 to -20 dB, is the largest error of a bin over
+    Distances, constant within a frame (2.16), and signed peak amplitudes, without NaN, are of
+    shape (n_slow, n_points). `error_db`, -130 to -20 dB, is the largest error of a bin over
     the sum of the frame's amplitudes; echoes up to `floor` are left out: say a tenth of the noise.
     `tier`, one of `TIERS`, makes them instead of the cheapest.
 

@@ -22,11 +22,10 @@ from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
 from x2radar.errors import SceneError
-from x2radar.frame import FastTimeAxis
+from x2radar.frame import FastTimeAxis, Samples
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
-from x2radar.sim.echo import common
-from x2radar.sim.echo.common import FINEST_DB, Amplitude, Baseband, Frames, Task
-from x2radar.sim.echo.spread import SpreadGrid, spread
+from x2radar.sim.echo import direct
+from x2radar.sim.echo.direct import FINEST_DB, Baseband, SpreadGrid, Task, spread
 from x2radar.sim.points import Array
 
 _SHARES = (0.5, 0.6, 0.7, 0.76)  # of the variance that the first Gaussian takes
@@ -42,7 +41,7 @@ _TOUCH_NS = 1.5  # an echo at a point
 _USUAL_POINTS = 20  # of a body
 
 
-def frames(range_m: Array, amplitude: Amplitude, task: Task, floor: float) -> Frames:
+def frames(range_m: Array, amplitude: Array, task: Task, floor: float) -> Samples:
     """Return frames by way of a coarse grid; arguments as of `echo.frames`.
 
     The error is over the sum of the amplitudes of the echoes near the bin; further than about 18
@@ -51,8 +50,8 @@ def frames(range_m: Array, amplitude: Amplitude, task: Task, floor: float) -> Fr
     """
     axis = task.axis
     design = design_for(axis, task.error_db)
-    out = common.empty(len(range_m), axis)
-    for part in common.blocks(*range_m.shape):
+    out = direct.empty(len(range_m), axis)
+    for part in direct.blocks(*range_m.shape):
         echo = spread(range_m[part], amplitude[part], axis, design.grid, floor)
         design.write(echo, out[part])
     return out
@@ -69,9 +68,8 @@ class Design:
     n_step: int
     n_window: int
     turn: Baseband | None
-    error_db: float
 
-    def write(self, echo: Baseband, out: Frames) -> None:
+    def write(self, echo: Baseband, out: Samples) -> None:
         """Write the bins of an echo on the grid into `out`, shape (n_slow, n_range)."""
         row, point = echo.strides
         shape = (len(echo), self.n_blocks, self.n_window)
@@ -96,7 +94,7 @@ class Design:
 
 def suits(axis: FastTimeAxis) -> bool:
     """Tell whether the axis' bins are short enough for a grid that is coarser."""
-    return common.echo_sigma_m(axis) > 3 * axis.bin_length_m and axis.n_range >= 2
+    return direct.echo_sigma_m(axis) > 3 * axis.bin_length_m and axis.n_range >= 2
 
 
 @lru_cache(maxsize=16)
@@ -107,8 +105,8 @@ def design_for(axis: FastTimeAxis, error_db: float) -> Design:
             f"no coarse grid gives {error_db:g} dB on bins of {axis.bin_length_m:g} m: the "
             f"bins must be shorter than a third of a sigma, the error at least {FINEST_DB:g}"
         )
-    sigma_m = common.echo_sigma_m(axis)
-    shape, matrix, worst = _cheapest(axis.n_range, axis.bin_length_m / sigma_m, error_db)
+    sigma_m = direct.echo_sigma_m(axis)
+    shape, matrix = _cheapest(axis.n_range, axis.bin_length_m / sigma_m, error_db)
     n_block, n_step, halo, touched, share = shape
     spacing = n_block * axis.bin_length_m / sigma_m / n_step
     n_blocks = -(-axis.n_range // n_block)
@@ -130,8 +128,7 @@ def design_for(axis: FastTimeAxis, error_db: float) -> Design:
         n_blocks=n_blocks,
         n_step=n_step,
         n_window=n_window,
-        turn=common.carrier_wave(axis)[::n_block][:, None].copy() if is_rf else None,
-        error_db=20 * math.log10(worst),
+        turn=direct.carrier_wave(axis)[::n_block][:, None].copy() if is_rf else None,
     )
 
 
@@ -143,7 +140,7 @@ class _Shape(NamedTuple):
     share: float
 
 
-def _cheapest(n_range: int, bin_sigma: float, error_db: float) -> tuple[_Shape, Array, float]:
+def _cheapest(n_range: int, bin_sigma: float, error_db: float) -> tuple[_Shape, Array]:
     """Return the first of all shapes, by estimated time, whose error is small enough."""
     found = []
     longest = max(128, int(4 / bin_sigma))
@@ -165,7 +162,7 @@ def _cheapest(n_range: int, bin_sigma: float, error_db: float) -> tuple[_Shape, 
     for _, shape in found:
         matrix, worst = _fit(shape, bin_sigma)
         if 20 * math.log10(worst) <= error_db:
-            return shape, matrix, worst
+            return shape, matrix
     raise SceneError(f"error_db {error_db:g}: no grid reaches it on this axis")
 
 

@@ -19,7 +19,7 @@ from x2radar.sim.module.stream import EchoStream
 from x2radar.sim.scene.cast import BODIES, Actor
 from x2radar.sim.scene.scene import ERRORS_DB, Scene, SceneStep
 from x2radar.sim.scene.stage import Stage
-from x2radar.sim.signal.effects import ReceiverEffects
+from x2radar.sim.signal.receiver import ReceiverEffects
 
 _BLOCK, _ROUNDS = 16, 5  # frames that a stream makes at a time; how often everything is timed
 _USUAL_HZ, _FAST_HZ = 60, 200
@@ -108,10 +108,9 @@ def _name(actor: Actor) -> str:
     """Return what an actor is on the bill: a body by its skin, or a thing."""
     if actor.kind not in BODIES and actor.plugged is None:
         return f"thing: {actor.kind}"
-    skin = (
-        "" if actor.kind.startswith("thesis") else f", skin {actor.options.get('skin', 'surface')}"
-    )
-    return f"body: {actor.kind}{skin}"
+    if actor.kind.startswith("thesis"):
+        return f"body: {actor.kind}"
+    return f"body: {actor.kind}, skin {actor.options.get('skin', 'surface')}"
 
 
 def _without(scene: Scene, name: str) -> Scene:

@@ -3,11 +3,12 @@
 A plan is written ``kind:value[,kind:value...]``; `KINDS` is the one table of kinds. Every kind
 draws from its own generator, seeded with the module's seed and the kind's name: faults on frames
 draw once a frame, whatever else goes wrong, those on the line once a packet or byte that is sent.
-None looks at a clock. `ModuleFaults` is what goes wrong inside the module, `line` the rest.
+None looks at a clock. `ModuleFaults` is what goes wrong inside the module, `Line` the rest.
 """
 
 import zlib
-from collections.abc import Mapping
+from collections import deque
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,11 @@ from x2radar.wire.wire_ids import ErrorCode, PongCode
 
 _SPIKE = 900.0  # far beyond the 0 to 100 of a frame
 _SPIKES = 3  # samples of a frame that it meets, as a chip's do
+_MAX_JUNK, _NEVER_S = 40, float("inf")
+_STALL_EVERY_S = 10.0  # junk of a packet's length (docs/research/simulated-module.md)
+# Lateness of the frames of one second, in frame periods, by counter modulo 20: measured on a
+# real X2M200 at 20 Hz as 190, 145, 100, 55 and about 50 ms (protocol notes, section 3.3).
+_LATE_FRAMES = {0: 3.8, 1: 2.9, 2: 2.0, 3: 1.1, 10: 1.0}
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,19 +78,18 @@ def parse_faults(text: str) -> FaultPlan:
     values: dict[str, float] = {}
     for item in text.split(","):
         name, _, number = item.strip().partition(":")
-        if fault := _fault(name, number, values):
+        fault = "given twice" if name in values else _fault(name, number)
+        if fault:
             raise SettingsError(f"fault {name!r}: {fault}; kinds are {', '.join(KINDS)}")
         values[name] = float(number)
     return values
 
 
-def _fault(name: str, number: str, values: Mapping[str, float]) -> str:
+def _fault(name: str, number: str) -> str:
     """Return what is wrong with one item, or nothing."""
     kind = KINDS.get(name)
     if kind is None:
         return "unknown"
-    if name in values:
-        return "given twice"
     if not number.strip():
         return f"has no value; write {name}:VALUE ({kind.unit})"
     try:
@@ -103,25 +108,18 @@ def describe_faults() -> str:
 
 
 class Dice:
-    """Random generators, one for each kind of fault."""
+    """A plan, and a random generator for each of its kinds of faults."""
 
     def __init__(self, plan: FaultPlan, seed: int) -> None:
         self.plan = plan
-        self._generators = {
+        self.rng = {
             kind: np.random.default_rng([seed, 0xFA17, zlib.crc32(kind.encode())]) for kind in plan
         }
-
-    def generator(self, kind: str) -> np.random.Generator:
-        """Return the generator of a kind that the plan has."""
-        return self._generators[kind]
 
     def falls(self, kind: str) -> bool:
         """Draw once whether this fault happens now."""
         share = self.plan.get(kind, 0.0)
-        return share > 0 and bool(self._generators[kind].random() < share)
-
-
-_ON_FRAMES = {"drop_frames", "duplicate", "spike", "clip", "counter_restart", "reboot"}
+        return share > 0 and bool(self.rng[kind].random() < share)
 
 
 class ModuleFaults:
@@ -130,7 +128,6 @@ class ModuleFaults:
     def __init__(self, dice: Dice) -> None:
         self._plan = plan = dice.plan
         self._dice = dice
-        self._touches_frames = not _ON_FRAMES.isdisjoint(plan)
         # From a command's arrival until it is obeyed, and from boot until pings answer READY.
         self.reply_delay_s = plan.get("slow_ack", 0.0)
         self.not_ready_s = plan.get("not_ready", 0.0)
@@ -141,14 +138,21 @@ class ModuleFaults:
 
         And whether the counter begins again, and the module restarts.
         """
-        if not self._touches_frames:
-            return samples, 1, False, False
         falls = self._dice.falls
         restarts_counter, reboots = falls("counter_restart"), falls("reboot")
         n_copies = 1 + falls("duplicate")
         if falls("drop_frames"):
             n_copies = 0
-        return self._converted(samples), n_copies, restarts_counter, reboots
+        if level := self._plan.get("clip"):
+            middle = np.float32(MIDDLE if samples.dtype == np.float32 else 0.0)
+            reach = np.float32(level * MIDDLE)
+            parts = np.clip(samples.view(np.float32) - middle, -reach, reach) + middle
+            samples = parts.view(samples.dtype)
+        if falls("spike"):
+            samples = samples.copy()
+            at = self._dice.rng["spike"].integers(0, samples.size, _SPIKES)
+            samples[at] += np.float32(_SPIKE)
+        return samples, n_copies, restarts_counter, reboots
 
     def refusal(self, command: Message, *, is_ready: bool) -> Message | None:
         """Return what a module in trouble answers, or None when it obeys."""
@@ -160,15 +164,77 @@ class ModuleFaults:
             return None if is_ready else Pong(PongCode.NOT_READY)
         return ErrorReply(ErrorCode.COMMAND_FAILED) if self._dice.falls("error_reply") else None
 
-    def _converted(self, samples: np.ndarray) -> np.ndarray:
-        """Put in what a misbehaving converter does."""
-        if level := self._plan.get("clip"):
-            middle = np.float32(MIDDLE if samples.dtype == np.float32 else 0.0)
-            reach = np.float32(level * MIDDLE)
-            parts = np.clip(samples.view(np.float32) - middle, -reach, reach) + middle
-            samples = parts.view(samples.dtype)
-        if self._dice.falls("spike"):
-            at = self._dice.generator("spike").integers(0, samples.size, _SPIKES)
-            samples = samples.copy()
-            samples[at] += np.float32(_SPIKE)
-        return samples
+
+class Line:
+    """The serial line from module to host: it damages, delays, cuts and lumps what is sent.
+
+    Packets go in with the time they were made, bytes come out when they are due, in their order:
+    what is held back holds back everything behind it.
+    """
+
+    def __init__(self, dice: Dice) -> None:
+        self._plan = plan = dice.plan
+        self._dice = dice
+        self.max_piece = int(plan.get("split", 0))  # bytes that are sent at a time; 0: all
+        self.hang_up_s = plan.get("hang_up", _NEVER_S)
+        self._last_s = min(self.hang_up_s, plan.get("silent", _NEVER_S))
+        self._queue: deque[tuple[float, bytes]] = deque()
+        self._last_due_s = 0.0
+
+    @property
+    def next_due_s(self) -> float:
+        """When the next bytes are due, in seconds of module time; inf for nothing."""
+        return self._queue[0][0] if self._queue else _NEVER_S
+
+    def put(self, packet: bytes, made_s: float, *, late_s: float = 0.0) -> None:
+        """Take a packet that was made at `made_s` and leaves `late_s` later."""
+        due_s = max(self._held_s(made_s + late_s), self._last_due_s)
+        self._last_due_s = due_s
+        if due_s < self._last_s:
+            self._queue.extend((due_s, piece) for piece in self._pieces(self._damaged(packet)))
+
+    def due_bytes(self, now_s: float) -> bytes:
+        """Return what is due, or nothing; of a line that splits, the next piece that is due."""
+        due: list[bytes] = []
+        while self._queue and self._queue[0][0] <= now_s and not (due and self.max_piece):
+            due.append(self._queue.popleft()[1])
+        return b"".join(due)
+
+    def frame_lateness_s(self, counter: int, frame_rate_hz: float) -> float:
+        """Return how late a frame leaves, in seconds."""
+        periods = _LATE_FRAMES.get(counter % 20, 0.0) if self._plan.get("bursts") else 0.0
+        return periods / frame_rate_hz
+
+    def _held_s(self, due_s: float) -> float:
+        if lump_s := self._plan.get("merge"):
+            due_s = float(np.ceil(due_s / lump_s) * lump_s)
+        if stall_s := self._plan.get("stall"):
+            into_s = due_s % _STALL_EVERY_S
+            if due_s >= _STALL_EVERY_S and into_s < stall_s:
+                due_s += stall_s - into_s
+        return due_s
+
+    def _pieces(self, data: bytes) -> Iterator[bytes]:
+        if not self.max_piece:
+            yield data
+            return
+        at = 0
+        while at < len(data):
+            n = int(self._dice.rng["split"].integers(1, self.max_piece + 1))
+            yield data[at : at + n]
+            at += n
+
+    def _damaged(self, packet: bytes) -> bytes:
+        if self._dice.falls("junk"):
+            rng = self._dice.rng["junk"]
+            packet = rng.bytes(int(rng.integers(1, _MAX_JUNK + 1))) + packet
+        if share := self._plan.get("flip_bits"):
+            rng = self._dice.rng["flip_bits"]
+            data = np.frombuffer(packet, np.uint8).copy()
+            hit = rng.random(len(packet)) < share
+            data[hit] ^= np.left_shift(1, rng.integers(0, 8, int(hit.sum()))).astype(np.uint8)
+            packet = data.tobytes()
+        if share := self._plan.get("drop_bytes"):
+            is_kept = self._dice.rng["drop_bytes"].random(len(packet)) >= share
+            packet = np.frombuffer(packet, np.uint8)[is_kept].tobytes()
+        return packet

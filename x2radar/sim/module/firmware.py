@@ -79,19 +79,21 @@ class X2Firmware(Firmware):
     order_code = "X2M-SIM"
 
     def forget(self) -> None:
-        """Go back to power-on: no settings, no profile, no output."""
         self._fields: dict[str, float] = {}
         self._output = self._streamed = _OUTPUTS[ids.BasebandOutput.OFF]
         self._profile: str | None = None
         self._zone_m: tuple[float, float] | None = None
 
     def obey(self, command: msg.Message) -> Obeyed | None:
-        """Carry out modes, radar settings, output, profiles and zones."""
         match command:
             case msg.SetMode(mode):
                 return self._set_mode(mode)
             case msg.SetSysInt(ref, value) | msg.SetSysFloat(ref, value):
-                return Obeyed(self._set_field(ref, value))
+                if ref not in set(ids.SysCfg) or not np.isfinite(value):
+                    return Obeyed(_FAILED)
+                if (name := SYS_FIELDS.get(ids.SysCfg(ref))) is not None:
+                    self._fields[name] = value
+                return Obeyed(msg.Ack())
             case msg.SetOutput(ids.OutputRef.BASEBAND, value) if value in _OUTPUTS:
                 self._output = _OUTPUTS[value]
                 return Obeyed(msg.Ack())
@@ -111,7 +113,6 @@ class X2Firmware(Firmware):
     def frame_message(
         self, axis: FastTimeAxis, counter: int, frame: np.ndarray[Any, Any]
     ) -> msg.Message:
-        """Return a raw frame, or baseband as I/Q or amplitude and phase."""
         if axis.kind == "rf":
             return msg.Data(ids.ContentId.RAW_FRAME, counter, frame)
         about = axis.bin_length_m, axis.sample_rate_hz, axis.carrier_hz, axis.range_offset_m
@@ -119,40 +120,30 @@ class X2Firmware(Firmware):
             return msg.BasebandIq(counter, *about, frame.real, frame.imag)
         return msg.BasebandAp(counter, *about, np.abs(frame), np.angle(frame))
 
-    def _set_field(self, ref: int, value: float) -> msg.Message:
-        if ref not in set(ids.SysCfg) or not np.isfinite(value):
-            return _FAILED
-        name = SYS_FIELDS.get(ids.SysCfg(ref))
-        if name is not None:
-            self._fields[name] = value
-        return msg.Ack()
-
     def _set_mode(self, mode: int) -> Obeyed:
         if mode not in set(ids.Mode):
             return Obeyed(_FAILED)
         settings: ModuleSettings | None = None
         try:
             if mode == ids.Mode.MANUAL:
-                settings = self._raw_settings()
+                # The rate and the delay are told as they are, whatever else as whole numbers.
+                known: dict[str, Any] = {
+                    name: value if name in {"frame_rate_hz", "sample_delay_s"} else int(value)
+                    for name, value in self._fields.items()
+                }
+                settings = RadarSettings(**known, output=self._output)
             elif mode == ids.Mode.RUN and self._profile is not None and self._output != "rf":
-                settings = self._profile_settings(self._profile)
+                start_m, end_m = self._zone_m or PROFILES[self._profile][1]
+                settings = ProfileSettings(
+                    profile=self._profile,
+                    zone_start_m=start_m,
+                    zone_end_m=end_m,
+                    output=self._output,
+                )
         except SettingsError:
             return Obeyed(_FAILED)
         self._streamed = self._output
         return Obeyed(msg.Ack(), stops=True, starts=settings)
-
-    def _raw_settings(self) -> RadarSettings:
-        known: dict[str, Any] = {
-            name: value if name in {"frame_rate_hz", "sample_delay_s"} else int(value)
-            for name, value in self._fields.items()
-        }
-        return RadarSettings(**known, output=self._output)
-
-    def _profile_settings(self, profile: str) -> ProfileSettings:
-        start_m, end_m = self._zone_m or PROFILES[profile][1]
-        return ProfileSettings(
-            profile=profile, zone_start_m=start_m, zone_end_m=end_m, output=self._output
-        )
 
 
 class X4Firmware(Firmware):
@@ -161,13 +152,11 @@ class X4Firmware(Firmware):
     order_code = "X4M03-SIM"
 
     def forget(self) -> None:
-        """Go back to power-on: stopped, not initialised, no settings."""
         self._mode = int(ids.Mode.STOP)
         self._is_initialised = False
         self._fields: dict[str, Any] = {"is_baseband": False}
 
     def obey(self, command: msg.Message) -> Obeyed | None:
-        """Carry out modes and X4 driver settings; a frame rate above 0 starts the stream."""
         match command:
             case msg.SetMode(mode):
                 if mode not in set(ids.Mode):
@@ -190,9 +179,8 @@ class X4Firmware(Firmware):
     def frame_message(
         self, axis: FastTimeAxis, counter: int, frame: np.ndarray[Any, Any]
     ) -> msg.Message:
-        """Return a raw frame: RF, or baseband as half I and half Q."""
-        is_rf = axis.kind == "rf"
-        values = frame if is_rf else np.concatenate([frame.real, frame.imag])
+        # Baseband is half I and half Q.
+        values = frame if axis.kind == "rf" else np.concatenate([frame.real, frame.imag])
         return msg.Data(ids.ContentId.RAW_FRAME, counter, values)
 
     def _set_rate(self, rate_hz: float) -> Obeyed:
@@ -203,10 +191,9 @@ class X4Firmware(Firmware):
         try:
             is_baseband = bool(self._fields["is_baseband"])
             known = self._fields | {"is_baseband": is_baseband, "frame_rate_hz": rate_hz}
-            settings = X4Settings(**known)
+            return Obeyed(msg.Ack(), stops=True, starts=X4Settings(**known))
         except SettingsError:
             return Obeyed(_FAILED)
-        return Obeyed(msg.Ack(), stops=True, starts=settings)
 
 
 FIRMWARES: Mapping[str, type[Firmware]] = {

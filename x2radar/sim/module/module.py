@@ -14,9 +14,8 @@ import numpy as np
 
 from x2radar.errors import MessageError
 from x2radar.modules.base import ModuleSettings
-from x2radar.sim.module.faults import Dice, FaultPlan, ModuleFaults
+from x2radar.sim.module.faults import Dice, FaultPlan, Line, ModuleFaults
 from x2radar.sim.module.firmware import Firmware, X2Firmware
-from x2radar.sim.module.line import Line
 from x2radar.sim.module.stream import EchoStream
 from x2radar.sim.scene.scene import Scene
 from x2radar.wire import framing
@@ -72,17 +71,12 @@ class SimulatedModule:
     @property
     def has_hung_up(self) -> bool:
         """Whether the port must close now."""
-        return self._line.is_closed(self._now_s)
+        return self._now_s >= self._line.hang_up_s
 
     @property
     def splits_output(self) -> bool:
         """Whether `data_to_send` gives pieces that the host is to read one by one."""
         return self._line.max_piece > 0
-
-    @property
-    def is_streaming(self) -> bool:
-        """Whether frames are being sent."""
-        return self._stream is not None
 
     def receive(self, data: bytes) -> None:
         """Take bytes from the host and answer every whole packet in them."""
@@ -106,7 +100,8 @@ class SimulatedModule:
             if at_s == self._reset_due_s:
                 self._restart()
             elif at_s == self._awake_due_s:
-                self._wake_up()
+                self._is_awake, self._awake_due_s = True, _FOREVER_S
+                self._ready_due_s = at_s + max(self._faults.not_ready_s - BOOT_S, 0.0)
             elif at_s == self._ready_due_s:
                 self._be_ready()
             elif self._stream is not None and at_s == self._frame_due_s:
@@ -130,10 +125,6 @@ class SimulatedModule:
             self._firmware.forget()
         self._send(msg.SystemMessage(SystemCode.BOOTING))
 
-    def _wake_up(self) -> None:
-        self._is_awake, self._awake_due_s = True, _FOREVER_S
-        self._ready_due_s = self._now_s + max(self._faults.not_ready_s - BOOT_S, 0.0)
-
     def _be_ready(self) -> None:
         self._ready_due_s = _FOREVER_S
         if self._faults.announces_ready:
@@ -155,9 +146,8 @@ class SimulatedModule:
 
     def _next_frame(self, stream: EchoStream, until_s: float) -> None:
         samples = stream.next()
-        frame, n_copies, restarts_counter, reboots = self._faults.frame(
-            samples if samples is not None else _NO_FRAME
-        )
+        given = _NO_FRAME if samples is None else samples
+        frame, n_copies, restarts_counter, reboots = self._faults.frame(given)
         rate_hz = stream.settings.frame_rate_hz
         self._counter = 1 if restarts_counter else (self._counter + 1) & 0xFFFFFFFF
         due_s, self._frame_due_s = self._frame_due_s, self._frame_due_s + 1.0 / rate_hz
@@ -170,13 +160,12 @@ class SimulatedModule:
             self.n_skipped += 1
         elif n_copies and samples is not None:
             message = self._firmware.frame_message(stream.axis, self._counter, frame)
-            packet = framing.encode(encode(message))
-            late_s = self._line.frame_lateness_s(self._counter, rate_hz)
-            for _ in range(n_copies):
-                self._line.put(packet, self._now_s, late_s=late_s)
+            self._send(message, n_copies, self._line.frame_lateness_s(self._counter, rate_hz))
 
-    def _send(self, message: msg.Message) -> None:
-        self._line.put(framing.encode(encode(message)), self._now_s)
+    def _send(self, message: msg.Message, n_copies: int = 1, late_s: float = 0.0) -> None:
+        packet = framing.encode(encode(message))
+        for _ in range(n_copies):
+            self._line.put(packet, self._now_s, late_s=late_s)
 
     def _obey(self) -> None:
         _, command = self._commands.popleft()

@@ -4,14 +4,14 @@ from collections import deque
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from x2radar.modules.base import ModuleSettings
 from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.bodies.thesis_bodies import SEED_GAIN
 from x2radar.sim.echo import frames as echo_frames
-from x2radar.sim.place.antenna import EchoRows
 from x2radar.sim.place.room import Room
-from x2radar.sim.scene.scene import Scene, StaticPoint
+from x2radar.sim.scene.scene import Scene
 from x2radar.sim.scene.stage import Stage
 from x2radar.sim.signal.pulse import LinkBudget, baseband_noise_power
 from x2radar.sim.signal.receiver import Receiver
@@ -25,7 +25,7 @@ class EchoStream:
     """Frames of a scene, as the host configured them; draws and noise follow from the seed."""
 
     def __init__(self, scene: Scene, seed: int, settings: ModuleSettings) -> None:
-        self.settings = settings
+        self.settings, self._scene = settings, scene
         self.axis = axis = settings.axis
         self._budget = budget = LinkBudget()
         # The sweep of other modules is taken to be that of an X2 at this frame rate.
@@ -43,19 +43,19 @@ class EchoStream:
             seed=seed,
         )
         self._stage = Stage(scene, seed, settings.frame_rate_hz)
-        self._static = self._static_echo(scene.clutter) if scene.clutter else None
-        self._error_db = scene.error_db
-        self._room: Room | None = None
-        if scene.room is not None:
-            rng = np.random.default_rng([seed, _ROOM])
-            self._room = Room(rng, scene.room, axis, budget)
+        self._static: NDArray[Any] | None = None
+        if scene.clutter:
+            range_m, rcs_m2 = np.array(scene.clutter).T[:, None]
+            amplitude = budget.amplitude(range_m, rcs_m2, axis)
+            self._static = echo_frames(range_m, amplitude, axis, error_db=-90)[0]
+        rng = np.random.default_rng([seed, _ROOM])
+        self._room = None if scene.room is None else Room(rng, scene.room, axis)
         noise = baseband_noise_power(axis, budget.noise_sigma)
         self._floor = _UNSEEN * float(np.sqrt(noise))
-        self._has_jitter = bool(scene.receiver.frame_jitter)
         self._at = 0
-        self._block: deque[np.ndarray[Any, Any] | None] = deque()
+        self._block: deque[NDArray[Any] | None] = deque()
 
-    def next(self) -> np.ndarray[Any, Any] | None:
+    def next(self) -> NDArray[Any] | None:
         """Return the next frame, (n_range,), float32 RF or complex64; None for a lost one."""
         if not self._block:
             frames = self._frames()
@@ -66,32 +66,21 @@ class EchoStream:
             self._at += len(frames)
         return self._block.popleft()
 
-    def _frames(self) -> np.ndarray[Any, Any]:
+    def _frames(self) -> NDArray[Any]:
         times_s = self._receiver.draws.times_s(self._at, _BLOCK)
-        block = self._stage.next_block(_BLOCK, times_s if self._has_jitter else None)
-        frames = self._echo(block.rows)
+        has_jitter = bool(self._scene.receiver.frame_jitter)
+        block = self._stage.next_block(_BLOCK, times_s if has_jitter else None)
+        # Physical cross sections get the module's integration gain here.
+        frames: NDArray[Any] = echo_frames(
+            block.rows.range_m,
+            block.rows.amplitude(self._budget, self.axis) * np.sqrt(SEED_GAIN),
+            self.axis,
+            error_db=self._scene.error_db,
+            floor=self._floor,
+        )
         if self._static is not None:
             frames += self._static
         if self._room is not None:
             frames += self._room.echo(times_s[: block.n_slow], block.offset_m)
         is_rf = self.axis.kind == "rf"
         return self._receiver.rf(frames) if is_rf else self._receiver.baseband(frames)
-
-    def _echo(self, rows: EchoRows) -> np.ndarray[Any, Any]:
-        """Return the echoes of what moves, shape (n_slow, n_range); nothing costs nothing."""
-        n_slow, n_rows = rows.range_m.shape
-        if not n_rows:
-            dtype = np.float32 if self.axis.kind == "rf" else np.complex64
-            return np.zeros((n_slow, self.axis.n_range), dtype)
-        # Physical cross sections get the module's integration gain here.
-        amplitude = rows.amplitude(self._budget, self.axis) * np.sqrt(SEED_GAIN)
-        return echo_frames(
-            rows.range_m, amplitude, self.axis, error_db=self._error_db, floor=self._floor
-        )
-
-    def _static_echo(self, points: tuple[StaticPoint, ...]) -> np.ndarray[Any, Any]:
-        range_m = np.array([[p.range_m for p in points]])
-        amplitude = self._budget.amplitude(
-            range_m, np.array([p.rcs_m2 for p in points]), self.axis
-        )
-        return np.asarray(echo_frames(range_m, amplitude, self.axis, error_db=-90)[0])

@@ -36,14 +36,6 @@ def length_m(vectors_m: Array) -> Array:
     return np.asarray(np.maximum(np.sqrt(squared), NEAREST_M))
 
 
-def join(rows: tuple[EchoRows, ...]) -> EchoRows:
-    """Return all rows side by side; at least one set of rows, of equal length, is needed."""
-    return EchoRows(
-        np.concatenate([r.range_m for r in rows], axis=1),
-        np.concatenate([r.root_rcs_m for r in rows], axis=1),
-    )
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Antenna(Checked):
     """A pair of antennas side by side; raises SettingsError if a field makes no sense."""
@@ -85,9 +77,7 @@ class Antenna(Checked):
         towards_m = points.position_m - self.position_m
         if offset_m is not None:
             towards_m = towards_m - offset_m[:, None]
-        root_rcs_m = np.sqrt(points.rcs_m2)
-        if self.shape != "isotropic":
-            root_rcs_m *= self.gain(towards_m)
+        root_rcs_m = np.sqrt(points.rcs_m2) * self.gain(towards_m)
         range_m = length_m(towards_m)
         if points.nearer_m is not None:
             range_m = np.maximum(range_m - points.nearer_m, NEAREST_M)

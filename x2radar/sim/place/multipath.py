@@ -142,8 +142,10 @@ class DiffuseTail:
         near_m = np.sqrt(np.maximum(near_sq, NEAREST_M**2))
         between_m = np.sqrt(np.maximum(between_sq, self._clear_m**2))
         range_m = (near_m + between_m + self._out_m) / 2
+        weight = points.rcs_m2 / np.maximum(points.rcs_m2.sum(axis=1, keepdims=True), _TINY)
+        centre_m = np.einsum("tpk,tp->tk", points.position_m, weight)
+        gain = self._antenna.gain(centre_m - here)[:, None]
         # Log-normal weights of unit sigma have the mean sqrt(e).
-        gain = self._antenna.gain(_centre_m(points) - here)[:, None]
         root = self._root * np.sqrt(total * (gain / math.sqrt(math.e)))
         return EchoRows(range_m, root * range_m**2 / (near_m * between_m * self._out_m))
 
@@ -167,9 +169,3 @@ def _draw_things(rng: np.random.Generator, settings: TailSettings, antenna: Ante
     gain = antenna.gain(place_m - antenna.position_m)
     taken = rng.choice(n_places, settings.n_paths, replace=False, p=gain / gain.sum())
     return np.asarray(place_m[taken])
-
-
-def _centre_m(points: Points) -> Array:
-    """Return the centre of scattering, shape (n_slow, 3)."""
-    total = np.maximum(points.rcs_m2.sum(axis=1, keepdims=True), _TINY)
-    return np.asarray(np.einsum("tpk,tp->tk", points.position_m, points.rcs_m2 / total))

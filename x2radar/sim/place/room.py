@@ -7,18 +7,17 @@ scatterers costs one small matrix product, and a still room nothing at all.
 
 import math
 from dataclasses import dataclass
-from typing import cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.frame import FastTimeAxis
+from x2radar.frame import FastTimeAxis, Samples
 from x2radar.keys import Checked, limited, one_of
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 from x2radar.sim.points import Array
 from x2radar.sim.signal.pulse import LinkBudget, baseband_noise_power, pulse_sigma_s
 
-Frames = NDArray[np.float32] | NDArray[np.complex64]
 # Points of distributed clutter a range cell, enough for Rayleigh statistics; directions it
 # comes from, echoes of the leak's ringing, sinusoids of a drift, and the slowest of them.
 _PER_CELL = 6
@@ -70,11 +69,7 @@ class Room:
     """The static echo of one room, as one axis, RF or baseband, sees it."""
 
     def __init__(
-        self,
-        rng: np.random.Generator,
-        settings: RoomSettings,
-        axis: FastTimeAxis,
-        budget: LinkBudget,
+        self, rng: np.random.Generator, settings: RoomSettings, axis: FastTimeAxis
     ) -> None:
         objects, diffuse, leakage, drift = rng.spawn(4)
         groups = [
@@ -83,10 +78,9 @@ class Room:
             *_leakage(leakage, settings),
         ]
         n = len(groups)
-        noise = math.sqrt(baseband_noise_power(axis, budget.noise_sigma))
-        self._profiles = np.zeros((n, axis.n_range), np.complex64)
-        for k, group in enumerate(groups):
-            self._profiles[k] = noise * _profile(group, axis)
+        noise = math.sqrt(baseband_noise_power(axis, LinkBudget().noise_sigma))
+        profiles = np.array([noise * _profile(group, axis) for group in groups], np.complex64)
+        self._profiles = profiles.reshape(n, axis.n_range)
         self._towards = np.array([g.towards for g in groups]).reshape(n, 3)
         drifting = np.array([[g.drifts] for g in groups]).reshape(n, 1)
         self._drift_m = settings.drift_m * drifting
@@ -96,15 +90,15 @@ class Room:
         self._drift_turns = drift.random((2, n, _DRIFT_LINES))
         self._turns_per_m = 2 * axis.carrier_hz / SPEED_OF_LIGHT_MPS
         self._is_rf = axis.kind == "rf"
-        self.still: Frames = self._frames(np.ones((1, n), np.complex64))[0]
+        self.still: NDArray[Any] = self._frames(np.ones((1, n), np.complex64))[0]
         """The echo without drift, shape (n_range,), float32 RF or complex64; read-only."""
         self.still.flags.writeable = False
 
-    def echo(self, t_s: Array, offset_m: Array | None = None) -> Frames:
+    def echo(self, t_s: Array, offset_m: Array | None = None) -> Samples:
         """Return the room's echo, (n_slow, n_range), the mount off by `offset_m` (n_slow, 3)."""
         has_drift = bool(self._drift_m.any() or self._drift_gain.any())
         if offset_m is None and not has_drift:
-            return cast("Frames", np.broadcast_to(self.still, (len(t_s), self.still.size)))
+            return np.broadcast_to(self.still, (len(t_s), self.still.size))
         gain, away_m = np.ones((len(t_s), 1)), np.zeros((len(t_s), 1))
         if has_drift:
             drift = self._drift(t_s)
@@ -121,7 +115,7 @@ class Room:
         lines = np.sin(2 * np.pi * turns).sum(axis=-1) * math.sqrt(2 / _DRIFT_LINES)
         return np.moveaxis(lines, 0, 1)
 
-    def _frames(self, weights: NDArray[np.complex64]) -> Frames:
+    def _frames(self, weights: NDArray[np.complex64]) -> Samples:
         if not self._is_rf:
             return np.asarray(weights @ self._profiles)
         real = np.ascontiguousarray(weights.real) @ np.ascontiguousarray(self._profiles.real)

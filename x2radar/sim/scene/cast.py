@@ -24,10 +24,7 @@ from x2radar.sim.bodies.skeleton.species import SPECIES
 from x2radar.sim.bodies.skins import SKINS
 from x2radar.sim.bodies.thesis_bodies import draw_thesis_body
 from x2radar.sim.points import Label, Mover
-from x2radar.sim.things import THINGS, draw_thing
-
-Maker = Callable[[np.random.Generator, Mapping[str, Any], str], Mover]
-"""Makes a mover from a generator, the options of the scene file, and their path in it."""
+from x2radar.sim.things.kinds import THINGS, draw_thing
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +51,8 @@ class BodyKind:
     """One kind of body: a sentence for people, and how it is made."""
 
     sentence: str
-    make: Maker
+    # From a generator, the options of the scene file, and their path in it.
+    make: Callable[[np.random.Generator, Mapping[str, Any], str], Mover]
 
 
 _KEYS: Mapping[str, Key | None] = {

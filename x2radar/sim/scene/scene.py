@@ -21,13 +21,14 @@ from x2radar.sim.place.antenna import Antenna
 from x2radar.sim.place.multipath import Surface, TailSettings
 from x2radar.sim.place.room import RoomSettings
 from x2radar.sim.scene.cast import Actor, read_actor
-from x2radar.sim.signal.effects import ReceiverEffects
-from x2radar.sim.things import draw_mount
+from x2radar.sim.signal.receiver import ReceiverEffects
+from x2radar.sim.things.draws import draw_mount
 
 _T = TypeVar("_T")
 ERRORS_DB = (-40.0, -60.0, -80.0, -100.0)  # of the echoes' error, 20 dB apart
 _USUAL_ERROR_DB = -60.0  # 20 dB under the noise beside a body at 1 m
 _ERROR = Key(ERRORS_DB[-1], ERRORS_DB[0], "largest error of a bin over the echoes' sum, dB")
+_SCENES = resources.files("x2radar.sim") / "scenes"
 _DURATION = Key(0.1, 86_400.0, "s")
 _WEIGHT = Key(0.0, 1e6, "weight")
 _POINT = {"range_m": Key(0.1, 1000, "m"), "rcs_m2": Key(0, 1e9, "m2, processing gain included")}
@@ -43,20 +44,6 @@ class SceneStep:
     most_s: float  # to here
     weight: float = 1.0  # how often this step is taken against others in its place
 
-    def duration_s(self, rng: np.random.Generator) -> float:
-        """Return a duration; nothing is drawn where it is fixed."""
-        if self.least_s == self.most_s:
-            return self.least_s
-        return float(rng.uniform(self.least_s, self.most_s))
-
-
-@dataclass(frozen=True, slots=True)
-class StaticPoint:
-    """A piece of static clutter; its cross section includes the module's 40 dB of gain."""
-
-    range_m: float
-    rcs_m2: float
-
 
 @dataclass(frozen=True, slots=True)
 class Scene:
@@ -67,7 +54,8 @@ class Scene:
     # Played in order, then again; one of each tuple, drawn by weight each time.
     steps: tuple[tuple[SceneStep, ...], ...]
     background: tuple[Actor, ...] = ()  # what moves all the time
-    clutter: tuple[StaticPoint, ...] = ()  # single static echoes
+    # Single static echoes: range in m, cross section in m2 with the module's 40 dB of gain.
+    clutter: tuple[tuple[float, float], ...] = ()
     room: RoomSettings | None = None  # static objects, distributed clutter, leakage
     antenna: Antenna = field(default_factory=lambda: Antenna(shape="isotropic"))
     surfaces: tuple[Surface, ...] = ()  # floor and walls that mirror
@@ -79,8 +67,8 @@ class Scene:
 
 def scene_names() -> tuple[str, ...]:
     """Return the names of the built-in scenes."""
-    files = (resources.files("x2radar.sim") / "scenes").iterdir()
-    return tuple(sorted(f.name.removesuffix(".yaml") for f in files if f.name.endswith(".yaml")))
+    names = (file.name for file in _SCENES.iterdir())
+    return tuple(sorted(name.removesuffix(".yaml") for name in names if name.endswith(".yaml")))
 
 
 def builtin_scenes() -> tuple[Scene, ...]:
@@ -108,19 +96,16 @@ def load_scene(name: str) -> Scene:
 def parse_scene(text: str, name: str, where: str) -> Scene:
     """Return the scene that a YAML text says; raises as `load_scene`."""
     try:
-        return _parsed(text, name, where)
+        raw = load_yaml(text)
+        top = _inherited(checked({} if raw == {} else raw or [], _SCENE_KEYS, where), where)
+        said = {
+            key: read(top[key], f"{where}: {key}") for key, read in _READERS.items() if key in top
+        }
+    except YamlError as err:
+        raise SceneError(f"{where}: not YAML: {err}") from err
     except (TypeError, ValueError, LookupError, AttributeError, ArithmeticError) as err:
         # Values of kinds that no key takes: lists and mappings for numbers and words.
         raise SceneError(f"{where}: a value makes no sense ({err})") from err
-
-
-def _parsed(text: str, name: str, where: str) -> Scene:
-    try:
-        raw = load_yaml(text)
-    except YamlError as err:
-        raise SceneError(f"{where}: not YAML: {err}") from err
-    top = _inherited(checked({} if raw == {} else raw or [], _SCENE_KEYS, where), where)
-    said = {key: read(top[key], f"{where}: {key}") for key, read in _READERS.items() if key in top}
     if not said.get("steps"):
         raise SceneError(f"{where}: steps: must be a list with at least one step")
     return Scene(**{"name": name, "description": "", **said})
@@ -140,8 +125,7 @@ def _inherited(top: dict[str, Any], where: str) -> dict[str, Any]:
 
 
 def _builtin_text(name: str) -> str:
-    file = resources.files("x2radar.sim") / "scenes" / f"{name}.yaml"
-    return file.read_text(encoding="utf-8")
+    return (_SCENES / f"{name}.yaml").read_text(encoding="utf-8")
 
 
 def _choice(raw: Any, where: str) -> tuple[SceneStep, ...]:
@@ -159,8 +143,7 @@ def _step(raw: Any, where: str) -> SceneStep:
         raw = checked(raw or [], _STEP_KEYS, where)
     raw = dict(raw)
     least_s, most_s = _duration(raw.pop("duration_s", None), f"{where}.duration_s")
-    weight = raw.pop("weight", 1.0)
-    _WEIGHT.judge(weight, f"{where}.weight")
+    weight = _number(_WEIGHT, raw.pop("weight", 1.0), f"{where}.weight")
     if "actors" in raw:
         actors = checked(raw, {"actors": None}, where)["actors"]
         return SceneStep(_list(read_actor)(actors, f"{where}.actors"), least_s, most_s, weight)
@@ -171,28 +154,25 @@ def _step(raw: Any, where: str) -> SceneStep:
 
 def _duration(raw: Any, where: str) -> tuple[float, float]:
     least_s, most_s = raw if isinstance(raw, list) and len(raw) == 2 else (raw, raw)
-    for value in (least_s, most_s):
-        _DURATION.judge(value, where)
+    least_s, most_s = _number(_DURATION, least_s, where), _number(_DURATION, most_s, where)
     if least_s > most_s:
-        raise SceneError(f"{where}: {least_s} is above {most_s}")
-    return float(least_s), float(most_s)
+        raise SceneError(f"{where}: {least_s:g} is above {most_s:g}")
+    return least_s, most_s
 
 
-def _point(raw: Any, where: str) -> StaticPoint:
+def _number(key: Key, raw: Any, where: str) -> float:
+    key.judge(raw, where)
+    return float(raw)
+
+
+def _point(raw: Any, where: str) -> tuple[float, ...]:
     item = checked(raw, _POINT, where)
-    for name, key in _POINT.items():
-        key.judge(item.get(name), f"{where}.{name}")
-    return StaticPoint(float(item["range_m"]), float(item["rcs_m2"]))
+    return tuple(_number(key, item.get(n), f"{where}.{n}") for n, key in _POINT.items())
 
 
 def _mount(raw: Any, where: str) -> Mapping[str, float]:
     draw_mount(np.random.default_rng(0), raw, where)
     return dict(raw or {})
-
-
-def _error_db(raw: Any, where: str) -> float:
-    _ERROR.judge(raw, where)
-    return float(raw)
 
 
 def _text(raw: Any, where: str) -> str:
@@ -223,7 +203,7 @@ _READERS: Mapping[str, Callable[[Any, str], Any]] = {
     "antenna": partial(settings_from, Antenna),
     "tail": partial(settings_from, TailSettings),
     "receiver": partial(settings_from, ReceiverEffects),
-    "error_db": _error_db,
+    "error_db": partial(_number, _ERROR),
 }
 """What a scene may say, and who judges it."""
 _SCENE_KEYS = dict.fromkeys(("description", "like", *list(_READERS)[1:]))

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from x2radar.errors import SceneError
-from x2radar.sim.place.antenna import EchoRows, join, length_m
+from x2radar.sim.place.antenna import EchoRows, length_m
 from x2radar.sim.place.multipath import DiffuseTail, image_rows
 from x2radar.sim.points import Array, Mover, Points
 from x2radar.sim.scene.cast import Actor
-from x2radar.sim.scene.scene import Scene, SceneStep
-from x2radar.sim.things import Mount, draw_mount
+from x2radar.sim.scene.scene import Scene
+from x2radar.sim.things.draws import draw_mount
 
 _MAX_LOOK_S = 60.0  # how long `check_swath` follows a body: in a minute it has crossed any room
 _BACKGROUND, _MOUNT, _TAIL, _STEP = 0xBAC0, 0x3071, 0x7A11, 0x57E9
@@ -57,13 +57,10 @@ class Stage:
             actor.make(np.random.default_rng([seed, _BACKGROUND, k]))
             for k, actor in enumerate(scene.background)
         )
-        self._mount: Mount | None = None
-        if scene.mount is not None:
-            self._mount = draw_mount(np.random.default_rng([seed, _MOUNT]), scene.mount)
-        self._tail: DiffuseTail | None = None
-        if scene.tail is not None:
-            rng = np.random.default_rng([seed, _TAIL])
-            self._tail = DiffuseTail(rng, scene.tail, scene.antenna)
+        mount, tail = scene.mount, scene.tail
+        rng, tail_rng = (np.random.default_rng([seed, kind]) for kind in (_MOUNT, _TAIL))
+        self._mount = None if mount is None else draw_mount(rng, mount)
+        self._tail = None if tail is None else DiffuseTail(tail_rng, tail, scene.antenna)
         self._steps = self._walk()
         self._now = _Playing((), 0, 0)
         self._at = 0
@@ -88,9 +85,11 @@ class Stage:
             for k, mover in enumerate(movers)
         )
         rows = [r for p in points for r in self._rows(p, offset_m)]
-        if not rows:
-            rows = [EchoRows(np.zeros((n, 0)), np.zeros((n, 0)))]
-        return SceneBlock(join(tuple(rows)), offset_m, movers, points)
+        joined = EchoRows(
+            np.concatenate([np.zeros((n, 0)), *(r.range_m for r in rows)], axis=1),
+            np.concatenate([np.zeros((n, 0)), *(r.root_rcs_m for r in rows)], axis=1),
+        )
+        return SceneBlock(joined, offset_m, movers, points)
 
     def labels(self, duration_s: float) -> list[tuple[float, float, str]]:
         """Return who is there from when to when since the stream's start: (t0_s, t1_s, label).
@@ -120,18 +119,16 @@ class Stage:
         number = begun = 0
         while True:
             for choice in self._scene.steps:
-                step = self._step(choice, number) if len(choice) > 1 else choice[0]
-                duration_s = step.duration_s(np.random.default_rng([self._seed, number, _STEP]))
-                n = max(1, round(duration_s * self._rate_hz))
-                movers = tuple(self._cast(step.actors, number))
-                yield _Playing(movers, n, begun)
+                step = choice[0]
+                if len(choice) > 1:
+                    rng = np.random.default_rng([self._seed, number, _STEP, 1])
+                    weights = np.array([each.weight for each in choice])
+                    step = choice[int(rng.choice(len(choice), p=weights / weights.sum()))]
+                rng = np.random.default_rng([self._seed, number, _STEP])
+                n = max(1, round(rng.uniform(step.least_s, step.most_s) * self._rate_hz))
+                yield _Playing(tuple(self._cast(step.actors, number)), n, begun)
                 number += 1
                 begun += n
-
-    def _step(self, choice: tuple[SceneStep, ...], number: int) -> SceneStep:
-        rng = np.random.default_rng([self._seed, number, _STEP, 1])
-        weights = np.array([step.weight for step in choice])
-        return choice[int(rng.choice(len(choice), p=weights / weights.sum()))]
 
     def _cast(self, actors: tuple[Actor, ...], number: int) -> Iterator[Mover]:
         for k, actor in enumerate(actors):

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from x2radar.frame import FastTimeAxis
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS, RadarSettings
 from x2radar.sim.points import Array
-from x2radar.sim.signal.effects import ReceiverEffects
 
 NEAREST_M = 0.1  # nearer points count as here: the near field has no radar equation
 BOLTZMANN = 1.380_649e-23  # J/K, exact (SI 2019)
@@ -56,7 +55,7 @@ REFERENCE_STEP = 4
 
 
 def noise_sigma(
-    settings: RadarSettings, budget: LinkBudget, effects: ReceiverEffects | None = None
+    settings: RadarSettings, budget: LinkBudget, noise_figure_db: float = 13.0
 ) -> float:
     """Return the standard deviation of a raw sample's noise, in the module's unit.
 
@@ -68,8 +67,7 @@ def noise_sigma(
     """
     pulses = settings.pulses_per_step * settings.iterations
     power = REFERENCE_PULSES / pulses * settings.dac_step / REFERENCE_STEP
-    if effects is not None:
-        power *= 10 ** (effects.noise_figure_db / 10) / budget.noise_figure
+    power *= 10 ** (noise_figure_db / 10) / budget.noise_figure
     return budget.noise_sigma * math.sqrt(power)
 
 
@@ -94,7 +92,9 @@ def matched_noise(
     """
     width = 2 * np.pi * pulse_sigma_s(axis.bandwidth_hz) * bins_per_s(axis)
     # So long that the first and last bins of a circular frame do not know each other.
-    n_fft = fast_length(axis.n_range + 2 * math.ceil(5 * width / (2 * np.pi)))
+    n_fft = axis.n_range + 2 * math.ceil(5 * width / (2 * np.pi))
+    while 30 ** n_fft.bit_length() % n_fft:
+        n_fft += 1  # an FFT is quick without prime factors over 5
     reach = math.sqrt(2 * math.log(1e4)) / width
     if reach >= 0.5:
         n_fft |= 1  # every frequency has its negative, none is left out
@@ -112,14 +112,6 @@ def matched_noise(
     spectrum[:, n_fft - n_half :] = drawn[:, n_half + 1 :]
     noise = np.fft.ifft(spectrum, axis=1)
     return np.ascontiguousarray(noise[:, : axis.n_range], np.complex64)
-
-
-def fast_length(least: int) -> int:
-    """Return the next length that an FFT takes quickly: no prime factor over 5."""
-    length = least
-    while 30 ** length.bit_length() % length:
-        length += 1
-    return length
 
 
 def bins_per_s(axis: FastTimeAxis) -> float:

@@ -1,8 +1,6 @@
 """What all moving things share: numbers drawn or given, directions, gusts; and the mount.
 
-The antenna's own mount vibrates: everything that stands still moves, and alike. It is no `Mover`:
-it gives a displacement that is added to the antenna's place, for moving points
-(`Antenna.direct`) and for the static room (`Room.echo`).
+The antenna's own mount vibrates: everything that stands still moves, and alike.
 """
 
 import math
