@@ -10,7 +10,7 @@ from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 from radard.errors import UsageError
-from x2train.bundle.recipes import RECIPES, arguments
+from x2train.bundle.recipes import MOTION, RECIPES, arguments
 from x2train.commands import Commands, check_least, result_console
 
 _DATASET = "dataset"
@@ -50,9 +50,6 @@ def _run(args: argparse.Namespace) -> int:
     check_least(args, workers=1)
     if not 0 < args.share <= 1:
         raise UsageError(f"--share {args.share:g}: must be over 0, 1 at most")
-    if RECIPES[args.name].needs_motion and not (args.motion or args.show):
-        msg = f"make {args.name}: needs --motion, a folder of clips; see train-export motion"
-        raise UsageError(msg)
     steps = arguments(
         args.name, share=args.share, workers=args.workers, models=args.out, motion=args.motion
     )
@@ -61,6 +58,9 @@ def _run(args: argparse.Namespace) -> int:
     if args.show:
         print("\n".join(f"train-export {shlex.join(step)}" for step in steps))  # noqa: T201
         return 0
+    if any(MOTION in step for step in steps):
+        msg = f"make {args.name}: needs --motion, a folder of clips; see train-export motion"
+        raise UsageError(msg)
     console = result_console(stderr=True)
     for number, step in enumerate(steps, 1):
         console.print(f"[{number}/{len(steps)}] train-export {shlex.join(step)}")
