@@ -16,7 +16,8 @@ from x2train.bundle.writing import write_bundle
 from x2train.commands.dataset import FEATURES
 from x2train.nets.bundle_answers import outputs_of
 from x2train.nets.map_fit import INPUTS as NAMES
-from x2train.nets.map_fit import MAPS, MapFitSettings, MapTrained, fit_maps
+from x2train.nets.map_fit import MAPS, MapTrained, fit_maps
+from x2train.nets.nets import MapFitSettings
 from x2train.nets.temporal_head import Given, HeadSettings, HeadTrained, fit_head
 from x2train.sets.shards import ShardSet
 

@@ -228,7 +228,7 @@ def test_what_hides_people_or_calms_no_pet_is_not_written(
     misses = itertools.chain([Misses(0, 1000, 0, 250)], later)
     monkeypatch.setattr(Guard, "misses", lambda *_: next(misses))
     # Hardly trained, three dogs are three people still.
-    monkeypatch.setattr("x2train.finetune.retrain._FASTEST", 1e-9)
+    monkeypatch.setattr("x2train.finetune.finetune._FASTEST", 1e-9)
     out = ("--epochs", "1", "--out", str(tmp_path / "out"))
     assert finetune(made, *dogs(made), *out) == 2
     err = capsys.readouterr().err.splitlines()[-1]

@@ -18,8 +18,8 @@ from x2train.nets import map_checkpoint
 from x2train.nets.bundle_answers import outputs_of, taught_by
 from x2train.nets.calibration import Epoch, first_windows, fit_evidence, fused, log_loss
 from x2train.nets.map_fit import INPUTS as NAMES
-from x2train.nets.map_fit import MAPS, fit_maps, logits_of, network
-from x2train.nets.nets import start_from
+from x2train.nets.map_fit import MAPS, fit_maps, logits_of
+from x2train.nets.nets import MapNet, start_from
 
 pytestmark = pytest.mark.integration
 
@@ -54,7 +54,7 @@ def test_training_goes_on_from_what_a_bundle_says(made, tmp_path):
     bundle = load_bundle(str(tmp_path / "tiny.onnx"))
     unseen = toy(48, seed=2)
     rows = tuple(unseen[name].shape[1] for name in MAPS)
-    net = network(rows, TINY)
+    net = MapNet(rows, TINY)
     start_from(net, bundle, [torch.from_numpy(as_float(unseen[name])) for name in NAMES])
     wanted = outputs_of(bundle.onnx, {name: unseen[name] for name in NAMES}).logits
     np.testing.assert_allclose(logits_of(net, unseen), wanted, atol=1e-4)
@@ -68,7 +68,7 @@ def test_training_goes_on_from_what_a_bundle_says(made, tmp_path):
 @pytest.mark.parametrize("rows", [(101, 80, 61, 81), (101, 80)])
 def test_onnxruntime_agrees_with_torch(rows):
     torch.manual_seed(3)
-    net = network(rows, TINY).eval()
+    net = MapNet(rows, TINY).eval()
     inputs = (*INPUTS[: len(rows)], INPUTS[-1])
     rng = np.random.default_rng(0)
     for n in (1, 5):

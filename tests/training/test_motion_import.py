@@ -10,9 +10,8 @@ import yaml
 from tests.training.motion_helpers import stander, walker
 from x2radar.errors import SceneError
 from x2train.cli import main
-from x2train.motion.clips import read_clip
+from x2train.motion.clips import KINDS, JointMap, read_clip, read_map, standard_clip
 from x2train.motion.formats import read_motions
-from x2train.motion.importing import KINDS, JointMap, read_map, standard_clip
 
 ASF = (
     """\

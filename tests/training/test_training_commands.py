@@ -105,7 +105,6 @@ SPOILT = {
     "holds no windows but 'passages'": {"kind": "passages"},
     "other settings": {"settings": {"dwell_s": 3.0}},
     "holds no window": {"columns": {}},
-    "windows without label": {"columns": {k: v for k, v in toy(12).items() if k != "label"}},
     "people and others": {"columns": toy(12) | {"label": np.ones(12, np.int64)}},
     "no set of shards here": None,
 }

@@ -28,7 +28,7 @@ from x2train.nets.temporal_head import N_CLASSES, HeadSettings, HeadTrained
 
 Array = NDArray[np.float64]
 _P = "temporal_"
-_Step = tuple[str, list[str], list[str], Mapping[str, Any]]  # operator, inputs, outputs, options
+_Step = tuple[str, str, str, Mapping[str, Any]]  # operator, inputs, outputs, options
 GIVEN = f"{_P}given"
 
 
@@ -50,27 +50,35 @@ def with_head(onnx_bytes: bytes, trained: HeadTrained, temperature: float) -> by
     given, values = last_layer(model).input[0], _values(trained, temperature)
     for name, array in values.items():
         graph.initializer.append(numpy_helper.from_array(array, _P + name))
-    n_hidden = values["recurrence"].shape[2]
-    said = _said(graph.output[0].name) if "said_projection" in values else ()
-    both = _P + ("both" if said else "from_given")
+    n_hidden, logits = values["recurrence"].shape[2], graph.output[0].name
+    # The graph's own names stay; all others are the head's, and none is an input left out.
+    own = {name: name for name in (given, logits, HIDDEN, NEXT_HIDDEN, FUSED_LOGITS)}
+    own["none"] = ""
+    said: tuple[_Step, ...] = (
+        ("Mul", f"{logits} scale", "scaled", {}),
+        ("LogSoftmax", "scaled", "log_p", {"axis": 1}),
+        ("Gemm", "log_p said_projection said_offset", "said", {}),
+        ("Tanh", "said", "from_said", {}),
+        ("Concat", "from_given from_said", "both", {"axis": 1}),
+    )
+    has_said = "said_projection" in values
     steps: tuple[_Step, ...] = (
-        ("Gemm", [given, _P + "given_projection", _P + "given_offset"], [_P + "projected"], {}),
-        ("Relu", [_P + "projected"], [_P + "from_given"], {}),
-        *said,
-        ("Unsqueeze", [both, _P + "axis"], [_P + "step"], {}),
-        ("Unsqueeze", [HIDDEN, _P + "axis"], [_P + "before"], {}),
+        ("Gemm", f"{given} given_projection given_offset", "projected", {}),
+        ("Relu", "projected", "from_given", {}),
+        *(said if has_said else ()),
+        ("Unsqueeze", f"{'both' if has_said else 'from_given'} axis", "step", {}),
+        ("Unsqueeze", f"{HIDDEN} axis", "before", {}),
         (
-            "GRU",
-            [_P + "step", _P + "weight", _P + "recurrence", _P + "bias", "", _P + "before"],
-            ["", _P + "after"],
+            *("GRU", "step weight recurrence bias none before", "none after"),
             {"hidden_size": n_hidden, "linear_before_reset": 1},
         ),
-        ("Squeeze", [_P + "after", _P + "axis"], [NEXT_HIDDEN], {}),
-        ("Gemm", [NEXT_HIDDEN, _P + "out", _P + "out_bias"], [FUSED_LOGITS], {}),
+        ("Squeeze", "after axis", NEXT_HIDDEN, {}),
+        ("Gemm", f"{NEXT_HIDDEN} out out_bias", FUSED_LOGITS, {}),
     )
-    graph.node.extend(
-        [helper.make_node(op, takes, gives, **options) for op, takes, gives, options in steps]
-    )
+    for operator, takes, gives, options in steps:
+        inputs = [own.get(word, _P + word) for word in takes.split()]
+        outputs = [own.get(word, _P + word) for word in gives.split()]
+        graph.node.append(helper.make_node(operator, inputs, outputs, **options))
     batch = graph.input[0].type.tensor_type.shape.dim[0].dim_param
     for name, n, to in (
         (HIDDEN, n_hidden, graph.input),
@@ -80,17 +88,6 @@ def with_head(onnx_bytes: bytes, trained: HeadTrained, temperature: float) -> by
         to.append(helper.make_tensor_value_info(name, TensorProto.FLOAT, [batch, n]))
     onnx.checker.check_model(model)
     return bytes(model.SerializeToString(deterministic=True))
-
-
-def _said(logits: str) -> tuple[_Step, ...]:
-    """Return how the second part is given what the network says, beside the first's."""
-    return (
-        ("Mul", [logits, _P + "scale"], [_P + "scaled"], {}),
-        ("LogSoftmax", [_P + "scaled"], [_P + "log_p"], {"axis": 1}),
-        ("Gemm", [_P + "log_p", _P + "said_projection", _P + "said_offset"], [_P + "said"], {}),
-        ("Tanh", [_P + "said"], [_P + "from_said"], {}),
-        ("Concat", [_P + "from_given", _P + "from_said"], [_P + "both"], {"axis": 1}),
-    )
 
 
 def last_layer(model: onnx.ModelProto) -> onnx.NodeProto:

@@ -27,8 +27,6 @@ from x2train.sets.windows import GATE
 _NOTES = """Measured on windows that training never saw, drawn from the same simulated bodies. They
 say nothing about real people and pets."""
 _HEAD = "## As an alarm"
-_EXACT = "same seed, same file on one machine"
-_NEARLY = "on a GPU, which adds in an order of its own: another run differs a little"
 
 
 def write_bundle(
@@ -85,8 +83,9 @@ def _card(sidecar: dict[str, Any], n_bytes: int, notes: str) -> str:
     training = sidecar["training"]
     inputs = ", ".join(f"`{i['feature']}`" for i in sidecar["inputs"])
     recipe, clips = recipe_of(training["command"]), training.get("clips", {})
-    is_exact = training.get("device", "cpu") == "cpu"
-    repeats = _EXACT if is_exact else _NEARLY
+    repeats = "same seed, same file on one machine"
+    if training.get("device", "cpu") != "cpu":
+        repeats = "on a GPU, which adds in an order of its own: another run differs a little"
     gate = ", ".join(f"{key} {value:g}" for key, value in sidecar.get("gate", {}).items())
     told = f"{recipe} --motion DIR" if clips else recipe
     whole = f"\n\nand with its sets by\n\n    train-export make {told}" if recipe else ""
@@ -214,28 +213,20 @@ def _section(evaluation: Mapping[str, Any]) -> str:
         rows.append(f"| {name} | {missed} | {after} | {visits} | {per_hour} |")
     first = next(iter(evaluation["sensitivities"].values()))
     visit_s = 3600 * first["pet_hours"] / first["pet_visits"]
-    columns = (
-        "sensitivity",
-        "intrusions missed",
-        "alarm after (half / 90 %)",
-        "pets' visits with an alarm",
-        "alarms per pet-hour",
-    )
-    lines = [
-        _HEAD,
-        "",
-        f"Policy `{evaluation['policy']}` on {evaluation['passages']} simulated passages that "
-        f"training never saw: {first['intrusions']} people who come in, {first['pet_visits']} "
-        f"visits of pets of {visit_s:.0f} s ({first['pet_hours']:.4g} hours). In brackets 95 % "
-        "intervals.",
-        "",
-        f"    {evaluation['command']}",
-        "",
-        f"| {' | '.join(columns)} |",
-        "|" + "---|" * len(columns),
-        *rows,
-    ]
-    return "\n".join(lines) + "\n"
+    all_rows = "\n".join(rows)
+    return f"""{_HEAD}
+
+Policy `{evaluation["policy"]}` on {evaluation["passages"]} simulated passages that training \
+never saw: {first["intrusions"]} people who come in, {first["pet_visits"]} visits of pets of \
+{visit_s:.0f} s ({first["pet_hours"]:.4g} hours). In brackets 95 % intervals.
+
+    {evaluation["command"]}
+
+| sensitivity | intrusions missed | alarm after (half / 90 %) | pets' visits with an alarm | \
+alarms per pet-hour |
+|---|---|---|---|---|
+{all_rows}
+"""
 
 
 def _percent(three: list[float]) -> str:

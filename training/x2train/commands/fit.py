@@ -118,7 +118,8 @@ def _run(args: argparse.Namespace) -> int:
     from x2train.bundle.writing import write_bundle  # noqa: PLC0415
     from x2train.judge.verdicts import PET_LIMIT  # noqa: PLC0415
     from x2train.nets.bundle_answers import taught_by  # noqa: PLC0415
-    from x2train.nets.map_fit import INPUTS, MapFitSettings, device_of, fit_maps  # noqa: PLC0415
+    from x2train.nets.map_fit import INPUTS, device_of, fit_maps  # noqa: PLC0415
+    from x2train.nets.nets import MapFitSettings  # noqa: PLC0415
     from x2train.sets.window_set import load_windows, worth_learning  # noqa: PLC0415
 
     args.device = device_of(args.device)
@@ -132,19 +133,10 @@ def _run(args: argparse.Namespace) -> int:
     teacher = load_bundle(args.teacher) if args.teacher else None
     taught = taught_by(teacher, train) if teacher else None
     start = load_bundle(args.start) if args.start else None
-    widths, long_widths, hidden = WIDTHS[args.size]
-    settings = MapFitSettings(
-        epochs=args.epochs,
-        batch=args.batch,
-        threads=args.threads,
-        device=args.device,
-        seed=args.seed,
-        widths=widths,
-        long_widths=long_widths,
-        hidden=hidden,
-        is_half=args.half,
-        is_compiled=args.compile,
-    )
+    same = ("epochs", "batch", "threads", "device", "seed")
+    given: dict[str, Any] = {name: getattr(args, name) for name in same}
+    given |= zip(("widths", "long_widths", "hidden"), WIDTHS[args.size], strict=True)
+    settings = MapFitSettings(**given, is_half=args.half, is_compiled=args.compile)
     checkpoint = args.out / f"{args.name}.checkpoint"
     steps = fit_maps(
         train, validation, settings, taught=taught, checkpoint=checkpoint, start=start

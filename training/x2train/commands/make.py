@@ -10,6 +10,7 @@ from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 from radard.errors import UsageError
+from x2radar.commands import add_command
 from x2train.bundle.recipes import MOTION, RECIPES, arguments
 from x2train.commands import Commands, check_least, result_console
 
@@ -17,21 +18,19 @@ _DATASET = "dataset"
 
 
 def register(commands: Commands) -> None:
-    parser = commands.add_parser(
+    parser = add_command(
+        commands,
         "make",
-        help="make a shipped bundle from nothing, sets included",
-        description=(
-            "Make a shipped bundle from nothing: its sets in sets/, then the bundle, by the "
-            "commands of its card. Sets that are there are kept, one that was begun is "
-            "finished, so what was stopped goes on. While a network trains on one core, the "
-            "others make the sets of later steps."
-        ),
-        epilog=(
-            "examples:\n"
-            "  train-export make accurate --motion clips\n"
-            "  train-export make fast --share 0.01 --out /tmp/models    to try it\n"
-        ),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        "make a shipped bundle from nothing, sets included",
+        "examples:\n"
+        "  train-export make accurate --motion clips\n"
+        "  train-export make fast --share 0.01 --out /tmp/models    to try it\n",
+    )
+    parser.description = (
+        "Make a shipped bundle from nothing: its sets in sets/, then the bundle, by the "
+        "commands of its card. Sets that are there are kept, one that was begun is "
+        "finished, so what was stopped goes on. While a network trains on one core, the "
+        "others make the sets of later steps."
     )
     add = parser.add_argument
     add("name", choices=sorted(RECIPES), help="of the bundle")

@@ -36,9 +36,7 @@ _ENOUGH_S = 120.0  # more of one individual does not make it come more often
 _RECORDED_TRUST = 4.0  # one recorded dog is a third of the animals, beside twenty by hand
 _NOT_AT_HOME = re.compile(r"death|attack|bite|fall", re.IGNORECASE)
 """Clips of animals that nobody sees in a room."""
-_GIRTH = 0.12
-_N_LOOKS = 16
-_RADII_M = (0.3, 0.8)
+_GIRTH, _N_LOOKS, _RADII_M = 0.12, 16, (0.3, 0.8)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,18 +79,14 @@ def draw_recorded_body(
 ) -> Body:
     """Draw a body that moves as an individual did: clips, size, tempo, mirror, course, skin."""
     label = individual.label
-    clips = individual.clips
-    if rng.random() < 0.5:
-        clips = _mirrored(individual)
+    clips = _mirrored(individual) if rng.random() < 0.5 else individual.clips
     size_m = _draw_size_m(rng, individual)
     scale = size_m / float(np.median([clip.size_m for clip in clips]))
     low, high = _SLOW if options.get("slow") else _TEMPO[label]
     tempo = float(rng.uniform(low, high)) / np.sqrt(scale)
     near_m, far_m = options.get("near_m", 0.6), options.get("far_m", 3.4)
-    name = options.get("course") or list(COURSES)[int(rng.integers(len(COURSES)))]
-    if not individual.goes:
-        name = "wander"
-    course = draw_course(rng, name, near_m, far_m)
+    drawn = options.get("course") or list(COURSES)[int(rng.integers(len(COURSES)))]
+    course = draw_course(rng, drawn if individual.goes else "wander", near_m, far_m)
     played = perform(rng, clips, duration_s=_DURATION_S, scale=scale, tempo=tempo)
     begin_m = 0.0 if individual.goes else float(rng.uniform(0.0, 2.0))
     position_m = played.along(course, float(rng.uniform(*_RADII_M)), begin_m)

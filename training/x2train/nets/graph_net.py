@@ -5,6 +5,7 @@ is learned goes back into the same graph, so inputs, outputs and shape of the ne
 """
 
 from collections.abc import Callable, Mapping
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -129,17 +130,10 @@ def _reshape(given: list[Any], _options: Mapping[str, Any]) -> Tensor:
     return made
 
 
-def _unsqueeze(given: list[Any], _options: Mapping[str, Any]) -> Tensor:
-    x: Tensor = given[0]
-    for axis in sorted(int(n) for n in given[1]):
-        x = x.unsqueeze(axis)
-    return x
-
-
-def _reduced(reduce: Callable[..., Tensor]) -> _Operator:
+def _reduced(over: Callable[..., Tensor]) -> _Operator:
     def run(given: list[Any], options: Mapping[str, Any]) -> Tensor:
         axes = tuple(int(n) for n in given[1])
-        return reduce(given[0], dim=axes, keepdim=bool(options.get("keepdims", 1)))
+        return over(given[0], dim=axes, keepdim=bool(options.get("keepdims", 1)))
 
     return run
 
@@ -161,5 +155,5 @@ _OPERATORS: Mapping[str, _Operator] = {
     "Squeeze": lambda given, _: given[0].squeeze(tuple(given[1].tolist())),
     "Sigmoid": lambda given, _: torch.sigmoid(given[0]),
     "Tanh": lambda given, _: torch.tanh(given[0]),
-    "Unsqueeze": _unsqueeze,
+    "Unsqueeze": lambda given, _: reduce(torch.unsqueeze, sorted(given[1].tolist()), given[0]),
 }

@@ -7,7 +7,7 @@ import hashlib
 import io
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,6 @@ from torch import nn
 
 from radard.judge.bundle import Bundle
 from x2radar.atomic import write_whole
-from x2train.nets.optimizer import MuonAdamW
 
 _EVERY_S = 300.0  # of wall clock: what an interruption costs at most
 _KEYS = {"print", "epoch", "step", "total", "net", "optimizer", "order", "now", "layers"}
@@ -52,14 +51,15 @@ class Checkpoints:
         self._next_s = time.monotonic() + _EVERY_S
 
     def resume(
-        self, net: nn.Module, optimizer: MuonAdamW, rng: torch.Generator
+        self, net: nn.Module, optimizer: Sequence[Any], rng: torch.Generator
     ) -> tuple[int, int, float]:
         """Put a training back; return epoch, steps done in it and their loss: 1, 0, 0 at first."""
         point = self._point = self._read()
         if not point:
             return 1, 0, 0.0
         net.load_state_dict(point["net"])
-        optimizer.load_state(point["optimizer"])
+        for part, state in zip(optimizer, point["optimizer"], strict=True):
+            part.load_state_dict(state)
         rng.set_state(point["order"])
         return point["epoch"], point["step"], point["total"]
 
@@ -77,7 +77,7 @@ class Checkpoints:
         self,
         at: tuple[int, int, float],
         net: nn.Module,
-        optimizer: MuonAdamW,
+        optimizer: Sequence[Any],
         order: torch.Tensor,
         rng: torch.Generator,
     ) -> None:
@@ -91,7 +91,7 @@ class Checkpoints:
             "step": step,
             "total": total,
             "net": net.state_dict(),
-            "optimizer": optimizer.state(),
+            "optimizer": [part.state_dict() for part in optimizer],
             "order": order,
             "now": rng.get_state(),
             "layers": torch.get_rng_state(),

@@ -23,6 +23,7 @@ CLIPS = "clips:"  # begins a use that names a folder of clips: bodies of recorde
 RECORDED = "recorded"  # kind of such bodies
 Use = Literal["train", "staying", "things", "held out", "thesis", "all"]
 USES: tuple[Use, ...] = get_args(Use)
+_MAX_DRAWS = 10_000  # until somebody goes
 LABELS: tuple[Label, ...] = ("human", "pet", "other")
 
 
@@ -49,24 +50,26 @@ class Family:
 
 
 _STAYING = {"stand", "busy", "exercise", "sit", "lie", "pant", "groom", "scratch", "play", "jump"}
-_PEOPLE = {
-    "walk": 4.0,
-    "stroll": 2.5,
-    "crouch": 1.0,
-    "jog": 1.0,
-    "run": 1.2,
-    "limp": 1.0,
-    "carry": 1.0,
-    "stop_and_go": 1.5,
-    "stand": 0.6,
-    "child": 1.5,
-    "child_run": 0.8,
-    "busy": 1.2,
-    "search": 1.0,
-    "sit": 1.0,
-    "exercise": 0.8,
+_PEOPLE: Mapping[Use, Mapping[str, float]] = {
+    "train": {
+        "walk": 4.0,
+        "stroll": 2.5,
+        "crouch": 1.0,
+        "jog": 1.0,
+        "run": 1.2,
+        "limp": 1.0,
+        "carry": 1.0,
+        "stop_and_go": 1.5,
+        "stand": 0.6,
+        "child": 1.5,
+        "child_run": 0.8,
+        "busy": 1.2,
+        "search": 1.0,
+        "sit": 1.0,
+        "exercise": 0.8,
+    },
+    "held out": {"stealth": 1.5, "crawl": 1.5, "toddler": 1.0, "carry_pet": 0.5},
 }
-_PEOPLE_HELD_OUT = {"stealth": 1.5, "crawl": 1.5, "toddler": 1.0, "carry_pet": 0.5}
 """Styles of movement of people by their share: what a home sees most the more often."""
 _LARGE_DOG_KG = 55  # a mastiff
 _THESIS: tuple[tuple[str, Label], ...] = (("human", "human"), ("dog", "pet"), ("cat", "pet"))
@@ -75,12 +78,9 @@ _THINGS = ("curtain", "fan", "robot_vacuum", "washing_machine", "door", "plant",
 
 def _families() -> tuple[Family, ...]:
     rows = [
-        Family(f"human {s}", "human", "human", {"style": s}, "train", w)
-        for s, w in _PEOPLE.items()
-    ]
-    rows += [
-        Family(f"human {s}", "human", "human", {"style": s}, "held out", w)
-        for s, w in _PEOPLE_HELD_OUT.items()
+        Family(f"human {s}", "human", "human", {"style": s}, use, w)
+        for use, styles in _PEOPLE.items()
+        for s, w in styles.items()
     ]
     # The animals that are taught most come first: draws are by order and weight.
     for animal in sorted(SPECIES.values(), key=lambda s: -sum(s.taught.values())):
@@ -164,11 +164,15 @@ def _drawn(rng: np.random.Generator, rows: Sequence[Family]) -> Family:
 
 
 def draw_goer(rng: np.random.Generator, label: Label, use: Use | str) -> Family:
-    """Return a family as `draw_cast` gives it first; people and pets do not stay in place."""
-    while True:
+    """Return a family as `draw_cast` gives it first; people and pets do not stay in place.
+
+    Raises SettingsError if there is nobody who goes: clips may be of some who stay alone.
+    """
+    for _ in range(_MAX_DRAWS):
         first = draw_cast(rng, label, use)[0]
         if label == "other" or use == "staying" or not first.stays:
             return first
+    raise SettingsError(f"families '{use}': no {label} goes anywhere in them, as --clear needs")
 
 
 PAIRS: Mapping[tuple[Label, Label], float] = {

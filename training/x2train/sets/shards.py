@@ -43,8 +43,12 @@ class ShardSet:
         if (folder / MANIFEST).exists():
             known = _read_manifest(folder)
             if known.about != self.about:
-                changed = _difference(known.about, self.about)
-                msg = f"{folder}: holds a set that was made otherwise ({changed}); remove it"
+                keys = sorted({*known.about, *self.about})
+                old, new = ([about.get(k) for k in keys] for about in (known.about, self.about))
+                rows = zip(keys, old, new, strict=True)
+                changed = [f"{k}: {a!r}, not {b!r}" for k, a, b in rows if a != b]
+                said = ", ".join(changed[:3])
+                msg = f"{folder}: holds a set that was made otherwise ({said}); remove it"
                 raise UsageError(msg)
             self._shards = known.shards
 
@@ -58,15 +62,11 @@ class ShardSet:
         arrays_by_name: dict[str, Any] = dict(arrays)
         np.savez(memory, **arrays_by_name)
         data = memory.getvalue()
-        rows = len(next(iter(arrays.values()), ()))
         write_whole(self.folder / f"{name}.npz", data)
-        digest = hashlib.sha256(data).hexdigest()
-        self._shards[name] = {"rows": rows, "sha256": digest}
-        text = json.dumps(
-            {"version": VERSION, "about": self.about, "shards": self._shards},
-            indent=1,
-            sort_keys=True,
-        )
+        rows = len(next(iter(arrays.values()), ()))
+        self._shards[name] = {"rows": rows, "sha256": hashlib.sha256(data).hexdigest()}
+        manifest = {"version": VERSION, "about": self.about, "shards": self._shards}
+        text = json.dumps(manifest, indent=1, sort_keys=True)
         write_whole(self.folder / MANIFEST, text.encode())
 
     def read(self, name: str) -> dict[str, NDArray[Any]]:
@@ -111,11 +111,6 @@ def _read_manifest(folder: Path) -> _Manifest:
 def about_of(folder: Path) -> Mapping[str, Any]:
     """Return what a set was made from; RecordingError if there is none."""
     return _read_manifest(folder).about
-
-
-def _difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
-    keys = [k for k in sorted({*old, *new}) if old.get(k) != new.get(k)]
-    return ", ".join(f"{k}: {old.get(k)!r}, not {new.get(k)!r}" for k in keys[:3])
 
 
 def read_all(folder: Path) -> tuple[Mapping[str, Any], dict[str, NDArray[Any]]]:

@@ -7,7 +7,6 @@ ceiling that looks steeply down.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
@@ -85,23 +84,19 @@ P4XX = Radar(
 """The three radars by their data sheets, the X2's bins eight and the P4xx's three together."""
 
 
-def _thesis() -> Radar:
-    settings = RadarSettings(frame_rate_hz=60.0)
-    axis = settings.axis
-    return Radar(
-        name="X2 of the thesis",
-        carrier_hz=axis.carrier_hz,
-        bandwidth_hz=axis.bandwidth_hz,
-        bin_length_m=axis.bin_length_m,
-        near_m=axis.range_offset_m,
-        far_m=axis.range_offset_m + (axis.n_range - 1) * axis.bin_length_m,
-        frame_rate_hz=settings.frame_rate_hz,
-    )
-
-
-THESIS = _thesis()
+_TABLE_B5 = RadarSettings(frame_rate_hz=60.0)
+_AXIS = _TABLE_B5.axis
+THESIS = Radar(
+    name="X2 of the thesis",
+    carrier_hz=_AXIS.carrier_hz,
+    bandwidth_hz=_AXIS.bandwidth_hz,
+    bin_length_m=_AXIS.bin_length_m,
+    near_m=_AXIS.range_offset_m,
+    far_m=_AXIS.range_offset_m + (_AXIS.n_range - 1) * _AXIS.bin_length_m,
+    frame_rate_hz=_TABLE_B5.frame_rate_hz,
+)
 """The X2 as table B.5 of the thesis has it, `X2` before the decimation: noise is the same."""
-ONE_RADAR: Mapping[str, Radar] = MappingProxyType({"thesis": THESIS, "x4m03": X4M03, "p4xx": P4XX})
+ONE_RADAR: Mapping[str, Radar] = {"thesis": THESIS, "x4m03": X4M03, "p4xx": P4XX}
 """Radars before which every suite can be played, by the name that `evaluate` takes."""
 _X2_SHARE = 0.8  # the radar that the bundles are for
 _CLOSE_M = 0.7  # an arm's length from a shelf or table
@@ -173,19 +168,7 @@ class Site:
     tail: TailSettings | None  # moving clutter behind bodies
     receiver: ReceiverEffects
     level_db: float  # strength of all echoes against the radar equation
-    kind: RoomKind = "usual"
     depth_m: float = np.inf  # how far behind the near end of the swath bodies go
-
-    @property
-    def is_close(self) -> bool:
-        """Whether bodies stay close to the radar."""
-        return self.depth_m < np.inf
-
-    @property
-    def course_m(self) -> tuple[float, float]:
-        """Nearest and farthest range of what bodies do, in metres."""
-        near_m, far_m = self.radar.near_m, self.radar.far_m
-        return near_m, min(far_m, near_m + self.depth_m)
 
 
 def draw_close(rng: np.random.Generator, radar: Radar) -> Site:
@@ -279,5 +262,4 @@ def _unseen(rng: np.random.Generator, radar: Radar) -> Site:
             noise_figure_db=float(rng.uniform(11, 17)), jitter_s=2e-13, gain_noise=1e-3
         ),
         level_db=float(rng.uniform(-5, 10)),
-        kind="unseen",
     )

@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 
 from radard.errors import UsageError
 from radard.judge.bundle import CLASSES, Bundle
-from radard.judge.features import MAP_FEATURES, FeatureSettings
+from radard.judge.features import FeatureSettings
 from radard.judge.installation import INSTALLATION, N_INSTALLATION, installation
 from x2train.sets.shards import read_all
 
 Columns = Mapping[str, NDArray[Any]]
-_NEEDED = (*MAP_FEATURES, "label", "passage", "t_s")
 _MIN_SHARE, _MIN_MPS = 0.6, 0.1  # of a dwell in view, and towards or away
 _KEPT_PASSAGES = 5  # of so many passages one keeps all its windows
 
@@ -46,9 +45,6 @@ def load_windows(
             raise UsageError(msg)
         if not columns:
             raise UsageError(f"{folder}: holds no window")
-        missing = set(_NEEDED) - set(columns)
-        if missing:
-            raise UsageError(f"{folder}: windows without {', '.join(sorted(missing))}")
         abouts.append(about)
         made.append(dict(choose({INSTALLATION: known_of(columns), **columns})))
     keys = list(made[0])
