@@ -36,8 +36,7 @@ _N_FIRST = 3
 
 def step_of(size: str, *, is_half: bool, is_compiled: bool) -> Callable[[], None]:
     """Return what takes one step, on maps of noise."""
-    widths, long_widths, hidden = WIDTHS[size]
-    settings = MapFitSettings(widths=widths, long_widths=long_widths, hidden=hidden)
+    settings = MapFitSettings(*WIDTHS[size])
     rng = torch.Generator().manual_seed(0)
     shapes = [feature_shape(name, FEATURES) for name in MAPS]
     maps = [torch.rand(settings.batch, *shape, generator=rng) for shape in shapes]

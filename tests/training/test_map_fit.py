@@ -81,11 +81,8 @@ def test_a_bundle_comes_back_as_it_was_written(made, tmp_path):
     evidence, metrics = map_metrics(network, validation)
     write_tiny(tmp_path, network, evidence=evidence, metrics=metrics)
     bundle = load_bundle(str(tmp_path / "tiny.onnx"))
-    assert bundle.inputs == INPUTS
-    assert bundle.features == FEATURES
-    assert bundle.features.n_cpi == 0
-    assert bundle.classes == CLASSES
-    assert bundle.policy == "fused"
+    assert (bundle.inputs, bundle.features) == (INPUTS, FEATURES)
+    assert (bundle.classes, bundle.policy) == (CLASSES, "fused")
     assert EvidenceSettings.from_mapping(bundle.evidence) == evidence
     assert bundle.temperature == network.temperature
     logits = logits_of(network.net, validation)
@@ -118,8 +115,7 @@ def test_the_discount_is_what_repetition_asks_for():
         p = np.stack([softmax(row) for row in logits])
         is_first, is_human = first_windows({"passage": passage, "t_s": t_s}), label == 0
         best = fit_evidence(p, is_first, is_human, EvidenceSettings(most=8.0, prior_human=0.1))
-        assert best.most == 8.0
-        assert best.prior_human == 0.1
+        assert (best.most, best.prior_human) == (8.0, 0.1)
         loss = log_loss(fused(p, is_first, best), is_human)
         for discount in (0.2, 0.5, 1.0):
             other = replace(best, discount=discount)
@@ -145,7 +141,6 @@ def fitted(path, settings=SETTINGS, n=96):
 def often(monkeypatch):
     """Checkpoints after every step; `often(n)` switches the machine off after so many."""
     monkeypatch.setattr(map_checkpoint, "_EVERY_S", 0.0)
-    monkeypatch.setattr(map_checkpoint.Checkpoints.__init__, "__defaults__", (0.0,))
 
     def stop_after(n):
         write, count = map_checkpoint.write_whole, [0]

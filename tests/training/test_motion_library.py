@@ -6,13 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.training.motion_helpers import RATE_HZ, stander, walker, write_clip
-from x2radar.errors import SceneError
+from x2radar.errors import SceneError, SettingsError
 from x2radar.sim.bodies.skins import SKINS
 from x2train.cli import main
 from x2train.motion.clips import read_clip, read_clips
-from x2train.motion.library import cards_of, draw_recorded_body, read_library
-from x2train.motion.performance import perform
-from x2train.sets.families import CLIPS, draw_cast, recorded_families
+from x2train.motion.library import cards_of, draw_recorded_body, perform, read_library
+from x2train.sets.families import CLIPS, draw_cast, draw_goer, recorded_families
 from x2train.sets.shards import read_all
 
 T_S = np.arange(0.0, 6.0, 1 / 60)
@@ -42,6 +41,8 @@ def test_individuals_go_or_stay_and_nobody_dies(folder):
     # Casts are of the folder, and things stay simulated.
     rng, use = np.random.default_rng(0), f"{CLIPS}{folder}"
     assert [f.name for f in recorded_families(str(folder))] == ["anna goes", "rex stays"]
+    with pytest.raises(SettingsError, match="no pet goes anywhere"):
+        draw_goer(rng, "pet", use)
     (who,), (pet,), (thing,) = (draw_cast(rng, label, use) for label in ("human", "pet", "other"))
     assert (who.name, who.stays, pet.name, pet.stays) == ("anna goes", False, "rex stays", True)
     assert thing.plugged is None

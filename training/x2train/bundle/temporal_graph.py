@@ -171,30 +171,20 @@ def head_of(onnx_bytes: bytes, settings: HeadSettings, n_given: int) -> dict[str
     return state
 
 
-def _projections(
-    state: Mapping[str, Array], heard: Sequence[str], settings: HeadSettings
-) -> tuple[Array, Array]:
-    """Return what is made of all that is given, the parts' one below the other, and offsets."""
-    n_given = len(state["mean"])
-    spans = [(0, n_given), *settings.apart]
-    rows = []
-    for part, (first, end) in zip(heard, spans, strict=True):
-        row = np.zeros((settings.n_projected, n_given))
-        row[:, first:end] = state[f"{part}.projection.weight"] / state["spread"][first:end]
-        rows.append(row)
-    projection = np.concatenate(rows)
-    offset = np.concatenate([state[f"{part}.projection.bias"] for part in heard])
-    return projection, offset - projection @ state["mean"]
-
-
 def _values(trained: HeadTrained, temperature: float) -> dict[str, NDArray[Any]]:
     """Return the weights as ONNX wants them: in double precision until the last moment."""
     head = trained.head
     state = {key: v.detach().numpy().astype(np.float64) for key, v in head.state_dict().items()}
     shares = head.settings.shares
-    heard = [part for part in shares if part != "said"]
-    parts = [*heard, *(["said"] if "said" in shares else [])]
-    projection, offset = _projections(state, heard, head.settings)
+    parts = sorted(shares, key=lambda part: part == "said")  # which comes last
+    n_given = len(state["mean"])
+    rows, offsets = [], []
+    for part, (first, end) in zip(parts, [(0, n_given), *head.settings.apart], strict=False):
+        row = np.zeros((head.settings.n_projected, n_given))
+        row[:, first:end] = state[f"{part}.projection.weight"] / state["spread"][first:end]
+        rows.append(row)
+        offsets.append(state[f"{part}.projection.bias"])
+    projection = np.concatenate(rows)
 
     def joined(weights: str) -> NDArray[np.float64]:
         """Return the parts' weights of a GRU, one gate after the other, zero between them."""
@@ -207,7 +197,7 @@ def _values(trained: HeadTrained, temperature: float) -> dict[str, NDArray[Any]]
     share = {part: shares[part] / trained.temperature for part in parts}
     values = {
         "given_projection": projection.T,
-        "given_offset": offset,
+        "given_offset": np.concatenate(offsets) - projection @ state["mean"],
         "weight": joined("weight_ih")[None],
         "recurrence": joined("weight_hh")[None],
         "bias": np.concatenate([joined("bias_ih"), joined("bias_hh")])[None],

@@ -26,6 +26,7 @@ from x2train.sets.windows import GATE
 
 _NOTES = """Measured on windows that training never saw, drawn from the same simulated bodies. They
 say nothing about real people and pets."""
+_OF_BUNDLE = ("inputs", "features", "stream", "classes", "temperature", "pet_limit", "policy")
 _HEAD = "## As an alarm"
 
 
@@ -45,36 +46,23 @@ def write_bundle(
     train on, empty where there was none; `notes` say on the card what the figures mean, and what
     not.
     """
-    training = _clips_once(training)
+    training, values = _clips_once(training), asdict(bundle)
+    versions = {name: version(name) for name in ("torch", "onnx", "numpy")}
     sidecar = {
         "schema": SCHEMA,
         "name": bundle.name,
         "onnx_sha256": bundle.sha256,
-        "inputs": [asdict(each) for each in bundle.inputs],
-        "features": asdict(bundle.features),
-        "stream": dict(bundle.stream),
-        "classes": bundle.classes,
-        "temperature": bundle.temperature,
-        "pet_limit": bundle.pet_limit,
-        "policy": bundle.policy,
+        **{key: values[key] for key in _OF_BUNDLE},
         **({"evidence": dict(bundle.evidence)} if bundle.evidence else {}),
         **({"hidden": bundle.n_hidden} if bundle.n_hidden else {}),
         **({"gate": dict(gate)} if gate else {}),
-        "training": {
-            **training,
-            "versions": {
-                **{name: version(name) for name in ("torch", "onnx", "numpy")},
-                "x2radar": installed_version(),
-            },
-        },
+        "training": {**training, "versions": versions | {"x2radar": installed_version()}},
         "metrics": dict(metrics),
     }
-    for suffix, data in (
-        (".onnx", bundle.onnx),
-        (".json", (json.dumps(sidecar, indent=2) + "\n").encode()),
-        (".md", _card(sidecar, len(bundle.onnx), notes).encode()),
-    ):
-        write_whole(folder / f"{bundle.name}{suffix}", data)
+    name, card = bundle.name, _card(sidecar, len(bundle.onnx), notes)
+    write_whole(folder / f"{name}.onnx", bundle.onnx)
+    write_whole(folder / f"{name}.json", (json.dumps(sidecar, indent=2) + "\n").encode())
+    write_whole(folder / f"{name}.md", card.encode())
 
 
 def _card(sidecar: dict[str, Any], n_bytes: int, notes: str) -> str:

@@ -105,16 +105,8 @@ def stream_of(abouts: Sequence[Mapping[str, Any]]) -> Mapping[str, tuple[float, 
 def _run(args: argparse.Namespace) -> int:
     check_least(args, epochs=1, seed=0, batch=2, threads=1)
     # Late: torch takes seconds, and --help must not.
+    from x2train.bundle import metrics  # noqa: PLC0415
     from x2train.bundle.export import DIFFERENCE, exported  # noqa: PLC0415
-    from x2train.bundle.metrics import (  # noqa: PLC0415
-        N_SAMPLE,
-        NOTES,
-        PRIOR_HUMAN,
-        check_calibration,
-        gate_of,
-        kept_out_of,
-        map_metrics,
-    )
     from x2train.bundle.writing import write_bundle  # noqa: PLC0415
     from x2train.judge.verdicts import PET_LIMIT  # noqa: PLC0415
     from x2train.nets.bundle_answers import taught_by  # noqa: PLC0415
@@ -128,15 +120,15 @@ def _run(args: argparse.Namespace) -> int:
     if judged[0]["settings"] != abouts[0]["settings"]:
         msg = f"{args.validate[0]}: its maps were made with other settings than those to train on"
         raise UsageError(msg)
-    check_calibration(validation["label"])
+    metrics.check_calibration(validation["label"])
     features = FeatureSettings.from_mapping(abouts[0]["settings"])
     teacher = load_bundle(args.teacher) if args.teacher else None
     taught = taught_by(teacher, train) if teacher else None
     start = load_bundle(args.start) if args.start else None
     same = ("epochs", "batch", "threads", "device", "seed")
     given: dict[str, Any] = {name: getattr(args, name) for name in same}
-    given |= zip(("widths", "long_widths", "hidden"), WIDTHS[args.size], strict=True)
-    settings = MapFitSettings(**given, is_half=args.half, is_compiled=args.compile)
+    given |= {"is_half": args.half, "is_compiled": args.compile}
+    settings = MapFitSettings(*WIDTHS[args.size], **given)
     checkpoint = args.out / f"{args.name}.checkpoint"
     steps = fit_maps(
         train, validation, settings, taught=taught, checkpoint=checkpoint, start=start
@@ -145,7 +137,7 @@ def _run(args: argparse.Namespace) -> int:
     inputs = tuple(ModelInput(name, feature_shape(name, features), name) for name in INPUTS)
     # The teacher's training sets are not checked: they may hold any family.
     # Nor is what it started from.
-    held_out = kept_out_of(abouts) if teacher is None and start is None else "none"
+    held_out = metrics.kept_out_of(abouts) if teacher is None and start is None else "none"
     training: dict[str, Any] = {
         "device": args.device,
         "recipe": _RECIPE.format(held_out=held_out),
@@ -157,8 +149,8 @@ def _run(args: argparse.Namespace) -> int:
         training["teacher"] = {"name": teacher.name, "onnx_sha256": teacher.sha256}
     if start is not None:
         training |= _started(args.start, start, training)
-    evidence, metrics = map_metrics(trained, validation, PRIOR_HUMAN[args.size])
-    sample = {name: validation[name][:N_SAMPLE] for name in INPUTS}
+    evidence, measured = metrics.map_metrics(trained, validation, metrics.PRIOR_HUMAN[args.size])
+    sample = {name: validation[name][: metrics.N_SAMPLE] for name in INPUTS}
     onnx_bytes, difference = exported(trained.net, inputs, sample)
     bundle = Bundle(
         name=args.name,
@@ -176,11 +168,11 @@ def _run(args: argparse.Namespace) -> int:
         args.out,
         bundle,
         training=training,
-        metrics={**metrics, DIFFERENCE: difference},
-        gate=gate_of(abouts),
-        notes=NOTES,
+        metrics={**measured, DIFFERENCE: difference},
+        gate=metrics.gate_of(abouts),
+        notes=metrics.NOTES,
     )
-    tell_bundle(args.out / args.name, metrics)
+    tell_bundle(args.out / args.name, measured)
     return 0
 
 

@@ -22,7 +22,7 @@ from radard.errors import RadardError, UsageError
 from radard.judge.bundle import Bundle
 from x2train.bundle.metrics import gate_of
 from x2train.bundle.writing import write_bundle
-from x2train.finetune.guard import MAX_RISE, Guard, Misses, alarms_of
+from x2train.finetune.guard import MAX_RISE, Guard, Misses, alarms_of, allows
 from x2train.finetune.own_clips import OwnWindows, decisions_on
 from x2train.judge.estimates import share
 from x2train.nets.bundle_answers import Answers, outputs_of
@@ -153,7 +153,7 @@ def _guarded_line(
         net.load_state_dict({k: first[k] + part * (last[k] - first[k]) for k in first})
         made = net.to_onnx()
         after = guard.misses(bundle, outputs_of(made, given, is_first=is_first))
-        if before.allows(after) and all(_has_alarm(bundle, made, clip) for clip in people):
+        if allows(before, after) and all(_has_alarm(bundle, made, clip) for clip in people):
             return made, part, before, after
     raise UsageError(
         f"every retrained network misses over {100 * MAX_RISE:g} points more people of the "
@@ -192,13 +192,12 @@ def _check(
 def rows_of(tuned: Tuned) -> list[tuple[str, str, str]]:
     """Return what was measured, before and after, for people: shares with their intervals."""
     before, after = tuned.before, tuned.after
+    words = {"passages": "passages", "windows": "windows", "fused": "windows with those before"}
     counts = [
-        ("simulated people missed, passages", before.passages, after.passages, before.n_passages),
-        ("simulated people missed, windows", before.windows, after.windows, before.n_windows),
+        (f"simulated people missed, {words[of]}", was, *after[of])
+        for of, (was, _) in before.items()
+        if of != "fused" or tuned.bundle.n_hidden
     ]
-    if tuned.bundle.n_hidden:
-        title = "simulated people missed, windows with those before"
-        counts.append((title, before.fused, after.fused, before.n_windows))
     for is_human, title in ((False, "own clips of pets with an alarm"), (True, "of people")):
         counts.append((title, *tuned.count(is_human=is_human)))
     return [(title, _share(old, n), _share(new, n)) for title, old, new, n in counts if n]
@@ -262,13 +261,13 @@ were simulated: nothing here was measured on a real one.
 
 
 def _metrics(tuned: Tuned, guard: Guard) -> Mapping[str, float]:
-    both = (("before", tuned.before), ("after", tuned.after))
-    found: dict[str, float] = {}
-    for when, of in both:
-        found[f"people missed, passages, {when}"] = of.passages / of.n_passages
-        found[f"people missed, windows, {when}"] = of.windows / of.n_windows
-        found[f"people missed, fused, {when}"] = of.fused / of.n_windows
-    for (when, _), count in zip(both, tuned.count(is_human=False), strict=False):
+    both = {"before": tuned.before, "after": tuned.after}
+    found = {
+        f"people missed, {of}, {when}": missed / n
+        for when, misses in both.items()
+        for of, (missed, n) in misses.items()
+    }
+    for when, count in zip(both, tuned.count(is_human=False), strict=False):
         found[f"own clips of pets with an alarm, {when}"] = float(count)
     bundle, label = tuned.bundle, guard.label
     p_human = outputs_of(bundle.onnx, inputs_of(bundle, guard.columns)).p(bundle.temperature)[:, 0]

@@ -16,7 +16,7 @@ import hashlib
 import io
 import json
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -37,6 +37,7 @@ from x2train.motion.formats import RawMotion
 
 Array = NDArray[np.float64]
 RATE_HZ = 60.0  # of clips made here: that of an X2, twice what a person's movements need
+_OTHER_SIDE = {"l": "r", "r": "l", "FL": "FR", "FR": "FL", "HL": "HR", "HR": "HL"}
 _TEXTS = ("species", "person", "animal", "licence", "source")
 _SMOOTH_S = 0.35  # the way of a body is its pelvis's, smoothed over a step of a small dog's
 _GOES_MPS = 0.2  # of a clip's way: faster ones go somewhere, others stay in their place
@@ -79,16 +80,13 @@ class Clip:
 
     def mirrored(self) -> "Clip":
         """Return the clip seen in a mirror: left is right."""
-        swapped = [self.joints.index(_other_side(name, self.joints)) for name in self.joints]
+        swapped = []
+        for name in self.joints:
+            # l_knee for r_knee, FR_paw for FL_paw.
+            side, _, rest = name.partition("_")
+            twin = f"{_OTHER_SIDE.get(side)}_{rest}"
+            swapped.append(self.joints.index(twin if twin in self.joints else name))
         return replace(self, joint_m=self.joint_m[:, swapped] * np.array([1.0, -1.0, 1.0]))
-
-
-def _other_side(name: str, names: Sequence[str]) -> str:
-    """Return the joint on the other side: l_knee for r_knee, FR_paw for FL_paw."""
-    head, _, rest = name.partition("_")
-    other = {"l": "r", "r": "l", "FL": "FR", "FR": "FL", "HL": "HR", "HR": "HL"}.get(head)
-    twin = f"{other}_{rest}"
-    return twin if other and twin in names else name
 
 
 def read_clip(path: Path) -> Clip:

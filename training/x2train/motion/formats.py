@@ -61,7 +61,11 @@ def _read(path: Path, asf: Path | None, rate_hz: float) -> Iterator[RawMotion]:
         joints, _, position, own_hz = read_bvh(path.read_text("utf-8-sig"))
         yield RawMotion(path.stem, tuple(joints), position, own_hz)
     elif suffix == ".amc":
-        skeleton = _read_asf((asf or _asf_of(path)).read_text("latin-1"))
+        same = asf or path.with_suffix(".asf")
+        found = [same] if asf or same.exists() else sorted(path.parent.glob("*.asf"))
+        if len(found) != 1:
+            raise ValueError(f"{len(found)} files .asf beside it; name one with --asf")
+        skeleton = _read_asf(found[0].read_text("latin-1"))
         yield _read_amc(path.read_text("latin-1"), skeleton, path.stem, rate_hz)
     elif suffix in {".gltf", ".glb"}:
         yield from _read_gltf(path)
@@ -92,15 +96,6 @@ class _Bone:
     offset: Array  # from its beginning to its end, in the room's axes
     axes: Rotation
     freedoms: tuple[str, ...]
-
-
-def _asf_of(path: Path) -> Path:
-    """Return the skeleton that an AMC file goes with."""
-    same = path.with_suffix(".asf")
-    found = [same] if same.exists() else sorted(path.parent.glob("*.asf"))
-    if len(found) != 1:
-        raise ValueError(f"{len(found)} files .asf beside it; name one with --asf")
-    return found[0]
 
 
 def _turn(order: str, degrees: Array) -> Rotation:

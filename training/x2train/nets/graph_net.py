@@ -31,7 +31,12 @@ class GraphNet(nn.Module):
         graph = self._model.graph
         heads = [FUSED_LOGITS] if FUSED_LOGITS in {each.name for each in graph.output} else []
         self._outputs = [graph.output[0].name, *heads]
-        self._nodes = _making(self._model, self._outputs)
+        wanted, nodes = set(self._outputs), []
+        for node in reversed(graph.node):
+            if wanted & set(node.output):
+                nodes.append(node)
+                wanted |= set(node.input)
+        self._nodes = nodes[::-1]
         unknown = sorted({n.op_type for n in self._nodes} - set(_OPERATORS))
         if unknown:
             msg = f"the bundle's network has {', '.join(unknown)}, which cannot be trained on here"
@@ -72,16 +77,6 @@ class GraphNet(nn.Module):
                 each.CopyFrom(numpy_helper.from_array(values, each.name))
         onnx.checker.check_model(self._model)
         return bytes(self._model.SerializeToString(deterministic=True))
-
-
-def _making(model: onnx.ModelProto, names: list[str]) -> list[onnx.NodeProto]:
-    """Return the nodes that tensors are made by, in order."""
-    wanted, made = set(names), []
-    for node in reversed(model.graph.node):
-        if wanted & set(node.output):
-            made.append(node)
-            wanted |= set(node.input)
-    return made[::-1]
 
 
 def _conv(given: list[Any], options: Mapping[str, Any]) -> Tensor:

@@ -19,10 +19,13 @@ _KNOWN = 16  # units for what is known besides the maps
 _NORMS = (nn.BatchNorm1d, nn.BatchNorm2d)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class MapFitSettings:
     """Length, rates, regularisation and augmentation of a network's training."""
 
+    widths: Widths = (12, 16, 20, 20)
+    long_widths: Widths = (12, 16, 20, 20)
+    hidden: int = 40
     epochs: int = 12
     batch: int = 128
     # greatest of the one cycle, of AdamW and of Muon; see `MuonAdamW`
@@ -33,9 +36,6 @@ class MapFitSettings:
     dropout: float = 0.05  # of what decides
     smoothing: float = 0.01  # of the labels, where there is no teacher
     teacher_share: float = 0.5  # what a teacher counts beside the labels
-    widths: Widths = (12, 16, 20, 20)
-    long_widths: Widths = (12, 16, 20, 20)
-    hidden: int = 40
     seed: int = 0  # of weights, order and augmentation
     threads: int = 1  # of torch; the same number, the same weights
     device: str = "cpu"  # of torch, such as 'cuda', which holds all windows

@@ -5,7 +5,7 @@ tells them apart. Held out families are never in the training of a judged bundle
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -71,37 +71,31 @@ _PEOPLE: Mapping[Use, Mapping[str, float]] = {
     "held out": {"stealth": 1.5, "crawl": 1.5, "toddler": 1.0, "carry_pet": 0.5},
 }
 """Styles of movement of people by their share: what a home sees most the more often."""
-_LARGE_DOG_KG = 55  # a mastiff
-_THESIS: tuple[tuple[str, Label], ...] = (("human", "human"), ("dog", "pet"), ("cat", "pet"))
 _THINGS = ("curtain", "fan", "robot_vacuum", "washing_machine", "door", "plant", "rain", "moth")
 
 
-def _families() -> tuple[Family, ...]:
-    rows = [
+_TAUGHT = sorted(SPECIES.values(), key=lambda s: -sum(s.taught.values()))
+"""The animals that are taught most come first: draws are by order and weight."""
+FAMILIES: tuple[Family, ...] = (
+    *(
         Family(f"human {s}", "human", "human", {"style": s}, use, w)
         for use, styles in _PEOPLE.items()
         for s, w in styles.items()
-    ]
-    # The animals that are taught most come first: draws are by order and weight.
-    for animal in sorted(SPECIES.values(), key=lambda s: -sum(s.taught.values())):
-        rows += [
-            Family(f"{animal.name} {style}", animal.label, animal.name, {"style": style}, weight=w)
-            for style, w in animal.taught.items()
-        ]
-    large = {"style": "roam", "mass_kg": _LARGE_DOG_KG}
-    rows += [
-        Family("largest dogs", "pet", "dog", large, "held out", 1.5),
-        Family("cat bound", "pet", "cat", {"style": "bound"}, "held out", 1.0),
-        Family("bird", "pet", "bird", weight=0.8),
-    ]
-    rows += [Family(kind.replace("_", " "), "other", kind) for kind in _THINGS]
-    rows += [
-        Family(f"thesis {kind}", label, f"thesis_{kind}", {}, "thesis") for kind, label in _THESIS
-    ]
-    return tuple(rows)
-
-
-FAMILIES: tuple[Family, ...] = _families()  # every family
+    ),
+    *(
+        Family(f"{animal.name} {s}", animal.label, animal.name, {"style": s}, weight=w)
+        for animal in _TAUGHT
+        for s, w in animal.taught.items()
+    ),
+    Family("largest dogs", "pet", "dog", {"style": "roam", "mass_kg": 55}, "held out", 1.5),
+    Family("cat bound", "pet", "cat", {"style": "bound"}, "held out", 1.0),
+    Family("bird", "pet", "bird", weight=0.8),
+    *(Family(kind.replace("_", " "), "other", kind) for kind in _THINGS),
+    Family("thesis human", "human", "thesis_human", use="thesis"),
+    Family("thesis dog", "pet", "thesis_dog", use="thesis"),
+    Family("thesis cat", "pet", "thesis_cat", use="thesis"),
+)
+"""Every family; the largest dogs are mastiffs."""
 
 
 def families(label: Label, use: Use = "all") -> tuple[Family, ...]:
@@ -137,20 +131,12 @@ def plugged_family(name: str) -> Family:
 @cache
 def recorded_families(folder: str, known: frozenset[str] = frozenset()) -> tuple[Family, ...]:
     """Return a family for each individual of `read_library`; SceneError if it is no folder."""
-    return tuple(
-        Family(
-            each.name,
-            each.label,
-            RECORDED,
-            weight=each.weight,
-            plugged=BodyKind(
-                "Somebody whose motion was recorded.", partial(draw_recorded_body, each)
-            ),
-            is_still=not each.goes,
-            individual=k,
-        )
-        for k, each in enumerate(read_library(Path(folder), known))
-    )
+    made = []
+    for k, each in enumerate(read_library(Path(folder), known)):
+        body = BodyKind("Somebody whose motion was recorded.", partial(draw_recorded_body, each))
+        who = Family(each.name, each.label, RECORDED, weight=each.weight, plugged=body)
+        made.append(replace(who, is_still=not each.goes, individual=k))
+    return tuple(made)
 
 
 def draw_family(rng: np.random.Generator, label: Label, use: Use) -> Family:

@@ -135,21 +135,11 @@ def make_shards(
 ) -> ShardSet:
     """Make a set of shards, or what is missing of it, of elements 0 to n_elements - 1.
 
-    Parameters
-    ----------
-    folder, about : Path and mapping
-        The set, and what its elements are drawn from; it is refused if it was made otherwise.
-    make : callable
-        Element number to its arrays, of any lengths, with the same names and dtypes for every
-        element; None leaves it out. It must be importable by name in a new process.
-    crew, per_shard : Crew and int
-        Who makes them; elements per shard.
-
-    Raises
-    ------
-    UsageError, ElementError, GenerateError, RecordingError
-        If the folder holds another set; `make` fails (whole shards are kept); the cluster cannot
-        be reached or a worker died; the disk does not take a shard.
+    `about` is what they are drawn from. `make` takes an element's number and returns its arrays,
+    of any lengths, with the same names and dtypes for every element, or None to leave it out; it
+    must be importable by name in a new process. Raises UsageError if the folder holds a set that
+    was made otherwise, ElementError if `make` fails (whole shards are kept), GenerateError if the
+    cluster cannot be reached or a worker died, RecordingError if the disk does not take a shard.
     """
     shards = ShardSet(folder, {**about, "elements": n_elements, "per_shard": per_shard})
     bounds = {

@@ -23,7 +23,7 @@ RoomKind = Literal["usual", "unseen"]
 RadarKind = Literal["any", "x2", "x4m03"]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Radar:
     """A radar behind its matched filter, most decimated in range, as the maps need it."""
 
@@ -54,33 +54,9 @@ class Radar:
         return StreamInfo(self.axis(), self.frame_rate_hz, self.name)
 
 
-X2 = Radar(
-    name="X2",
-    carrier_hz=6.8e9,
-    bandwidth_hz=2.3e9,
-    bin_length_m=8 * 0.003656,
-    near_m=0.6,
-    far_m=3.4,
-    frame_rate_hz=60.0,
-)
-X4M03 = Radar(
-    name="X4M03",
-    carrier_hz=7.29e9,
-    bandwidth_hz=1.4e9,
-    bin_length_m=0.0514,
-    near_m=0.4,
-    far_m=9.0,
-    frame_rate_hz=60.0,
-)
-P4XX = Radar(
-    name="P4xx",
-    carrier_hz=4.0e9,
-    bandwidth_hz=1.7e9,
-    bin_length_m=3 * 0.009149,
-    near_m=0.5,
-    far_m=4.4,
-    frame_rate_hz=30.5,
-)
+X2 = Radar("X2", 6.8e9, 2.3e9, 8 * 0.003656, 0.6, 3.4, 60.0)
+X4M03 = Radar("X4M03", 7.29e9, 1.4e9, 0.0514, 0.4, 9.0, 60.0)
+P4XX = Radar("P4xx", 4.0e9, 1.7e9, 3 * 0.009149, 0.5, 4.4, 30.5)
 """The three radars by their data sheets, the X2's bins eight and the P4xx's three together."""
 
 
