@@ -14,6 +14,7 @@ from x2train.bundle.export import exported
 from x2train.bundle.temporal_graph import GIVEN, with_given, with_head
 from x2train.bundle.writing import write_bundle
 from x2train.commands.dataset import FEATURES
+from x2train.commands.fit import stream_of
 from x2train.nets.bundle_answers import outputs_of
 from x2train.nets.map_fit import INPUTS as NAMES
 from x2train.nets.map_fit import MAPS, MapTrained, fit_maps
@@ -23,12 +24,6 @@ from x2train.sets.shards import ShardSet
 
 _SIZE = {"widths": (4, 6, 6, 6), "long_widths": (4, 6, 6, 6), "hidden": 8}
 TINY = MapFitSettings(epochs=20, batch=16, learning_rate=1e-2, **_SIZE)
-STREAM = {
-    "frame_rate_hz": (14.5, 210.0),
-    "bin_length_m": (0.003, 0.054),
-    "carrier_hz": (3.8e9, 8.0e9),
-    "bandwidth_hz": (1.3e9, 2.6e9),
-}
 INPUTS = tuple(ModelInput(name, feature_shape(name, FEATURES), name) for name in NAMES)
 
 
@@ -39,7 +34,7 @@ def as_float(values):
 
 def write_set(folder, columns, **about):
     """Write windows as a set of one shard; returns the folder."""
-    about = {"kind": "windows", "use": "all", "settings": settings(), **about}
+    about = {"kind": "windows", "use": "all", "settings": asdict(FEATURES), **about}
     ShardSet(folder, about).write("shard-00000", columns)
     return folder
 
@@ -82,11 +77,6 @@ def tiny():
     return trained()
 
 
-def settings():
-    """Return the settings of the maps, as a set's manifest has them."""
-    return asdict(FEATURES)
-
-
 @cache
 def _exported(net):
     return exported(net, INPUTS, toy(48, seed=1))[0]
@@ -95,7 +85,7 @@ def _exported(net):
 def write_tiny(folder, network, *, name="tiny", evidence=None, metrics=None):
     """Write a bundle of toy windows."""
     own = {"name": name, "policy": "fused", "evidence": asdict(evidence or EvidenceSettings())}
-    same = {"inputs": INPUTS, "features": FEATURES, "stream": STREAM, "classes": CLASSES}
+    same = {"inputs": INPUTS, "features": FEATURES, "stream": stream_of([]), "classes": CLASSES}
     onnx, temperature = _exported(network.net), network.temperature
     bundle = Bundle(onnx=onnx, temperature=temperature, pet_limit=0.8, **own, **same)
     training = {"recipe": "a toy.", "command": "train-export fit"}

@@ -3,7 +3,7 @@
 import itertools
 import json
 import shutil
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import cache
 
 import numpy as np
@@ -183,9 +183,8 @@ def test_a_guard_that_does_not_fit_is_refused(made, tmp_path):
     bundle = load_bundle(str(made / "tiny.onnx"))
     with pytest.raises(UsageError, match="128 windows of people; at least 500"):
         load_guard([made / "mix"], bundle)
-    small.write_set(
-        tmp_path / "other", small.toy(12), settings={**small.settings(), "dwell_s": 3.0}
-    )
+    other = {**asdict(small.FEATURES), "dwell_s": 3.0}
+    small.write_set(tmp_path / "other", small.toy(12), settings=other)
     with pytest.raises(UsageError, match="dataset --like tiny"):
         load_guard([tmp_path / "other"], bundle, least=1)
     with pytest.raises(UsageError, match="tells human, pet apart"):

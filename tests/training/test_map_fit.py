@@ -16,12 +16,14 @@ from x2train.bundle.export import exported
 from x2train.bundle.metrics import map_metrics
 from x2train.nets import map_checkpoint
 from x2train.nets.bundle_answers import outputs_of, taught_by
-from x2train.nets.calibration import Epoch, first_windows, fit_evidence, fused, log_loss
+from x2train.nets.calibration import first_windows, fit_evidence, fused, log_loss
 from x2train.nets.map_fit import INPUTS as NAMES
 from x2train.nets.map_fit import MAPS, fit_maps, logits_of
 from x2train.nets.nets import MapNet, start_from
 
 pytestmark = pytest.mark.integration
+
+SETTINGS = replace(TINY, epochs=3, dropout=0.2)
 
 
 @pytest.fixture(scope="module")
@@ -125,16 +127,13 @@ def test_the_discount_is_what_repetition_asks_for():
     assert found[1] < found[0]
 
 
-SETTINGS = replace(TINY, epochs=3, dropout=0.2)
-
-
 class Stopped(Exception):
     """The machine was switched off."""
 
 
-def fitted(path, settings=SETTINGS, n=96):
-    *epochs, made = fit_maps(toy(n), toy(24, seed=1), settings, checkpoint=path)
-    return [e for e in epochs if isinstance(e, Epoch)], made
+def fitted(path):
+    *epochs, made = fit_maps(toy(96), toy(24, seed=1), SETTINGS, checkpoint=path)
+    return epochs, made
 
 
 @pytest.fixture

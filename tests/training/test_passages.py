@@ -107,21 +107,15 @@ def test_who_is_seen_for_an_eighth_of_a_dwell_counts(walk):
     assert 0.12 <= windows["share"][0] < 0.15
 
 
-LAWS = replace(
-    FEW,
-    motions=("gait", "footfalls", "angles"),
-    skins=("surface", "points", "ellipsoids", "capsules"),
-    physical_share=0.5,
-    plain_share=0.5,
-)
-
-
 def test_windows_say_what_made_them_and_how_strong_their_body_is():
-    made = [rows for k in range(24) if (rows := LAWS(k)) is not None]
+    skins = ("surface", "points", "ellipsoids", "capsules")
+    laws = replace(FEW, motions=("gait", "footfalls", "angles"), skins=skins)
+    laws = replace(laws, physical_share=0.5, plain_share=0.5)
+    made = [rows for k in range(24) if (rows := laws(k)) is not None]
     for key, n in (("motion", 3), ("skin", 4), ("is_physical", 2), ("is_plain", 2)):
         values = np.concatenate([rows[key] for rows in made])
         assert set(values.tolist()) == set(range(n))
-    np.testing.assert_equal(LAWS(7), LAWS(7))
+    np.testing.assert_equal(laws(7), laws(7))
     assert len({float(rows["level_db"][0]) for rows in made}) == len(made)
     strength_db = np.concatenate([rows["echo_db"] - rows["level_db"] for rows in made])
     label = np.concatenate([rows["label"] for rows in made])

@@ -21,11 +21,14 @@ from x2train.sets.sites import X2, draw_radar, draw_site
 from x2train.sets.window_set import ADULT_DB, known_of
 
 N_DRAWS = 1500
+ANTENNA_M = np.array([0.0, 0.0, 1.2])
+KINDS = [("human", "walk"), ("dog", "trot"), ("cat", "stalk"), ("fan", None)]
+T_S = np.linspace(0, 9, 90)
 
 
-def casts(label, use, n=N_DRAWS, seed=0):
-    rng = np.random.default_rng(seed)
-    return [draw_cast(rng, label, use) for _ in range(n)]
+def casts(label, use):
+    rng = np.random.default_rng(0)
+    return [draw_cast(rng, label, use) for _ in range(N_DRAWS)]
 
 
 @pytest.mark.parametrize("label", LABELS)
@@ -121,16 +124,14 @@ def test_unseen_rooms_are_built_otherwise():
     assert not [s for s in usual if 1.65 < s.antenna.height_m < 1.85]
 
 
-SHAPES = ((101, 40), (80, 40), (61, 24), (81, 9))
-
-
 def rng(seed=0):
     return torch.Generator().manual_seed(seed)
 
 
 def maps():
     draws = rng()
-    made = [torch.rand(64, *shape, generator=draws) for shape in SHAPES]
+    shapes = ((101, 40), (80, 40), (61, 24), (81, 9))
+    made = [torch.rand(64, *shape, generator=draws) for shape in shapes]
     # Mostly empty, like the true ones.
     return [m * (m > 0.6) for m in made]
 
@@ -145,10 +146,6 @@ def test_shapes_and_range_stay_and_what_was_given_too():
     for old, same in zip(given, before, strict=True):
         assert torch.equal(old, same)
     assert len(augmented(*given[:2], rng=rng())) == 2
-
-
-ANTENNA_M = np.array([0.0, 0.0, 1.2])
-KINDS = [("human", "walk"), ("dog", "trot"), ("cat", "stalk"), ("fan", None)]
 
 
 def actor(kind="human", style="walk", **more):
@@ -197,9 +194,6 @@ def randomization(**more):
     settings = {"gain": np.array([0.5, 1.0, 1.5]), "contrast": 1.0, "joins": False}
     settings |= {"is_constant": False, "begin_s": 0.0, "pace": 1.0, "wave": np.zeros((3, 4))}
     return DomainRandomization(Clock(), Clock.label, Clock.names, **settings | more)
-
-
-T_S = np.linspace(0, 9, 90)
 
 
 def test_constant_cross_sections_keep_their_mean():

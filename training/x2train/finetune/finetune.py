@@ -108,7 +108,7 @@ def _retrained(
     mine = [torch.from_numpy(given[name]) for name in inputs] + _hidden(
         outputs_of(bundle.onnx, given, is_first=is_first)
     )
-    human = torch.cat([torch.full((len(c.t_s),), float(c.clip.is_human)) for c in own])
+    human = torch.cat([torch.full((len(c.t_s),), float(c.clip.label == "human")) for c in own])
     optimiser = torch.optim.AdamW(net.parameters(), weight_decay=0.0)
     cycle = torch.optim.lr_scheduler.OneCycleLR(
         optimiser, _FASTEST, total_steps=1 + epochs * -(-n // _BATCH)
@@ -146,7 +146,7 @@ def _guarded_line(
     given = inputs_of(bundle, guard.columns)
     is_first = guard.is_first
     before = guard.misses(bundle, outputs_of(bundle.onnx, given, is_first=is_first))
-    people = [c for c in own if c.clip.is_human and _has_alarm(bundle, bundle.onnx, c)]
+    people = [c for c in own if c.clip.label == "human" and _has_alarm(bundle, bundle.onnx, c)]
     first = {name: value.clone() for name, value in GraphNet(bundle.onnx).state_dict().items()}
     last = {name: value.clone() for name, value in net.state_dict().items()}
     for part in _STEPS:

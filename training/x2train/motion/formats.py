@@ -85,9 +85,6 @@ def _read_npz(path: Path) -> RawMotion:
     return RawMotion(path.stem, joints, position, rate_hz)
 
 
-# ---------------------------------------------------------------- Acclaim
-
-
 @dataclass(slots=True)
 class _Bone:
     """A bone of an ASF file: its end is a joint."""
@@ -164,9 +161,6 @@ def _read_amc(text: str, bones: dict[str, _Bone], name: str, rate_hz: float) -> 
         turns.append(turn)
         place[:, k] = place[:, bone.parent] + turn.apply(bone.offset)
     return RawMotion(name, tuple(bones), place, rate_hz)
-
-
-# ---------------------------------------------------------------- glTF
 
 
 def _read_gltf(path: Path) -> Iterator[RawMotion]:

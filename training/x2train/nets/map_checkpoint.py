@@ -20,9 +20,6 @@ from radard.judge.bundle import Bundle
 from x2radar.atomic import write_whole
 
 _EVERY_S = 300.0  # of wall clock: what an interruption costs at most
-_KEYS = {"print", "epoch", "step", "total", "net", "optimizer", "order", "now", "layers"}
-"""Fingerprint of the run; epoch, from 1, steps done in it and their loss; states of network and
-optimisers; of generators: at the epoch's beginning, which orders it, now, and of layers, now."""
 
 
 def fingerprint(
@@ -87,11 +84,12 @@ class Checkpoints:
         epoch, step, total = at
         point = {
             "print": self._run,
-            "epoch": epoch,
-            "step": step,
-            "total": total,
+            "epoch": epoch,  # from 1
+            "step": step,  # steps done in it,
+            "total": total,  # and their loss
             "net": net.state_dict(),
             "optimizer": [part.state_dict() for part in optimizer],
+            # States of generators: at the epoch's beginning, which orders it; now; of layers, now.
             "order": order,
             "now": rng.get_state(),
             "layers": torch.get_rng_state(),
@@ -114,7 +112,6 @@ class Checkpoints:
         try:
             # Nothing in a file runs code.
             point: dict[str, Any] = torch.load(self._path, weights_only=True, map_location="cpu")
-            is_own = point.keys() == _KEYS and point["print"] == self._run
+            return point if point["print"] == self._run else {}
         except Exception:  # noqa: BLE001 - whatever torch raises on a file that is none, or cut
             return {}
-        return point if is_own else {}

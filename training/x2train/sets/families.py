@@ -71,6 +71,13 @@ _PEOPLE: Mapping[Use, Mapping[str, float]] = {
     "held out": {"stealth": 1.5, "crawl": 1.5, "toddler": 1.0, "carry_pet": 0.5},
 }
 """Styles of movement of people by their share: what a home sees most the more often."""
+PAIRS: Mapping[tuple[Label, Label], float] = {
+    ("human", "pet"): 0.18,
+    ("human", "other"): 0.10,
+    ("pet", "pet"): 0.08,
+    ("pet", "other"): 0.07,
+}
+"""How often somebody has company of each label, by (who, company)."""
 _THINGS = ("curtain", "fan", "robot_vacuum", "washing_machine", "door", "plant", "rain", "moth")
 
 
@@ -161,15 +168,6 @@ def draw_goer(rng: np.random.Generator, label: Label, use: Use | str) -> Family:
     raise SettingsError(f"families '{use}': no {label} goes anywhere in them, as --clear needs")
 
 
-PAIRS: Mapping[tuple[Label, Label], float] = {
-    ("human", "pet"): 0.18,
-    ("human", "other"): 0.10,
-    ("pet", "pet"): 0.08,
-    ("pet", "other"): 0.07,
-}
-"""How often somebody has company of each label, by (who, company)."""
-
-
 def draw_cast(rng: np.random.Generator, label: Label, use: Use | str) -> tuple[Family, ...]:
     """Return one or two families for a scene of a label; the first one gives the label."""
     if use.startswith(CLIPS):
@@ -193,6 +191,4 @@ def draw_cast(rng: np.random.Generator, label: Label, use: Use | str) -> tuple[F
         if point < share:
             return draw_family(rng, label, of_use), draw_family(rng, other, of_use)
         point -= share
-    if label == "other":
-        return (draw_family(rng, label, "all"),)
-    return (draw_family(rng, label, use),)
+    return (draw_family(rng, label, "all" if label == "other" else use),)

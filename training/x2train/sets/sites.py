@@ -77,15 +77,14 @@ ONE_RADAR: Mapping[str, Radar] = {"thesis": THESIS, "x4m03": X4M03, "p4xx": P4XX
 _X2_SHARE = 0.8  # the radar that the bundles are for
 _CLOSE_M = 0.7  # an arm's length from a shelf or table
 _HIGH_SHARE = 0.4  # of usual sites
-_LOW_M, _LOW_TILT_DEG = (0.4, 1.6), (-8.0, 8.0)  # mounts on furniture and at switches
+_LOW = (0.4, 1.6), (-8.0, 8.0)  # metres and degrees of mounts on furniture and at switches
+_HIGH = (1.9, 2.5), (10.0, 32.0)  # and over doors
 _CLEAR_LEVEL_DB = (0.0, 40.0)  # from barely seen to far over the noise
-_HIGH_M, _HIGH_TILT_DEG = (1.9, 2.5), (10.0, 32.0)  # mounts over doors
 
 
 def _draw_rate_hz(rng: np.random.Generator, least_hz: float = 30.0) -> float:
     """Return a frame rate: 60 or 200 Hz, the X2's usual ones, or one between, by its logarithm."""
-    rate = least_hz * (200 / least_hz) ** rng.random()
-    usual = rng.random()
+    rate, usual = least_hz * (200 / least_hz) ** rng.random(), rng.random()
     if usual < 0.5:
         return 60.0
     return 200.0 if usual < 0.65 else float(round(rate, 1))
@@ -166,11 +165,10 @@ def draw_site(rng: np.random.Generator, radar: Radar, kind: RoomKind = "usual") 
     room_rng = rng.spawn(1)[0]
     if kind == "unseen":
         return _unseen(room_rng, radar)
-    is_high = share[11] < _HIGH_SHARE
-    height_m = float(rng.uniform(*(_HIGH_M if is_high else _LOW_M)))
+    heights_m, tilts_deg = _HIGH if share[11] < _HIGH_SHARE else _LOW
     antenna = Antenna(
-        height_m=height_m,
-        tilt_deg=float(rng.uniform(*(_HIGH_TILT_DEG if is_high else _LOW_TILT_DEG))),
+        height_m=float(rng.uniform(*heights_m)),
+        tilt_deg=float(rng.uniform(*tilts_deg)),
         shape="gaussian" if share[0] < 0.75 else "isotropic",
         azimuth_width_deg=float(rng.uniform(55, 110)),
         elevation_width_deg=float(rng.uniform(55, 110)),
