@@ -18,9 +18,8 @@ from x2train.bundle.temporal_bundle import HUMAN_LIMIT
 from x2train.bundle.temporal_graph import head_of, n_parameters, with_head
 from x2train.cli import main
 from x2train.nets.bundle_answers import outputs_of
-from x2train.nets.calibration import Epoch
 from x2train.nets.graph_net import GraphNet
-from x2train.nets.temporal_head import Given, HeadSettings, HeadTrained, fit_head, logits_over
+from x2train.nets.temporal_head import Given, HeadSettings, fit_head, logits_over
 
 pytestmark = pytest.mark.integration
 
@@ -37,6 +36,10 @@ def folder(tmp_path_factory):
     small.write_set(folder / "set", small.toy(96))
     small.write_set(folder / "check", small.toy(48, seed=1))
     return folder
+
+
+def array(p):
+    return np.array([p.human, p.pet, p.other])
 
 
 def runs_of(n, length, rng):
@@ -56,8 +59,6 @@ def test_it_recalls_what_only_the_first_window_showed():
     settings = HeadSettings(n_projected=8, n_hidden=12, n_said=8, epochs=15, batch=16, dropout=0.0)
     *epochs, made = fit_head(train, other, settings)
     assert [e.number for e in epochs] == list(range(1, 16))
-    assert all(isinstance(e, Epoch) for e in epochs)
-    assert isinstance(made, HeadTrained)
     logits = logits_over(made.head, other)
     assert (logits.argmax(axis=1) == other.label).mean() > 0.95
     # Each of its parts does, so neither leans on the other.
@@ -66,9 +67,8 @@ def test_it_recalls_what_only_the_first_window_showed():
         found = part.detach().numpy().argmax(axis=2).ravel()
         assert (found == other.label).mean() > 0.9
     # And nothing of the stay before.
-    turned = Given(
-        *(each[5:] for each in (other.values, other.log_p, other.label, other.is_first))
-    )
+    columns = (other.values, other.log_p, other.label, other.is_first)
+    turned = Given(*(each[5:] for each in columns))
     np.testing.assert_array_equal(logits_over(made.head, turned), logits[5:])
 
 
@@ -120,10 +120,6 @@ def test_the_daemon_hands_on_what_the_head_wants_until_the_gate_closes(folder):
         fused = array(evidence.fuse(answer))
         np.testing.assert_allclose(fused, expected / expected.sum(), atol=1e-5)
         assert abs(fused.sum() - 1) < 1e-12
-
-
-def array(p):
-    return np.array([p.human, p.pet, p.other])
 
 
 def test_what_a_network_with_a_head_may_not_answer_or_lack(folder):
@@ -215,9 +211,8 @@ def test_it_says_the_mean_of_what_each_says(bundles):
     both = joined(bundles)
     maps = {name: small.toy(48, seed=4)[name] for name in small.NAMES}
     each = [outputs_of(b.onnx, maps).logits / b.temperature for b in bundles]
-    np.testing.assert_allclose(
-        outputs_of(both.onnx, maps).logits, np.mean(each, axis=0), atol=1e-5
-    )
+    found = outputs_of(both.onnx, maps).logits
+    np.testing.assert_allclose(found, np.mean(each, axis=0), atol=1e-5)
     assert (both.name, both.temperature, both.inputs) == ("plain", 1.0, bundles[0].inputs)
     # Three biases are one sum.
     assert n_parameters(both.onnx) == sum(n_parameters(b.onnx) for b in bundles) - 3
@@ -250,10 +245,8 @@ def test_a_head_goes_on_the_mean_and_the_card_says_of_which(folder, capsys):
     # Both were made by one command here.
     assert training["command"].startswith("train-export fit && train-export temporal --model ")
     windows = small.toy(48, seed=2)
-    window = Classifier(bundle).classify(
-        {name: small.as_float(windows[name][:1])[0] for name in small.NAMES}
-    )
-    assert np.argmax([window.human, window.pet, window.other]) == windows["label"][0]
+    first = {name: small.as_float(windows[name][0]) for name in small.NAMES}
+    assert np.argmax(array(Classifier(bundle).classify(first))) == windows["label"][0]
 
 
 def test_a_network_of_a_mean_is_heard_apart_as_well(folder, capsys):

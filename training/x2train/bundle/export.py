@@ -102,10 +102,6 @@ def joined(bundles: Sequence[Bundle]) -> Bundle:
     for each in bundles[1:]:
         if taken(each) != taken(first):
             raise UsageError(f"models '{first.name}' and '{each.name}' do not take the same maps")
-    return replace(first, onnx=_mean(bundles), temperature=1.0)
-
-
-def _mean(bundles: Sequence[Bundle]) -> bytes:
     graph = onnx.GraphProto(name="joined")
     givens, weights, biases = [], [], []
     models = [onnx.load_from_string(bundle.onnx) for bundle in bundles]
@@ -132,15 +128,16 @@ def _mean(bundles: Sequence[Bundle]) -> bytes:
         graph.input.extend(part.input if k == 0 else ())
     whole_weight = np.concatenate(weights, axis=1, dtype=np.float32)
     whole_bias = np.sum(biases, axis=0).astype(np.float32)
-    taken = ["joined_given", "joined_weight", "joined_bias"]
-    for values, name in zip((whole_weight, whole_bias), taken[1:], strict=True):
-        graph.initializer.append(numpy_helper.from_array(values, name))
-    graph.node.append(helper.make_node("Concat", givens, taken[:1], axis=1))
-    graph.node.append(helper.make_node("Gemm", taken, ["logits"], transB=1))
+    inputs = ["joined_given", "joined_weight", "joined_bias"]
+    for array, name in zip((whole_weight, whole_bias), inputs[1:], strict=True):
+        graph.initializer.append(numpy_helper.from_array(array, name))
+    graph.node.append(helper.make_node("Concat", givens, inputs[:1], axis=1))
+    graph.node.append(helper.make_node("Gemm", inputs, ["logits"], transB=1))
     batch = graph.input[0].type.tensor_type.shape.dim[0].dim_param
     shape = [batch, len(biases[0])]
     graph.output.append(helper.make_tensor_value_info("logits", TensorProto.FLOAT, shape))
-    versions = {"opset_imports": models[0].opset_import, "ir_version": models[0].ir_version}
-    whole = helper.make_model(graph, **versions)
+    whole = helper.make_model(
+        graph, opset_imports=models[0].opset_import, ir_version=models[0].ir_version
+    )
     onnx.checker.check_model(whole)
-    return bytes(whole.SerializeToString(deterministic=True))
+    return replace(first, onnx=whole.SerializeToString(deterministic=True), temperature=1.0)

@@ -22,25 +22,14 @@ WIDTHS = {
 """Channels of networks: of branches, of those with longer CPIs, hidden."""
 _BATCH = 128
 _OUT = Path("models")
+_STREAM_KEYS = ("frame_rate_hz", "bin_length_m", "carrier_hz", "bandwidth_hz")
 _STREAMS = {
-    "any": {
-        "frame_rate_hz": (14.5, 210.0),
-        "bin_length_m": (0.0034, 0.054),
-        "carrier_hz": (3.8e9, 8.0e9),
-        "bandwidth_hz": (1.3e9, 2.6e9),
-    },
-    "x2": {
-        "frame_rate_hz": (28.0, 210.0),
-        "bin_length_m": (0.0034, 0.033),
-        "carrier_hz": (6.5e9, 7.1e9),
-        "bandwidth_hz": (2.1e9, 2.5e9),
-    },
-    "x4m03": {
-        "frame_rate_hz": (38.0, 210.0),
-        "bin_length_m": (0.0064, 0.054),
-        "carrier_hz": (7.2e9, 8.9e9),
-        "bandwidth_hz": (1.3e9, 1.5e9),
-    },
+    name: dict(zip(_STREAM_KEYS, ranges, strict=True))
+    for name, *ranges in (
+        ("any", (14.5, 210.0), (0.0034, 0.054), (3.8e9, 8.0e9), (1.3e9, 2.6e9)),
+        ("x2", (28.0, 210.0), (0.0034, 0.033), (6.5e9, 7.1e9), (2.1e9, 2.5e9)),
+        ("x4m03", (38.0, 210.0), (0.0064, 0.054), (7.2e9, 8.9e9), (1.3e9, 1.5e9)),
+    )
 }
 """What bundles are for, by the radar of all the sets that they were calibrated on."""
 _RECIPE = (

@@ -25,8 +25,6 @@ from x2train.sets.window_set import Columns, check_made_for, load_windows
 Array = NDArray[np.float64]
 MAX_RISE = 0.0015  # of the guard's people: 0.2 points are wanted, and others pay more
 _MIN_WINDOWS = 500  # with fewer windows of people one more is over 0.2 points
-
-
 Misses = Mapping[str, tuple[int, int]]
 """People who raise no alarm, and all: in passages; in windows that the rule alone keeps quiet; in
 windows at which the temporal head's answer does (`fused`; 0 without one)."""
@@ -109,8 +107,7 @@ def alarms_of(
     """Yield whether each window is an alarm by the bundle's policy."""
     settings = EvidenceSettings.from_mapping(bundle.evidence)
     evidence = Evidence(settings)
-    within_s = DecisionSection().decide_within_s
-    verdict = Verdict(bundle.pet_limit, settings, within_s)
+    verdict = Verdict(bundle.pet_limit, settings, DecisionSection().decide_within_s)
     made: list[bool] = []
     p, fused_log_p = answers.p(bundle.temperature).tolist(), answers.fused_log_p()
     for k, (is_new, at_s) in enumerate(zip(is_first, t_s.tolist(), strict=True)):

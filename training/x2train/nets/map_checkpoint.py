@@ -8,6 +8,7 @@ import io
 import json
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -51,9 +52,14 @@ class Checkpoints:
         self, net: nn.Module, optimizer: Sequence[Any], rng: torch.Generator
     ) -> tuple[int, int, float]:
         """Put a training back; return epoch, steps done in it and their loss: 1, 0, 0 at first."""
-        point = self._point = self._read()
-        if not point:
+        point: Any = {}
+        # Damaged, or of another run, it is begun afresh; whatever is in it, no code is run.
+        with suppress(Exception):
+            if self._path is not None and self._path.exists():
+                point = torch.load(self._path, weights_only=True, map_location="cpu")
+        if not isinstance(point, dict) or point.get("print") != self._run:
             return 1, 0, 0.0
+        self._point = point
         net.load_state_dict(point["net"])
         for part, state in zip(optimizer, point["optimizer"], strict=True):
             part.load_state_dict(state)
@@ -104,14 +110,3 @@ class Checkpoints:
         """Remove the file: the training has ended."""
         if self._path is not None:
             self._path.unlink(missing_ok=True)
-
-    def _read(self) -> dict[str, Any]:
-        """Return the file's point; empty if there is none, or it is of another run or damaged."""
-        if self._path is None or not self._path.exists():
-            return {}
-        try:
-            # Nothing in a file runs code.
-            point: dict[str, Any] = torch.load(self._path, weights_only=True, map_location="cpu")
-            return point if point["print"] == self._run else {}
-        except Exception:  # noqa: BLE001 - whatever torch raises on a file that is none, or cut
-            return {}
