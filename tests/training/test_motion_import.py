@@ -98,6 +98,7 @@ def test_gltf_curves_are_sampled_between_their_keys(tmp_path):
         ("a.amc", AMC),
         ("a.gltf", "{"),
         ("a.gltf", '{"asset": {"version": "2.0"}, "animations": [{"channels": [{}]}]}'),
+        ("a.gltf", json.dumps(gltf([0.0], [[0, 0, 0, 1]])).replace('count": 1', 'count": 99999')),
         ("a.npz", "no archive"),
         ("a.fbx", "unknown"),
     ],

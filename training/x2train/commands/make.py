@@ -63,9 +63,9 @@ def _run(args: argparse.Namespace) -> int:
     console = result_console(stderr=True)
     for number, step in enumerate(steps, 1):
         console.print(f"[{number}/{len(steps)}] train-export {shlex.join(step)}")
-        is_needed_later = any(each[0] == _DATASET for each in steps[number:])
-        is_training = step[0] != _DATASET
-        with _sets_beside(args) if is_training and is_needed_later else nullcontext():
+        has_sets_to_come = any(each[0] == _DATASET for each in steps[number:])
+        is_idle = args.workers > 1 and step[0] != _DATASET
+        with _sets_beside(args) if is_idle and has_sets_to_come else nullcontext():
             code: int = args.train_export(step)
         if code:
             return code
@@ -75,9 +75,6 @@ def _run(args: argparse.Namespace) -> int:
 @contextmanager
 def _sets_beside(args: argparse.Namespace) -> Iterator[None]:
     """Make sets of later steps on the other cores; what it leaves undone, these steps do."""
-    if args.workers == 1:
-        yield
-        return
     share, workers = str(args.share), str(args.workers - 1)
     argv = ["make", args.name, "--sets", "--share", share, "--workers", workers]
     argv += ["--motion", str(args.motion)] if args.motion else []

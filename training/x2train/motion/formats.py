@@ -70,19 +70,14 @@ def _read(path: Path, asf: Path | None, rate_hz: float) -> Iterator[RawMotion]:
     elif suffix in {".gltf", ".glb"}:
         yield from _read_gltf(path)
     elif suffix == ".npz":
-        yield _read_npz(path)
+        with np.load(path, allow_pickle=False) as data:
+            position, own_hz = np.asarray(data["positions"], float), float(data["frame_rate_hz"])
+            names = tuple(str(name) for name in data["joints"])
+        if position.ndim != 3 or position.shape[1:] != (len(names), 3):
+            raise ValueError(f"positions of shape {position.shape} for {len(names)} joints")
+        yield RawMotion(path.stem, names, position, own_hz)
     else:
         raise ValueError(f"known are {', '.join(SUFFIXES)}")
-
-
-def _read_npz(path: Path) -> RawMotion:
-    with np.load(path, allow_pickle=False) as data:
-        position = np.asarray(data["positions"], np.float64)
-        joints = tuple(str(name) for name in data["joints"])
-        rate_hz = float(data["frame_rate_hz"])
-    if position.ndim != 3 or position.shape[1:] != (len(joints), 3):
-        raise ValueError(f"positions of shape {position.shape} for {len(joints)} joints")
-    return RawMotion(path.stem, joints, position, rate_hz)
 
 
 @dataclass(slots=True)
@@ -227,9 +222,8 @@ def _accessor(gltf: Any, k: int) -> Array:
     size = np.dtype(kind).itemsize * width
     stride = view.byteStride or size
     begin = (view.byteOffset or 0) + (accessor.byteOffset or 0)
-    rows = np.lib.stride_tricks.as_strided(
-        np.frombuffer(data, np.uint8)[begin:], (accessor.count, size), (stride, 1)
-    )
+    # Unlike as_strided it reads nothing beyond the end of a file that counts too much.
+    rows = np.ndarray((accessor.count, size), np.uint8, data, begin, (stride, 1))
     values = np.ascontiguousarray(rows).view(kind).astype(np.float64)
     if kind != "<f4":
         values = np.maximum(values / np.iinfo(np.dtype(kind)).max, -1.0)
