@@ -20,7 +20,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -167,21 +166,22 @@ def _tree(*chains: str) -> Mapping[str, str]:
         names = chain.split()
         parents.setdefault(names[0], "")
         parents |= dict(zip(names[1:], names, strict=False))
-    return MappingProxyType(parents)
+    return parents
 
 
-_PERSON = _tree(
-    "pelvis spine chest neck head head_top",
-    *(f"pelvis {s}_hip {s}_knee {s}_ankle {s}_ball {s}_toe" for s in "lr"),
-    *(f"chest {s}_shoulder {s}_elbow {s}_wrist {s}_hand" for s in "lr"),
-)
-_QUADRUPED = _tree(
-    "pelvis spine withers neck head nose",
-    "pelvis tail1 tail2 tail3",
-    *(f"withers F{s}_shoulder F{s}_elbow F{s}_carpus F{s}_paw" for s in "LR"),
-    *(f"pelvis H{s}_hip H{s}_knee H{s}_hock H{s}_paw" for s in "LR"),
-)
-KINDS: Mapping[str, Mapping[str, str]] = {"person": _PERSON, "quadruped": _QUADRUPED}
+KINDS: Mapping[str, Mapping[str, str]] = {
+    "person": _tree(
+        "pelvis spine chest neck head head_top",
+        *(f"pelvis {s}_hip {s}_knee {s}_ankle {s}_ball {s}_toe" for s in "lr"),
+        *(f"chest {s}_shoulder {s}_elbow {s}_wrist {s}_hand" for s in "lr"),
+    ),
+    "quadruped": _tree(
+        "pelvis spine withers neck head nose",
+        "pelvis tail1 tail2 tail3",
+        *(f"withers F{s}_shoulder F{s}_elbow F{s}_carpus F{s}_paw" for s in "LR"),
+        *(f"pelvis H{s}_hip H{s}_knee H{s}_hock H{s}_paw" for s in "LR"),
+    ),
+}
 """Standard joints of a kind, and the parent of each; the root's is empty."""
 
 

@@ -23,6 +23,7 @@ CLIPS = "clips:"  # begins a use that names a folder of clips: bodies of recorde
 RECORDED = "recorded"  # kind of such bodies
 Use = Literal["train", "staying", "things", "held out", "thesis", "all"]
 USES: tuple[Use, ...] = get_args(Use)
+_STAYING = {"stand", "busy", "exercise", "sit", "lie", "pant", "groom", "scratch", "play", "jump"}
 _MAX_DRAWS = 10_000  # until somebody goes
 LABELS: tuple[Label, ...] = ("human", "pet", "other")
 
@@ -49,7 +50,6 @@ class Family:
         return self.is_still or self.label == "other" or self.options.get("style") in _STAYING
 
 
-_STAYING = {"stand", "busy", "exercise", "sit", "lie", "pant", "groom", "scratch", "play", "jump"}
 _PEOPLE: Mapping[Use, Mapping[str, float]] = {
     "train": {
         "walk": 4.0,
@@ -79,8 +79,6 @@ PAIRS: Mapping[tuple[Label, Label], float] = {
 }
 """How often somebody has company of each label, by (who, company)."""
 _THINGS = ("curtain", "fan", "robot_vacuum", "washing_machine", "door", "plant", "rain", "moth")
-
-
 _TAUGHT = sorted(SPECIES.values(), key=lambda s: -sum(s.taught.values()))
 """The animals that are taught most come first: draws are by order and weight."""
 FAMILIES: tuple[Family, ...] = (
