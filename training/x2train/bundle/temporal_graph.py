@@ -50,12 +50,12 @@ def with_head(onnx_bytes: bytes, trained: HeadTrained, temperature: float) -> by
     given, values = last_layer(model).input[0], _values(trained, temperature)
     for name, array in values.items():
         graph.initializer.append(numpy_helper.from_array(array, _P + name))
-    n_hidden, logits = values["recurrence"].shape[2], graph.output[0].name
-    # The graph's own names stay; all others are the head's, and none is an input left out.
-    own = {name: name for name in (given, logits, HIDDEN, NEXT_HIDDEN, FUSED_LOGITS)}
-    own["none"] = ""
+    n_hidden = values["recurrence"].shape[2]
+    # What is not the head's own, which has the prefix; none is an input or output left out.
+    names = {name: name for name in (HIDDEN, NEXT_HIDDEN, FUSED_LOGITS)}
+    names |= {"given": given, "logits": graph.output[0].name, "none": ""}
     said: tuple[_Step, ...] = (
-        ("Mul", f"{logits} scale", "scaled", {}),
+        ("Mul", "logits scale", "scaled", {}),
         ("LogSoftmax", "scaled", "log_p", {"axis": 1}),
         ("Gemm", "log_p said_projection said_offset", "said", {}),
         ("Tanh", "said", "from_said", {}),
@@ -63,7 +63,7 @@ def with_head(onnx_bytes: bytes, trained: HeadTrained, temperature: float) -> by
     )
     has_said = "said_projection" in values
     steps: tuple[_Step, ...] = (
-        ("Gemm", f"{given} given_projection given_offset", "projected", {}),
+        ("Gemm", "given given_projection given_offset", "projected", {}),
         ("Relu", "projected", "from_given", {}),
         *(said if has_said else ()),
         ("Unsqueeze", f"{'both' if has_said else 'from_given'} axis", "step", {}),
@@ -76,8 +76,8 @@ def with_head(onnx_bytes: bytes, trained: HeadTrained, temperature: float) -> by
         ("Gemm", f"{NEXT_HIDDEN} out out_bias", FUSED_LOGITS, {}),
     )
     for operator, takes, gives, options in steps:
-        inputs = [own.get(word, _P + word) for word in takes.split()]
-        outputs = [own.get(word, _P + word) for word in gives.split()]
+        inputs = [names.get(word, _P + word) for word in takes.split()]
+        outputs = [names.get(word, _P + word) for word in gives.split()]
         graph.node.append(helper.make_node(operator, inputs, outputs, **options))
     batch = graph.input[0].type.tensor_type.shape.dim[0].dim_param
     for name, n, to in (
