@@ -23,6 +23,7 @@ _NORMS = (nn.BatchNorm1d, nn.BatchNorm2d)
 class MapFitSettings:
     """Length, rates, regularisation and augmentation of a network's training."""
 
+    # channels of a branch's convolutions, of those with longer CPIs, and behind the junction
     widths: Widths = (12, 16, 20, 20)
     long_widths: Widths = (12, 16, 20, 20)
     hidden: int = 40

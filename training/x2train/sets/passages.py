@@ -6,7 +6,6 @@ decimation too, so a passage costs what a scene requires and no more.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any, Self
 
 import numpy as np
@@ -229,7 +228,7 @@ def actor(
             options = {"near_m": near_m, "far_m": far_m, "course": course} | options
     return RandomizedActor(
         family.kind,
-        MappingProxyType(options),
+        options,
         family.name,
         plugged=family.plugged,
         antenna_m=(0.0, 0.0, site.antenna.height_m),
