@@ -19,7 +19,8 @@ from radard.judge.features import feature_shape
 from radard.judge.installation import N_INSTALLATION
 from x2train.commands.dataset import FEATURES
 from x2train.commands.fit import WIDTHS
-from x2train.nets.map_fit import MAPS, MapFitSettings, network, optimizer_of
+from x2train.nets.map_fit import MAPS, MuonAdamW
+from x2train.nets.nets import MapFitSettings, MapNet
 from x2train.sets.augment import augmented
 from x2train.sets.window_set import hidden_more
 
@@ -35,15 +36,14 @@ _N_FIRST = 3
 
 def step_of(size: str, *, is_half: bool, is_compiled: bool) -> Callable[[], None]:
     """Return what takes one step, on maps of noise."""
-    widths, long_widths, hidden = WIDTHS[size]
-    settings = MapFitSettings(widths=widths, long_widths=long_widths, hidden=hidden)
+    settings = MapFitSettings(*WIDTHS[size])
     rng = torch.Generator().manual_seed(0)
     shapes = [feature_shape(name, FEATURES) for name in MAPS]
     maps = [torch.rand(settings.batch, *shape, generator=rng) for shape in shapes]
     known = torch.rand(settings.batch, N_INSTALLATION, generator=rng)
     labels = torch.arange(settings.batch) % 3
-    net = network(tuple(shape[0] for shape in shapes), settings)
-    optimizer = optimizer_of(net, 10_000, settings)
+    net = MapNet(tuple(shape[0] for shape in shapes), settings)
+    optimizer = MuonAdamW(net, 10_000, settings)
     answer = torch.compile(net, dynamic=False) if is_compiled else net
     error = nn.CrossEntropyLoss()
 

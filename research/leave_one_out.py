@@ -25,13 +25,8 @@ from x2radar.sim.bodies.skins import SKINS
 from x2train.commands import followed
 from x2train.judge.estimates import Ranking
 from x2train.nets.calibration import Epoch
-from x2train.nets.map_fit import (
-    MapFitSettings,
-    MapTrained,
-    device_of,
-    fit_maps,
-    logits_of,
-)
+from x2train.nets.map_fit import MapTrained, device_of, fit_maps, logits_of
+from x2train.nets.nets import MapFitSettings
 from x2train.sets.window_set import Columns, load_windows
 
 _KEPT, _A_ROUND = 4, 5  # one in so many rounds is judged on alone; labels come in rounds

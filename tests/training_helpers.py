@@ -14,20 +14,16 @@ from x2train.bundle.export import exported
 from x2train.bundle.temporal_graph import GIVEN, with_given, with_head
 from x2train.bundle.writing import write_bundle
 from x2train.commands.dataset import FEATURES
+from x2train.commands.fit import stream_of
 from x2train.nets.bundle_answers import outputs_of
 from x2train.nets.map_fit import INPUTS as NAMES
-from x2train.nets.map_fit import MAPS, MapFitSettings, MapTrained, fit_maps
-from x2train.nets.temporal_head import Given, HeadSettings, HeadTrained, fit_head
+from x2train.nets.map_fit import MAPS, fit_maps
+from x2train.nets.nets import MapFitSettings
+from x2train.nets.temporal_head import Given, HeadSettings, fit_head
 from x2train.sets.shards import ShardSet
 
 _SIZE = {"widths": (4, 6, 6, 6), "long_widths": (4, 6, 6, 6), "hidden": 8}
 TINY = MapFitSettings(epochs=20, batch=16, learning_rate=1e-2, **_SIZE)
-STREAM = {
-    "frame_rate_hz": (14.5, 210.0),
-    "bin_length_m": (0.003, 0.054),
-    "carrier_hz": (3.8e9, 8.0e9),
-    "bandwidth_hz": (1.3e9, 2.6e9),
-}
 INPUTS = tuple(ModelInput(name, feature_shape(name, FEATURES), name) for name in NAMES)
 
 
@@ -38,7 +34,7 @@ def as_float(values):
 
 def write_set(folder, columns, **about):
     """Write windows as a set of one shard; returns the folder."""
-    about = {"kind": "windows", "use": "all", "settings": settings(), **about}
+    about = {"kind": "windows", "use": "all", "settings": asdict(FEATURES), **about}
     ShardSet(folder, about).write("shard-00000", columns)
     return folder
 
@@ -71,7 +67,6 @@ def toy(n=96, seed=0):
 def trained(settings=TINY, *, n=96):
     """Return a network that knows the toy windows, and its epochs."""
     *epochs, made = fit_maps(toy(n), toy(48, seed=1), settings)
-    assert isinstance(made, MapTrained)
     return made, epochs
 
 
@@ -79,11 +74,6 @@ def trained(settings=TINY, *, n=96):
 def tiny():
     """Return `trained()` once for all tests: none may change it."""
     return trained()
-
-
-def settings():
-    """Return the settings of the maps, as a set's manifest has them."""
-    return asdict(FEATURES)
 
 
 @cache
@@ -94,7 +84,7 @@ def _exported(net):
 def write_tiny(folder, network, *, name="tiny", evidence=None, metrics=None):
     """Write a bundle of toy windows."""
     own = {"name": name, "policy": "fused", "evidence": asdict(evidence or EvidenceSettings())}
-    same = {"inputs": INPUTS, "features": FEATURES, "stream": STREAM, "classes": CLASSES}
+    same = {"inputs": INPUTS, "features": FEATURES, "stream": stream_of([]), "classes": CLASSES}
     onnx, temperature = _exported(network.net), network.temperature
     bundle = Bundle(onnx=onnx, temperature=temperature, pet_limit=0.8, **own, **same)
     training = {"recipe": "a toy.", "command": "train-export fit"}
@@ -116,7 +106,6 @@ def head_for(bundle, **settings):
     size = {"n_projected": 6, "n_hidden": 5, "n_said": 8, "epochs": 20, "batch": 4, **settings}
     seen = given(bundle, toy(96)), given(bundle, toy(48, seed=1))
     *_, made = fit_head(*seen, HeadSettings(**size))
-    assert isinstance(made, HeadTrained)
     return made
 
 

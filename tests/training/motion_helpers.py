@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from x2train.motion.importing import KINDS
+from x2train.motion.clips import KINDS
 
 RATE_HZ = 60.0
 _PERSON = {

@@ -3,7 +3,7 @@
 import itertools
 import json
 import shutil
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import cache
 
 import numpy as np
@@ -16,7 +16,7 @@ from tests import training_helpers as small
 from tests.alarm_helpers import write_recording
 from tests.radar_helpers import run_radard
 from x2train.cli import main
-from x2train.finetune.guard import Guard, Misses, load_guard
+from x2train.finetune.guard import Guard, load_guard
 from x2train.finetune.own_clips import OwnClip, judge_of, labelled_clips, merged, named_clips
 from x2train.nets.bundle_answers import Answers
 
@@ -62,11 +62,6 @@ def each_bundle(each):
 @pytest.fixture(scope="module")
 def made(folder_of):
     return folder_of("summed")
-
-
-@pytest.fixture(scope="module")
-def bundle(made):
-    return load_bundle(str(made / "tiny.onnx"))
 
 
 def finetune(made, *argv):
@@ -139,9 +134,8 @@ def test_misses_count_people_alone_by_the_policy(each_bundle, policy):
         fused = sure / bundle.temperature if bundle.n_hidden else None
         found = guard.misses(bundle, Answers(sure, fused))
         n_windows = int((guard.label == 0).sum())
-        assert (found.n_windows, found.n_passages) == (n_windows, n_windows // 4)
-        assert found.windows == missed * n_windows
-        assert found.passages == missed * n_windows // 4
+        assert found["windows"] == (missed * n_windows, n_windows)
+        assert found["passages"] == (missed * n_windows // 4, n_windows // 4)
     assert set(guard.of_people().label) == {CLASSES.index("human")}
 
 
@@ -185,12 +179,12 @@ def test_clips_are_named_once_with_one_label(made):
             named_clips([text])
 
 
-def test_a_guard_that_does_not_fit_is_refused(made, bundle, tmp_path):
+def test_a_guard_that_does_not_fit_is_refused(made, tmp_path):
+    bundle = load_bundle(str(made / "tiny.onnx"))
     with pytest.raises(UsageError, match="128 windows of people; at least 500"):
         load_guard([made / "mix"], bundle)
-    small.write_set(
-        tmp_path / "other", small.toy(12), settings={**small.settings(), "dwell_s": 3.0}
-    )
+    other = {**asdict(small.FEATURES), "dwell_s": 3.0}
+    small.write_set(tmp_path / "other", small.toy(12), settings=other)
     with pytest.raises(UsageError, match="dataset --like tiny"):
         load_guard([tmp_path / "other"], bundle, least=1)
     with pytest.raises(UsageError, match="tells human, pet apart"):
@@ -224,11 +218,11 @@ def test_wrong_input_gets_one_line(made, tmp_path, argv, words, capsys):
 def test_what_hides_people_or_calms_no_pet_is_not_written(
     made, tmp_path, capsys, monkeypatch, n_missed, *, words
 ):
-    later = itertools.repeat(Misses(n_missed, 1000, 0, 250))
-    misses = itertools.chain([Misses(0, 1000, 0, 250)], later)
+    first, later = ({"windows": (n, 1000), "passages": (0, 250)} for n in (0, n_missed))
+    misses = itertools.chain([first], itertools.repeat(later))
     monkeypatch.setattr(Guard, "misses", lambda *_: next(misses))
     # Hardly trained, three dogs are three people still.
-    monkeypatch.setattr("x2train.finetune.retrain._FASTEST", 1e-9)
+    monkeypatch.setattr("x2train.finetune.finetune._FASTEST", 1e-9)
     out = ("--epochs", "1", "--out", str(tmp_path / "out"))
     assert finetune(made, *dogs(made), *out) == 2
     err = capsys.readouterr().err.splitlines()[-1]

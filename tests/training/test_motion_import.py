@@ -10,9 +10,8 @@ import yaml
 from tests.training.motion_helpers import stander, walker
 from x2radar.errors import SceneError
 from x2train.cli import main
-from x2train.motion.clips import read_clip
+from x2train.motion.clips import KINDS, JointMap, read_clip, read_map, standard_clip
 from x2train.motion.formats import read_motions
-from x2train.motion.importing import KINDS, JointMap, read_map, standard_clip
 
 ASF = (
     """\
@@ -99,6 +98,7 @@ def test_gltf_curves_are_sampled_between_their_keys(tmp_path):
         ("a.amc", AMC),
         ("a.gltf", "{"),
         ("a.gltf", '{"asset": {"version": "2.0"}, "animations": [{"channels": [{}]}]}'),
+        ("a.gltf", json.dumps(gltf([0.0], [[0, 0, 0, 1]])).replace('count": 1', 'count": 99999')),
         ("a.npz", "no archive"),
         ("a.fbx", "unknown"),
     ],
@@ -112,12 +112,8 @@ def test_what_cannot_be_read_is_one_line(tmp_path, name, text):
 
 
 def write_map(path, **changed):
-    whole = {
-        "kind": "person",
-        "scale": 0.01,
-        "up": "z",
-        "joints": {n: f"rig:{n}" for n in KINDS["person"]},
-    }
+    whole = {"kind": "person", "scale": 0.01, "up": "z"}
+    whole["joints"] = {n: f"rig:{n}" for n in KINDS["person"]}
     path.write_text(yaml.safe_dump(whole | changed))
     return path
 
@@ -139,21 +135,20 @@ def test_maps_are_whole(tmp_path, changed, words):
 
 def write_rig(path, joint_m, kind, rate_hz):
     """Write joints in centimetres, z up, a metre over the floor, by names of another program."""
-    np.savez(
-        path,
-        positions=100 * joint_m + [0, 0, 100],
-        joints=[f"rig:{n}" for n in KINDS[kind]],
-        parents=range(-1, len(KINDS[kind]) - 1),
-        frame_rate_hz=rate_hz,
-    )
+    made = {"positions": 100 * joint_m + [0, 0, 100], "frame_rate_hz": rate_hz}
+    parents = range(-1, len(KINDS[kind]) - 1)
+    np.savez(path, **made, joints=[f"rig:{n}" for n in KINDS[kind]], parents=parents)
     return path
+
+
+def import_anna(tmp_path, *words):
+    more = ["--map", str(write_map(tmp_path / "map.yaml")), "--out", str(tmp_path / "clips")]
+    return main(["motion", "import", *words, "--species", "human", "--who", "anna", *more])
 
 
 def test_a_rig_in_centimetres_at_another_rate_becomes_the_walk_it_was(tmp_path):
     write_rig(tmp_path / "a.npz", walker()[::2], "person", 30.0)
-    words = ["motion", "import", str(tmp_path / "a.npz"), "--species", "human", "--who", "anna"]
-    more = ["--map", str(write_map(tmp_path / "map.yaml")), "--out", str(tmp_path / "clips")]
-    assert main([*words, *more, "--licence", "CC0"]) == 0
+    assert import_anna(tmp_path, str(tmp_path / "a.npz"), "--licence", "CC0") == 0
     clip = read_clip(tmp_path / "clips/anna_a.npz")
     assert (clip.individual, clip.label, clip.licence) == ("anna", "human", "CC0")
     assert clip.frame_rate_hz == 60.0
@@ -168,13 +163,10 @@ def test_no_clip_takes_the_place_of_another(tmp_path, capsys):
         (tmp_path / name).mkdir()
         write_rig(tmp_path / name / "walk.npz", walker()[::2], "person", 30.0)
     first, other = (str(tmp_path / name / "walk.npz") for name in ("a", "b"))
-    more = ["--map", str(write_map(tmp_path / "map.yaml")), "--out", str(tmp_path / "clips")]
-    more += ["--species", "human", "--who", "anna"]
-    assert main(["motion", "import", first, other, *more]) == 2
+    assert import_anna(tmp_path, first, other) == 2
     assert "anna_walk.npz is there already" in capsys.readouterr().err
     assert not (tmp_path / "clips").exists()
-    assert main(["motion", "import", first, *more]) == 0
-    assert main(["motion", "import", other, *more]) == 2
+    assert [import_anna(tmp_path, path) for path in (first, other)] == [0, 2]
 
 
 def test_a_map_of_another_body_or_of_joints_that_are_not_there_is_refused(tmp_path, capsys):

@@ -18,21 +18,12 @@ pytestmark = pytest.mark.integration
 FEW = WindowSpec(seed=4, use="train", settings=FEATURES)
 
 
-def site(seed=0, **more):
-    return replace(draw_site(np.random.default_rng(seed), X2), level_db=12.0, **more)
+def site():
+    return replace(draw_site(np.random.default_rng(0), X2), level_db=12.0)
 
 
-def played(*names, seed=0, seconds=5.0, **more):
-    cast = tuple(family(name) for name in names)
-    rng = np.random.default_rng(seed)
-    return play(rng, site(), cast, duration_s=seconds, **more)
-
-
-def assert_same(a, b):
-    assert a.keys() == b.keys()
-    for key in a:
-        assert a[key].dtype == b[key].dtype
-        np.testing.assert_array_equal(a[key], b[key], err_msg=key)
+def played(name, seconds=5.0):
+    return play(np.random.default_rng(0), site(), (family(name),), duration_s=seconds)
 
 
 @pytest.fixture(scope="module")
@@ -72,22 +63,10 @@ def test_windows_have_the_shapes_of_their_maps_and_the_labels_of_their_numbers()
             assert set(rows["passage"]) == {number}
 
 
-def strong(n_slow, n_bodies, **columns):
-    full = {
-        "range_m": np.full((n_slow, n_bodies), 2.0),
-        "velocity_mps": np.full((n_slow, n_bodies), 0.5),
-        "speed_mps": np.full((n_slow, n_bodies), 1.0),
-        "snr_db": np.full((n_slow, n_bodies), 30.0),
-    }
-    return Truth(**(full | columns))
-
-
-def labelled(walk, names, snr_db):
+def seen(walk, cast, snr_db):
     """Return the windows of a passage whose frames are a walk's, whoever is said to be there."""
-    cast = tuple(family(name) for name in names)
-    levels = np.repeat(np.array([snr_db], float), len(walk.frames), axis=0)
-    truth = strong(len(walk.frames), len(cast), snr_db=levels)
-    return windows_of(Passage(walk.site, cast, walk.frames, truth), FEATURES, 7)
+    columns = (np.full(snr_db.shape, each) for each in (2.0, 0.5, 1.0))
+    return windows_of(Passage(walk.site, cast, walk.frames, Truth(*columns, snr_db)), FEATURES, 7)
 
 
 @pytest.mark.parametrize(
@@ -103,7 +82,8 @@ def labelled(walk, names, snr_db):
     ],
 )
 def test_the_label_is_that_of_the_most_alarming_body_in_sight(walk, names, snr_db, who):
-    windows = labelled(walk, names, snr_db)
+    levels = np.repeat(np.array([snr_db], float), len(walk.frames), axis=0)
+    windows = seen(walk, tuple(family(name) for name in names), levels)
     f = family(names[who])
     assert set(windows["label"]) == {LABELS.index(f.label)}
     assert {FAMILIES[k].name for k in windows["family"]} == {f.name}
@@ -116,8 +96,7 @@ def test_who_is_seen_for_an_eighth_of_a_dwell_counts(walk):
     def share_of(n):
         levels = np.full((len(walk.frames), 1), -np.inf)
         levels[-n:] = 30
-        truth = strong(len(walk.frames), 1, snr_db=levels)
-        return windows_of(Passage(walk.site, walk.cast, walk.frames, truth), FEATURES, 0)
+        return seen(walk, walk.cast, levels)
 
     dwell = 147
     ends = list(dwell_ends(DwellShape(n_slow=dwell, hop_s=1.0, frame_rate_hz=60.0), 300))
@@ -128,21 +107,15 @@ def test_who_is_seen_for_an_eighth_of_a_dwell_counts(walk):
     assert 0.12 <= windows["share"][0] < 0.15
 
 
-LAWS = replace(
-    FEW,
-    motions=("gait", "footfalls", "angles"),
-    skins=("surface", "points", "ellipsoids", "capsules"),
-    physical_share=0.5,
-    plain_share=0.5,
-)
-
-
 def test_windows_say_what_made_them_and_how_strong_their_body_is():
-    made = [rows for k in range(24) if (rows := LAWS(k)) is not None]
+    skins = ("surface", "points", "ellipsoids", "capsules")
+    laws = replace(FEW, motions=("gait", "footfalls", "angles"), skins=skins)
+    laws = replace(laws, physical_share=0.5, plain_share=0.5)
+    made = [rows for k in range(24) if (rows := laws(k)) is not None]
     for key, n in (("motion", 3), ("skin", 4), ("is_physical", 2), ("is_plain", 2)):
         values = np.concatenate([rows[key] for rows in made])
         assert set(values.tolist()) == set(range(n))
-    assert_same(dict(LAWS(7)), dict(LAWS(7)))
+    np.testing.assert_equal(laws(7), laws(7))
     assert len({float(rows["level_db"][0]) for rows in made}) == len(made)
     strength_db = np.concatenate([rows["echo_db"] - rows["level_db"] for rows in made])
     label = np.concatenate([rows["label"] for rows in made])

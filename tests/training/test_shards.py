@@ -16,6 +16,7 @@ from x2radar.errors import RecordingError
 from x2train.sets.shards import MANIFEST, ShardSet, make_shards
 from x2train.sets.workers import Crew, ElementError, GenerateError
 
+N, PER_SHARD = 53, 20
 ABOUT = {"set": "test", "rate": 60}
 ARRAYS = {"x": np.arange(12, dtype=np.float32).reshape(4, 3), "y": np.array([0, 1, 0, 1])}
 
@@ -27,10 +28,6 @@ def made(tmp_path):
     return kept
 
 
-def hidden(folder):
-    return [p.name for p in folder.iterdir() if p.name.startswith(".")]
-
-
 def test_what_is_written_is_read_by_a_later_run(made):
     later = ShardSet(made.folder, ABOUT)
     assert list(later.names()) == ["a"]
@@ -38,7 +35,7 @@ def test_what_is_written_is_read_by_a_later_run(made):
     for key, value in later.read("a").items():
         assert value.dtype == ARRAYS[key].dtype
         np.testing.assert_array_equal(value, ARRAYS[key])
-    assert not hidden(made.folder)
+    assert not list(made.folder.glob(".*"))
     # A set that was made otherwise is refused.
     with pytest.raises(UsageError, match="made otherwise \\(rate: 60, not 200\\)"):
         ShardSet(made.folder, ABOUT | {"rate": 200})
@@ -64,18 +61,17 @@ def test_a_damaged_manifest(made, text):
         ShardSet(made.folder, ABOUT)
 
 
-def full_disk(descriptor):
-    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-
 def test_a_full_disk_leaves_the_set_as_it_was(made, monkeypatch):
+    def full_disk(descriptor):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
     monkeypatch.setattr(os, "fsync", full_disk)
     with pytest.raises(RecordingError, match=r"b\.npz: cannot write: No space left"):
         made.write("b", ARRAYS)
     monkeypatch.undo()
     later = ShardSet(made.folder, ABOUT)
     assert list(later.names()) == ["a"]
-    assert not hidden(made.folder)
+    assert not list(made.folder.glob(".*"))
     later.write("b", ARRAYS)
     assert list(ShardSet(made.folder, ABOUT).names()) == ["a", "b"]
 
@@ -91,9 +87,6 @@ def test_a_shard_that_is_gone_is_due_again_and_a_half_one_not_trusted(made):
     assert list(made.names()) == []
     with pytest.raises(RecordingError, match=r"a\.npz: cannot read"):
         made.read("a")
-
-
-N, PER_SHARD = 53, 20
 
 
 def checksums(folder):

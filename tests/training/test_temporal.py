@@ -18,9 +18,8 @@ from x2train.bundle.temporal_bundle import HUMAN_LIMIT
 from x2train.bundle.temporal_graph import head_of, n_parameters, with_head
 from x2train.cli import main
 from x2train.nets.bundle_answers import outputs_of
-from x2train.nets.calibration import Epoch
 from x2train.nets.graph_net import GraphNet
-from x2train.nets.temporal_head import Given, HeadSettings, HeadTrained, fit_head, logits_over
+from x2train.nets.temporal_head import Given, HeadSettings, fit_head, logits_over
 
 pytestmark = pytest.mark.integration
 
@@ -37,6 +36,10 @@ def folder(tmp_path_factory):
     small.write_set(folder / "set", small.toy(96))
     small.write_set(folder / "check", small.toy(48, seed=1))
     return folder
+
+
+def array(p):
+    return np.array([p.human, p.pet, p.other])
 
 
 def runs_of(n, length, rng):
@@ -56,8 +59,6 @@ def test_it_recalls_what_only_the_first_window_showed():
     settings = HeadSettings(n_projected=8, n_hidden=12, n_said=8, epochs=15, batch=16, dropout=0.0)
     *epochs, made = fit_head(train, other, settings)
     assert [e.number for e in epochs] == list(range(1, 16))
-    assert all(isinstance(e, Epoch) for e in epochs)
-    assert isinstance(made, HeadTrained)
     logits = logits_over(made.head, other)
     assert (logits.argmax(axis=1) == other.label).mean() > 0.95
     # Each of its parts does, so neither leans on the other.
@@ -66,9 +67,8 @@ def test_it_recalls_what_only_the_first_window_showed():
         found = part.detach().numpy().argmax(axis=2).ravel()
         assert (found == other.label).mean() > 0.9
     # And nothing of the stay before.
-    turned = Given(
-        *(each[5:] for each in (other.values, other.log_p, other.label, other.is_first))
-    )
+    columns = (other.values, other.log_p, other.label, other.is_first)
+    turned = Given(*(each[5:] for each in columns))
     np.testing.assert_array_equal(logits_over(made.head, turned), logits[5:])
 
 
@@ -122,21 +122,13 @@ def test_the_daemon_hands_on_what_the_head_wants_until_the_gate_closes(folder):
         assert abs(fused.sum() - 1) < 1e-12
 
 
-def array(p):
-    return np.array([p.human, p.pet, p.other])
-
-
-def test_what_a_network_with_a_head_may_not_answer_or_lack(folder, tmp_path):
+def test_what_a_network_with_a_head_may_not_answer_or_lack(folder):
     bundle = load_bundle(str(folder / "tiny.onnx"))
-    maps = {
-        name: np.zeros(i.shape, np.float32)
-        for name, i in zip(small.NAMES, small.INPUTS, strict=True)
-    }
+    maps = {i.name: np.zeros(i.shape, np.float32) for i in small.INPUTS}
     hidden = np.full(bundle.n_hidden, np.nan, np.float32)
     with pytest.raises(ModelMismatch, match="answered"):
         Classifier(bundle).answer(maps, hidden)
     # The outputs that its sidecar promises are there.
-    bundle = load_bundle(str(folder / "tiny.onnx"))
     model = onnx.load_from_string(bundle.onnx)
     del model.graph.output[2]
     with pytest.raises(ModelMismatch, match="does not give next_hidden"):
@@ -167,10 +159,10 @@ def test_torch_computes_the_graph_with_its_head(folder):
     np.testing.assert_allclose(made[1], first.fused, atol=1e-4)
 
 
-def temporal(folder, *argv, model="plain"):
-    sets = ["--train", str(folder / "set"), "--validate", str(folder / "check")]
-    path = str(folder / f"{model}.onnx") if model in {"plain", "tiny"} else model
-    return main(["temporal", "--model", path, *sets, "--epochs", "2", *argv])
+def temporal(folder, *argv, models=("plain",), on="set"):
+    sets = ["--train", str(folder / on), "--validate", str(folder / "check")]
+    paths = [str(folder / f"{m}.onnx") if m in {"plain", "tiny", "two"} else m for m in models]
+    return main(["temporal", "--model", *paths, *sets, "--epochs", "2", *argv])
 
 
 def test_the_command_writes_a_bundle_that_the_daemon_takes(folder, tmp_path, capsys):
@@ -205,7 +197,7 @@ def test_the_command_writes_a_bundle_that_the_daemon_takes(folder, tmp_path, cap
     ],
 )
 def test_what_cannot_be_is_one_line(folder, model, argv, words, capsys):
-    assert temporal(folder, "--out", str(folder / "none"), *argv, model=model) in {2, 66}
+    assert temporal(folder, "--out", str(folder / "none"), *argv, models=[model]) in {2, 66}
     assert words in small.one_line(capsys)
     assert not (folder / "none").exists()
 
@@ -219,9 +211,8 @@ def test_it_says_the_mean_of_what_each_says(bundles):
     both = joined(bundles)
     maps = {name: small.toy(48, seed=4)[name] for name in small.NAMES}
     each = [outputs_of(b.onnx, maps).logits / b.temperature for b in bundles]
-    np.testing.assert_allclose(
-        outputs_of(both.onnx, maps).logits, np.mean(each, axis=0), atol=1e-5
-    )
+    found = outputs_of(both.onnx, maps).logits
+    np.testing.assert_allclose(found, np.mean(each, axis=0), atol=1e-5)
     assert (both.name, both.temperature, both.inputs) == ("plain", 1.0, bundles[0].inputs)
     # Three biases are one sum.
     assert n_parameters(both.onnx) == sum(n_parameters(b.onnx) for b in bundles) - 3
@@ -241,12 +232,9 @@ def test_what_cannot_be_joined_is_refused(bundles, folder):
 
 
 def test_a_head_goes_on_the_mean_and_the_card_says_of_which(folder, capsys):
-    models = [str(folder / f"{name}.onnx") for name in ("plain", "two")]
-    sets = ["--train", str(folder / "check"), "--validate", str(folder / "check")]
-    argv = ["temporal", *sets, "--name", "both", "--out", str(folder), "--size", "fast"]
-    argv += ["--epochs", "1", "--prior", "-1", "--human-limit", "0.7", "--leaning", "0.6"]
-    argv += ["--brief", "2", "--model", *models]
-    assert main(argv) == 0
+    argv = ["--name", "both", "--out", str(folder), "--size", "fast", "--prior", "-1"]
+    argv += ["--human-limit", "0.7", "--leaning", "0.6", "--brief", "2"]
+    assert temporal(folder, *argv, models=("plain", "two"), on="check") == 0
     assert f"wrote {folder / 'both'}.onnx, .json and .md" in capsys.readouterr().out
     bundle = load_bundle(str(folder / "both.onnx"))
     waits = {"human_limit": 0.7, "leaning": 0.6, "brief_s": 2.0}
@@ -257,22 +245,18 @@ def test_a_head_goes_on_the_mean_and_the_card_says_of_which(folder, capsys):
     # Both were made by one command here.
     assert training["command"].startswith("train-export fit && train-export temporal --model ")
     windows = small.toy(48, seed=2)
-    window = Classifier(bundle).classify(
-        {name: small.as_float(windows[name][:1])[0] for name in small.NAMES}
-    )
-    assert np.argmax([window.human, window.pet, window.other]) == windows["label"][0]
-    assert main([*argv, str(folder / "none.onnx")]) == 66
-    assert small.one_line(capsys)
+    first = {name: small.as_float(windows[name][0]) for name in small.NAMES}
+    assert np.argmax(array(Classifier(bundle).classify(first))) == windows["label"][0]
 
 
 def test_a_network_of_a_mean_is_heard_apart_as_well(folder, capsys):
-    models = [str(folder / f"{name}.onnx") for name in ("plain", "two")]
-    sets = ["--train", str(folder / "check"), "--validate", str(folder / "check")]
-    argv = ["temporal", *sets, "--out", str(folder), "--size", "fast", "--epochs", "1"]
-    argv += ["--model", *models]
-    assert main([*argv, "--name", "mean"]) == 0
-    apart = [*argv, "--name", "apart", "--start", str(folder / "mean.onnx"), "--apart"]
-    assert main([*apart, models[1]]) == 0
+    def made(name, *more):
+        argv = ("--out", str(folder), "--size", "fast", "--name", name, *more)
+        return temporal(folder, *argv, models=("plain", "two"), on="check")
+
+    assert made("mean") == 0
+    start = ("--start", str(folder / "mean.onnx"), "--apart")
+    assert made("apart", *start, str(folder / "two.onnx")) == 0
     before, after = (load_bundle(str(folder / f"{name}.onnx")) for name in ("mean", "apart"))
     assert (before.n_hidden, after.n_hidden) == (20, 40)
     # What was there before is a part of it, and has learned nothing.
@@ -281,10 +265,10 @@ def test_a_network_of_a_mean_is_heard_apart_as_well(folder, capsys):
     np.testing.assert_allclose(hidden[1][:, :20], hidden[0], atol=1e-6)
     assert np.ptp(hidden[1][:, 20:]) > 0.01
     capsys.readouterr()
-    assert main([*apart, "nope"]) == 2
+    assert made("none", *start, "nope") == 2
     assert small.one_line(capsys) == "train-export: --apart nope: it is none of --model"
     # A head with such parts is the end of the line.
-    assert main([*argv, "--name", "none", "--start", str(folder / "apart.onnx")]) == 2
+    assert made("none", "--start", str(folder / "apart.onnx")) == 2
 
 
 def test_what_parts_count_is_one_together():

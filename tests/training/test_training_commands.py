@@ -15,6 +15,14 @@ from x2train.sets.shards import read_all
 pytestmark = pytest.mark.integration
 
 SETTINGS = {"dwell_s": 2.0, "n_cpi": 0}
+SPOILT = {
+    "holds no windows but 'passages'": {"kind": "passages"},
+    "other settings": {"settings": {"dwell_s": 3.0}},
+    "holds no window": {"columns": {}},
+    "people and others": {"columns": toy(12) | {"label": np.ones(12, np.int64)}},
+    "no set of shards here": None,
+}
+"""What is said of sets to validate on, by what they hold."""
 
 
 @pytest.fixture(scope="module")
@@ -99,18 +107,6 @@ def test_wrong_numbers_and_names_are_refused(argv, words, tmp_path, capsys):
     assert words in one_line(capsys)
     assert code in {2, 66, 78}
     assert not (tmp_path / "out").exists()
-
-
-SPOILT = {
-    "holds no windows but 'passages'": {"kind": "passages"},
-    "other settings": {"settings": {"dwell_s": 3.0}},
-    "holds no window": {"columns": {}},
-    "windows without label": {"columns": {k: v for k, v in toy(12).items() if k != "label"}},
-    "people and others": {"columns": toy(12) | {"label": np.ones(12, np.int64)}},
-    "no set of shards here": None,
-}
-
-"""What is said of sets to validate on, by what they hold."""
 
 
 @pytest.mark.parametrize("words", SPOILT)

@@ -10,6 +10,7 @@ import logging
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -92,39 +93,25 @@ def to_onnx(net: torch.nn.Module, inputs: tuple[ModelInput, ...]) -> bytes:
     return bytes(model.SerializeToString(deterministic=True))
 
 
-Array = NDArray[np.float64]
-_GIVEN, _OUT = "joined_given", ("joined_weight", "joined_bias")
-_WEIGHT_AND_BIAS = 3  # inputs of a linear layer: what it is given, and these
-
-
 def joined(bundles: Sequence[Bundle]) -> Bundle:
     """Return a bundle that says the mean of several; UsageError if they do not fit."""
     first = bundles[0]
     if len(bundles) == 1:
         return first
+    taken = attrgetter("inputs", "features", "classes")
     for each in bundles[1:]:
-        if (each.inputs, each.features, each.classes) != (
-            first.inputs,
-            first.features,
-            first.classes,
-        ):
+        if taken(each) != taken(first):
             raise UsageError(f"models '{first.name}' and '{each.name}' do not take the same maps")
-    return replace(first, onnx=_mean(bundles), temperature=1.0)
-
-
-def _mean(bundles: Sequence[Bundle]) -> bytes:
     graph = onnx.GraphProto(name="joined")
-    givens: list[str] = []
-    weights: list[Array] = []
-    biases: list[Array] = []
+    givens, weights, biases = [], [], []
     models = [onnx.load_from_string(bundle.onnx) for bundle in bundles]
     for k, (bundle, model) in enumerate(zip(bundles, models, strict=True)):
         check_headless(model)
         layer = last_layer(model)
-        if len(layer.input) != _WEIGHT_AND_BIAS:
+        given, *names = layer.input
+        if len(names) != 2:
             msg = f"model '{bundle.name}': its last layer has no bias; it cannot be joined"
             raise UsageError(msg)
-        given, *names = layer.input
         values = {each.name: numpy_helper.to_array(each) for each in model.graph.initializer}
         share = 1.0 / (len(bundles) * bundle.temperature)
         weight, bias = (share * values[name].astype(np.float64) for name in names)
@@ -139,18 +126,13 @@ def _mean(bundles: Sequence[Bundle]) -> bytes:
         graph.node.extend(part.node)
         graph.initializer.extend(each for each in part.initializer if each.name not in used)
         graph.input.extend(part.input if k == 0 else ())
-    graph.initializer.extend(
-        (
-            numpy_helper.from_array(np.concatenate(weights, axis=1, dtype=np.float32), _OUT[0]),
-            numpy_helper.from_array(np.sum(biases, axis=0).astype(np.float32), _OUT[1]),
-        )
-    )
-    graph.node.extend(
-        (
-            helper.make_node("Concat", givens, [_GIVEN], axis=1),
-            helper.make_node("Gemm", [_GIVEN, *_OUT], ["logits"], transB=1),
-        )
-    )
+    whole_weight = np.concatenate(weights, axis=1, dtype=np.float32)
+    whole_bias = np.sum(biases, axis=0).astype(np.float32)
+    inputs = ["joined_given", "joined_weight", "joined_bias"]
+    for array, name in zip((whole_weight, whole_bias), inputs[1:], strict=True):
+        graph.initializer.append(numpy_helper.from_array(array, name))
+    graph.node.append(helper.make_node("Concat", givens, inputs[:1], axis=1))
+    graph.node.append(helper.make_node("Gemm", inputs, ["logits"], transB=1))
     batch = graph.input[0].type.tensor_type.shape.dim[0].dim_param
     shape = [batch, len(biases[0])]
     graph.output.append(helper.make_tensor_value_info("logits", TensorProto.FLOAT, shape))
@@ -158,4 +140,4 @@ def _mean(bundles: Sequence[Bundle]) -> bytes:
         graph, opset_imports=models[0].opset_import, ir_version=models[0].ir_version
     )
     onnx.checker.check_model(whole)
-    return bytes(whole.SerializeToString(deterministic=True))
+    return replace(first, onnx=whole.SerializeToString(deterministic=True), temperature=1.0)

@@ -14,7 +14,6 @@ from x2train.judge.verdicts import PET_LIMIT
 from x2train.nets.bundle_answers import Answers
 from x2train.nets.calibration import first_windows, fit_evidence, fused, log_loss
 from x2train.nets.map_fit import Arrays, MapTrained, logits_of
-from x2train.nets.nets import n_parameters
 
 TRUST = 2 / 3
 """Share of the discount that fits families of training with which a bundle is shipped. A twin
@@ -70,7 +69,7 @@ def map_metrics(
     is_first = first_windows(validation)
     evidence = fit_evidence(p, is_first, is_human, EvidenceSettings())
     metrics = {
-        "parameters": float(n_parameters(trained.net)),
+        "parameters": float(sum(p.numel() for p in trained.net.parameters())),
         **window_metrics(p, label),
         "log loss, fused": log_loss(fused(p, is_first, evidence), is_human),
     }

@@ -2,9 +2,7 @@
 
 import shlex
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 
 _MIN_PASSAGES = 12
 _HELD_OUT = "'held out'"
@@ -15,65 +13,57 @@ _ANY_BODIES = (
     "--plain 0.7"
 )
 _BODIES = f"--families all {_ANY_BODIES}"
+_CLEAR = f"{_BODIES} --clear 0.7 --physical 0.4 --longest 7"
+_ROOMS = f"{_BODIES} --clear 0.2 --physical 0.7 --longest 7"
+_CHECK = f"{_BODIES} --clear 0.5 --physical 0.5"
 _ODD = f"{_ANY_BODIES} --clear 0.5 --physical 0.7 {_LONG}"  # what alarms were wrong of
 _X2_CLEAR = (
     "--families all --motion footfalls angles --skin points ellipsoids --radar x2 --clear 1 "
     "--plain 1 --longest 6"
 )
 """What transfers best to recorded motion (docs/research/evaluation-tried.md)."""
-_MOTION = "MOTION"  # stands for the folder that `make --motion` names
+MOTION = "MOTION"  # stands for the folder that `make --motion` names
 _CLIPS = (
-    f"--clips {_MOTION} --skin points ellipsoids capsules surface points ellipsoids --clear 0.7 "
+    f"--clips {MOTION} --skin points ellipsoids capsules surface points ellipsoids --clear 0.7 "
     "--plain 0.7 --physical 0.4"
 )
-_SETS: Mapping[str, tuple[int, str]] = MappingProxyType(
-    {
-        "x2clear": (26_000, f"{_X2_CLEAR} --seed 506"),
-        "clear": (22_000, f"{_BODIES} --clear 0.7 --physical 0.4 --longest 7 --seed 502"),
-        "x2sizes": (8_000, f"{_X2_CLEAR} --physical 0.3 --seed 505"),
-        "rooms": (12_000, f"{_BODIES} --clear 0.2 --physical 0.7 --longest 7 --seed 504"),
-        "x2more": (84_000, f"{_X2_CLEAR} --seed 606"),
-        "more": (76_000, f"{_BODIES} --clear 0.7 --physical 0.4 --longest 7 --seed 607"),
-        "check": (1_500, f"{_BODIES} --clear 0.5 --physical 0.5 --longest 7 --seed 503"),
-        "longall": (3_000, f"{_BODIES} --clear 0.5 --physical 0.5 {_LONG} --seed 508"),
-        "longallcheck": (600, f"{_BODIES} --clear 0.5 --physical 0.5 {_LONG} --seed 509"),
-        "clips": (30_000, f"{_CLIPS} --longest 7 --seed 711"),
-        "clipslong": (2_000, f"{_CLIPS} {_LONG} --seed 712"),
-        "clipvisits": (8_000, f"{_CLIPS} {_LONG} --seed 812"),
-        "visits": (8_000, f"{_BODIES} --clear 0.5 --physical 0.5 {_LONG} --seed 808"),
-        "heldvisits": (3_000, f"--families {_HELD_OUT} {_ODD} --seed 820"),
-        "things": (1_500, f"--families things {_ODD} --seed 822"),
-        "clipvisits2": (4_000, f"{_CLIPS} --physical 0.5 --slow 0.3 {_LONG} --seed 852"),
-        "visits2": (5_000, f"{_BODIES} --clear 0.5 --physical 0.6 {_LONG} --seed 853"),
-        "heldvisits2": (2_500, f"--families {_HELD_OUT} {_ODD} --seed 854"),
-        "things2": (800, f"--families things {_ODD} --seed 855"),
-        "clipscheck": (800, f"{_CLIPS} --longest 7 --seed 713"),
-        "x2near": (6_000, f"{_X2_CLEAR} --physical 0.3 --seed 714"),
-        "anyclear": (10_000, f"{_BODIES} --clear 0.7 --physical 0.4 --longest 7 --seed 715"),
-        "x4clips": (12_000, f"{_X4M03} {_CLIPS} --longest 7 --seed 741"),
-        "x4clipscheck": (600, f"{_X4M03} {_CLIPS} --longest 7 --seed 743"),
-        "x4anycheck": (
-            800,
-            f"{_X4M03} {_BODIES} --clear 0.5 --physical 0.5 --longest 7 --seed 744",
-        ),
-        "x4any": (6_000, f"{_X4M03} {_BODIES} --clear 0.7 --physical 0.4 --longest 7 --seed 745"),
-        "x4rooms": (
-            3_000,
-            f"{_X4M03} {_BODIES} --clear 0.2 --physical 0.7 --longest 7 --seed 746",
-        ),
-        "x4clipvisits": (2_000, f"{_X4M03} {_CLIPS} {_LONG} --seed 747"),
-        "x4visits": (
-            2_000,
-            f"{_X4M03} {_BODIES} --clear 0.5 --physical 0.5 {_LONG} --seed 748",
-        ),
-        "x4heldvisits": (800, f"{_X4M03} --families {_HELD_OUT} {_ODD} --seed 749"),
-        "x4things": (400, f"{_X4M03} --families things {_ODD} --seed 750"),
-        "clipsslow": (10_000, f"{_CLIPS} --slow 1 --longest 7 --seed 731"),
-        "clips2": (6_000, f"{_CLIPS} --longest 7 --seed 732"),
-        "anyclear2": (6_000, f"{_BODIES} --clear 0.7 --physical 0.4 --longest 7 --seed 733"),
-        "anyrooms": (5_000, f"{_BODIES} --clear 0.2 --physical 0.7 --longest 7 --seed 716"),
-    }
-)
+_SETS: Mapping[str, tuple[int, str]] = {
+    "x2clear": (26_000, f"{_X2_CLEAR} --seed 506"),
+    "clear": (22_000, f"{_CLEAR} --seed 502"),
+    "x2sizes": (8_000, f"{_X2_CLEAR} --physical 0.3 --seed 505"),
+    "rooms": (12_000, f"{_ROOMS} --seed 504"),
+    "x2more": (84_000, f"{_X2_CLEAR} --seed 606"),
+    "more": (76_000, f"{_CLEAR} --seed 607"),
+    "check": (1_500, f"{_CHECK} --longest 7 --seed 503"),
+    "longall": (3_000, f"{_CHECK} {_LONG} --seed 508"),
+    "longallcheck": (600, f"{_CHECK} {_LONG} --seed 509"),
+    "clips": (30_000, f"{_CLIPS} --longest 7 --seed 711"),
+    "clipslong": (2_000, f"{_CLIPS} {_LONG} --seed 712"),
+    "clipvisits": (8_000, f"{_CLIPS} {_LONG} --seed 812"),
+    "visits": (8_000, f"{_CHECK} {_LONG} --seed 808"),
+    "heldvisits": (3_000, f"--families {_HELD_OUT} {_ODD} --seed 820"),
+    "things": (1_500, f"--families things {_ODD} --seed 822"),
+    "clipvisits2": (4_000, f"{_CLIPS} --physical 0.5 --slow 0.3 {_LONG} --seed 852"),
+    "visits2": (5_000, f"{_BODIES} --clear 0.5 --physical 0.6 {_LONG} --seed 853"),
+    "heldvisits2": (2_500, f"--families {_HELD_OUT} {_ODD} --seed 854"),
+    "things2": (800, f"--families things {_ODD} --seed 855"),
+    "clipscheck": (800, f"{_CLIPS} --longest 7 --seed 713"),
+    "x2near": (6_000, f"{_X2_CLEAR} --physical 0.3 --seed 714"),
+    "anyclear": (10_000, f"{_CLEAR} --seed 715"),
+    "x4clips": (12_000, f"{_X4M03} {_CLIPS} --longest 7 --seed 741"),
+    "x4clipscheck": (600, f"{_X4M03} {_CLIPS} --longest 7 --seed 743"),
+    "x4anycheck": (800, f"{_X4M03} {_CHECK} --longest 7 --seed 744"),
+    "x4any": (6_000, f"{_X4M03} {_CLEAR} --seed 745"),
+    "x4rooms": (3_000, f"{_X4M03} {_ROOMS} --seed 746"),
+    "x4clipvisits": (2_000, f"{_X4M03} {_CLIPS} {_LONG} --seed 747"),
+    "x4visits": (2_000, f"{_X4M03} {_CHECK} {_LONG} --seed 748"),
+    "x4heldvisits": (800, f"{_X4M03} --families {_HELD_OUT} {_ODD} --seed 749"),
+    "x4things": (400, f"{_X4M03} --families things {_ODD} --seed 750"),
+    "clipsslow": (10_000, f"{_CLIPS} --slow 1 --longest 7 --seed 731"),
+    "clips2": (6_000, f"{_CLIPS} --longest 7 --seed 732"),
+    "anyclear2": (6_000, f"{_CLEAR} --seed 733"),
+    "anyrooms": (5_000, f"{_ROOMS} --seed 716"),
+}
 """Passages, and whatever else `train-export dataset` is told, by the set's folder."""
 _FOUR = "sets/x2clear sets/clear sets/x2sizes sets/rooms"
 _ALL = f"--train {_FOUR} --validate sets/check"
@@ -99,27 +89,7 @@ _FOUR_PARTS = "recorded-few recorded-large recorded-accurate generated-accurate"
 _GO_ON = f" --start {_PARTS}/recorded-visits.onnx"
 _APART = f" --apart {_PARTS}/recorded-few.onnx {_PARTS}/generated-accurate.onnx"
 _WAITS = " --leaning 0.6 --brief 2"
-_FAST = ("--half",)  # pays on a whole set alone
-_SMALL_SHARE = 0.05  # to try it; an epoch is shorter than the compiler's work
-
-
-@dataclass(frozen=True, slots=True)
-class Recipe:
-    """How a bundle is made: commands of `train-export` behind its sets, as its card has them."""
-
-    commands: tuple[str, ...]
-
-    @property
-    def command(self) -> str:
-        """As the sidecar has it."""
-        return " && ".join(self.commands)
-
-    @property
-    def needs_motion(self) -> bool:
-        """Whether bodies of its sets move as clips do."""
-        return any(
-            f"sets/{name}" in self.command for name, (_, how) in _SETS.items() if _MOTION in how
-        )
+_SMALL_SHARE = 0.05  # of the passages, to try it: --half pays on whole sets alone
 
 
 def _generated(size: str, fit: str, sets: str = _ALL) -> str:
@@ -151,75 +121,60 @@ def _visits(
 _ON_VISITS = f"{_visits('recorded-visits', _FOUR_PARTS, '', _MORE_LONG, 'accurate')} {_IN_PARTS}"
 
 
-def _on_recordings(size: str, epochs: int, lean: str) -> Recipe:
-    return Recipe(
-        (
-            _generated(size, f"--epochs {epochs}"),
-            _recorded(size, size, 14, size),
-            _visits(size, f"recorded-{size}", lean),
-        )
+def _on_recordings(size: str, epochs: int, lean: str) -> tuple[str, ...]:
+    return (
+        _generated(size, f"--epochs {epochs}"),
+        _recorded(size, size, 14, size),
+        _visits(size, f"recorded-{size}", lean),
     )
 
 
-RECIPES: Mapping[str, Recipe] = MappingProxyType(
-    {
-        "accurate": Recipe(
-            (
-                _generated("accurate", "--epochs 4", _MILLION),
-                _recorded("few", "accurate", 4, "accurate"),
-                _recorded("large", "large", 4),
-                _recorded("accurate", "accurate", 14, "accurate"),
-                _ON_VISITS,
-                _visits("accurate", _FOUR_PARTS, f" --prior 0.15{_WAITS}", _MOST_LONG)
-                + _GO_ON
-                + _APART,
-            )
-        ),
-        "balanced": _on_recordings("balanced", 8, " --prior 0.4 --brief 2"),
-        "fast": _on_recordings("fast", 6, " --prior 0.4 --brief 2"),
-        "generated": Recipe(
-            (
-                f"train-export fit {_MILLION} --name generated --size accurate --epochs 4 "
-                "--seed 0 --half",
-                f"train-export temporal --model models/generated.onnx {_LONG_SETS} "
-                "--size accurate --prior 0.3 --leaning 0.6 --brief 2 --epochs 6 --seed 0",
-            )
-        ),
-        "x4m03": Recipe(
-            (
-                _generated("accurate", "--epochs 4", _MILLION),
-                _recorded("accurate", "accurate", 14, "accurate"),
-                f"train-export fit {_X4} --name x4recorded --size accurate --epochs 4 --seed 0 "
-                f"--half --start {_PARTS}/recorded-accurate.onnx {_IN_PARTS}",
-                _recorded("few", "accurate", 4, "accurate"),
-                _recorded("large", "large", 4),
-                f"train-export fit {_MORE} --name recorded-larger --size large --epochs 2 "
-                f"--seed 0 --half --start {_PARTS}/recorded-large.onnx --stream any {_IN_PARTS}",
-                _ON_VISITS,
-                _visits(
-                    "x4m03",
-                    "x4recorded recorded-few recorded-larger recorded-accurate generated-accurate",
-                    f" --prior 0.4{_WAITS}",
-                    _X4_LONG,
-                    "accurate",
-                )
-                + _GO_ON,
-            )
-        ),
-        "thesis": Recipe(
-            (
-                "train-export thesis --pretrain 12,3 --output-epochs 9 --epochs 200 "
-                "--bundle models/thesis",
-            )
-        ),
-    }
-)
-"""By name of the bundle."""
+RECIPES: Mapping[str, tuple[str, ...]] = {
+    "accurate": (
+        _generated("accurate", "--epochs 4", _MILLION),
+        _recorded("few", "accurate", 4, "accurate"),
+        _recorded("large", "large", 4),
+        _recorded("accurate", "accurate", 14, "accurate"),
+        _ON_VISITS,
+        _visits("accurate", _FOUR_PARTS, f" --prior 0.15{_WAITS}", _MOST_LONG) + _GO_ON + _APART,
+    ),
+    "balanced": _on_recordings("balanced", 8, " --prior 0.4 --brief 2"),
+    "fast": _on_recordings("fast", 6, " --prior 0.4 --brief 2"),
+    "generated": (
+        f"train-export fit {_MILLION} --name generated --size accurate --epochs 4 --seed 0 --half",
+        f"train-export temporal --model models/generated.onnx {_LONG_SETS} "
+        "--size accurate --prior 0.3 --leaning 0.6 --brief 2 --epochs 6 --seed 0",
+    ),
+    "x4m03": (
+        _generated("accurate", "--epochs 4", _MILLION),
+        _recorded("accurate", "accurate", 14, "accurate"),
+        f"train-export fit {_X4} --name x4recorded --size accurate --epochs 4 --seed 0 "
+        f"--half --start {_PARTS}/recorded-accurate.onnx {_IN_PARTS}",
+        _recorded("few", "accurate", 4, "accurate"),
+        _recorded("large", "large", 4),
+        f"train-export fit {_MORE} --name recorded-larger --size large --epochs 2 "
+        f"--seed 0 --half --start {_PARTS}/recorded-large.onnx --stream any {_IN_PARTS}",
+        _ON_VISITS,
+        _visits(
+            "x4m03",
+            "x4recorded recorded-few recorded-larger recorded-accurate generated-accurate",
+            f" --prior 0.4{_WAITS}",
+            _X4_LONG,
+            "accurate",
+        )
+        + _GO_ON,
+    ),
+    "thesis": (
+        "train-export thesis --pretrain 12,3 --output-epochs 9 --epochs 200 "
+        "--bundle models/thesis",
+    ),
+}
+"""Commands of `train-export` behind the sets, as the card has them, by name of the bundle."""
 
 
 def recipe_of(command: str) -> str | None:
     """Return the name of the recipe that runs a card's command; None if none does."""
-    names = (name for name, recipe in RECIPES.items() if recipe.command == command)
+    names = (name for name, commands in RECIPES.items() if " && ".join(commands) == command)
     return next(names, None)
 
 
@@ -234,30 +189,24 @@ def arguments(
     """Return the arguments of every command of a recipe; a `share` below 1 is a trial."""
     folder = "sets" if share == 1 else f"sets-{share:g}"
     made: dict[str, list[str]] = {}
-    for command in RECIPES[name].commands:
+    for command in RECIPES[name]:
         words = []
         for word in shlex.split(command)[1:]:
             top, _, rest = word.partition("/")
             if top == "sets":
-                step = _dataset(rest, f"{folder}/{rest}", share, workers)
-                made.setdefault(
-                    rest, [str(motion or _MOTION) if w == _MOTION else w for w in step]
-                )
                 words.append(f"{folder}/{rest}")
+                passages, more = _SETS[rest]
+                step = ["dataset", "--out", words[-1], *shlex.split(more)]
+                step += ["--passages", str(max(_MIN_PASSAGES, round(share * passages)))]
+                step += ["--workers", str(workers)]
+                made[rest] = [str(motion or MOTION) if w == MOTION else w for w in step]
             else:
                 words.append(str(models / rest) if top == "models" and rest else word)
         if share < _SMALL_SHARE:
-            words = [word for word in words if word not in _FAST]
+            words = [word for word in words if word != "--half"]
         if words[0] == "thesis":
             words += ["--workers", str(workers), "--share", f"{share:g}"]
         elif models != Path("models") and "--out" not in words:
             words += ["--out", str(models)]
         made[command] = words
     return list(made.values())
-
-
-def _dataset(name: str, folder: str, share: float, workers: int) -> list[str]:
-    passages, more = _SETS[name]
-    number = max(_MIN_PASSAGES, round(share * passages))
-    size = ["--passages", str(number), "--workers", str(workers)]
-    return ["dataset", "--out", folder, *shlex.split(more), *size]

@@ -47,8 +47,7 @@ class Sets:
 def given_of_sets(bundle: Bundle, folders: Sequence[Path]) -> tuple[Sets, list[Mapping[str, Any]]]:
     """Return what a bundle's last layer is given of sets, and what each was made from."""
     network = with_given(bundle.onnx)
-    made: list[Given] = []
-    logits: list[NDArray[np.float64]] = []
+    made, logits = [], []
     abouts: list[Mapping[str, Any]] = []
     sample: Columns = {}
     for folder in folders:
@@ -89,7 +88,14 @@ def write_temporal(
     onnx = with_head(base.onnx, trained, base.temperature)
     given = validation.given
     fused = logits_over(trained.head, given) / trained.temperature
-    difference = _difference(base, onnx, validation, fused)
+    n = len(validation.sample["label"])
+    inputs = inputs_of(base, validation.sample)
+    made = outputs_of(onnx, inputs, is_first=given.is_first[:n])
+    assert made.fused is not None  # noqa: S101 - the network has a head
+    difference = checked(float(np.abs(made.fused - fused[:n]).max()))
+    off = float(np.abs(made.logits - validation.logits[:n]).max())
+    if not off <= _SAME:
+        raise RadardError(f"with a head single windows differ by {off:.2g} from what they were")
     is_human = given.label == 0
     p = Answers(validation.logits).p(base.temperature)
     best = fit_evidence(p, given.is_first, is_human, EvidenceSettings())
@@ -103,14 +109,8 @@ def write_temporal(
         }
     )
     known = _known(models)
-    bundle = replace(
-        base,
-        name=name,
-        onnx=onnx,
-        policy="fused",
-        evidence=evidence,
-        n_hidden=trained.head.n_hidden,
-    )
+    changed: dict[str, Any] = {"policy": "fused", "n_hidden": trained.head.n_hidden}
+    bundle = replace(base, name=name, onnx=onnx, evidence=evidence, **changed)
     training = {
         **known,
         "recipe": known["recipe"] + _RECIPE.format(kept_out=kept_out_of(abouts)),
@@ -143,16 +143,3 @@ def _known(models: Sequence[str]) -> dict[str, Any]:
         "command": " && ".join(commands),
         "joined": [{"name": card["name"], "onnx_sha256": card["onnx_sha256"]} for card in cards],
     }
-
-
-def _difference(base: Bundle, onnx: bytes, sets: Sets, fused: NDArray[np.float64]) -> float:
-    """Return how far onnxruntime is from torch on some windows; raise RadardError if too far."""
-    is_first = first_windows(sets.sample)
-    n = len(is_first)
-    made = outputs_of(onnx, inputs_of(base, sets.sample), is_first=is_first)
-    assert made.fused is not None  # noqa: S101 - the network has a head
-    difference = checked(float(np.abs(made.fused - fused[:n]).max()))
-    off = float(np.abs(made.logits - sets.logits[:n]).max())
-    if not off <= _SAME:
-        raise RadardError(f"with a head single windows differ by {off:.2g} from what they were")
-    return difference

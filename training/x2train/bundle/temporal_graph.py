@@ -28,7 +28,7 @@ from x2train.nets.temporal_head import N_CLASSES, HeadSettings, HeadTrained
 
 Array = NDArray[np.float64]
 _P = "temporal_"
-_Step = tuple[str, list[str], list[str], Mapping[str, Any]]  # operator, inputs, outputs, options
+_Step = tuple[str, str, str, Mapping[str, Any]]  # operator, inputs, outputs, options
 GIVEN = f"{_P}given"
 
 
@@ -51,26 +51,34 @@ def with_head(onnx_bytes: bytes, trained: HeadTrained, temperature: float) -> by
     for name, array in values.items():
         graph.initializer.append(numpy_helper.from_array(array, _P + name))
     n_hidden = values["recurrence"].shape[2]
-    said = _said(graph.output[0].name) if "said_projection" in values else ()
-    both = _P + ("both" if said else "from_given")
+    # What is not the head's own, which has the prefix; none is an input or output left out.
+    names = {name: name for name in (HIDDEN, NEXT_HIDDEN, FUSED_LOGITS)}
+    names |= {"given": given, "logits": graph.output[0].name, "none": ""}
+    said: tuple[_Step, ...] = (
+        ("Mul", "logits scale", "scaled", {}),
+        ("LogSoftmax", "scaled", "log_p", {"axis": 1}),
+        ("Gemm", "log_p said_projection said_offset", "said", {}),
+        ("Tanh", "said", "from_said", {}),
+        ("Concat", "from_given from_said", "both", {"axis": 1}),
+    )
+    has_said = "said_projection" in values
     steps: tuple[_Step, ...] = (
-        ("Gemm", [given, _P + "given_projection", _P + "given_offset"], [_P + "projected"], {}),
-        ("Relu", [_P + "projected"], [_P + "from_given"], {}),
-        *said,
-        ("Unsqueeze", [both, _P + "axis"], [_P + "step"], {}),
-        ("Unsqueeze", [HIDDEN, _P + "axis"], [_P + "before"], {}),
+        ("Gemm", "given given_projection given_offset", "projected", {}),
+        ("Relu", "projected", "from_given", {}),
+        *(said if has_said else ()),
+        ("Unsqueeze", f"{'both' if has_said else 'from_given'} axis", "step", {}),
+        ("Unsqueeze", f"{HIDDEN} axis", "before", {}),
         (
-            "GRU",
-            [_P + "step", _P + "weight", _P + "recurrence", _P + "bias", "", _P + "before"],
-            ["", _P + "after"],
+            *("GRU", "step weight recurrence bias none before", "none after"),
             {"hidden_size": n_hidden, "linear_before_reset": 1},
         ),
-        ("Squeeze", [_P + "after", _P + "axis"], [NEXT_HIDDEN], {}),
-        ("Gemm", [NEXT_HIDDEN, _P + "out", _P + "out_bias"], [FUSED_LOGITS], {}),
+        ("Squeeze", "after axis", NEXT_HIDDEN, {}),
+        ("Gemm", f"{NEXT_HIDDEN} out out_bias", FUSED_LOGITS, {}),
     )
-    graph.node.extend(
-        [helper.make_node(op, takes, gives, **options) for op, takes, gives, options in steps]
-    )
+    for operator, takes, gives, options in steps:
+        inputs = [names.get(word, _P + word) for word in takes.split()]
+        outputs = [names.get(word, _P + word) for word in gives.split()]
+        graph.node.append(helper.make_node(operator, inputs, outputs, **options))
     batch = graph.input[0].type.tensor_type.shape.dim[0].dim_param
     for name, n, to in (
         (HIDDEN, n_hidden, graph.input),
@@ -80,17 +88,6 @@ def with_head(onnx_bytes: bytes, trained: HeadTrained, temperature: float) -> by
         to.append(helper.make_tensor_value_info(name, TensorProto.FLOAT, [batch, n]))
     onnx.checker.check_model(model)
     return bytes(model.SerializeToString(deterministic=True))
-
-
-def _said(logits: str) -> tuple[_Step, ...]:
-    """Return how the second part is given what the network says, beside the first's."""
-    return (
-        ("Mul", [logits, _P + "scale"], [_P + "scaled"], {}),
-        ("LogSoftmax", [_P + "scaled"], [_P + "log_p"], {"axis": 1}),
-        ("Gemm", [_P + "log_p", _P + "said_projection", _P + "said_offset"], [_P + "said"], {}),
-        ("Tanh", [_P + "said"], [_P + "from_said"], {}),
-        ("Concat", [_P + "from_given", _P + "from_said"], [_P + "both"], {"axis": 1}),
-    )
 
 
 def last_layer(model: onnx.ModelProto) -> onnx.NodeProto:
@@ -174,30 +171,20 @@ def head_of(onnx_bytes: bytes, settings: HeadSettings, n_given: int) -> dict[str
     return state
 
 
-def _projections(
-    state: Mapping[str, Array], heard: Sequence[str], settings: HeadSettings
-) -> tuple[Array, Array]:
-    """Return what is made of all that is given, the parts' one below the other, and offsets."""
-    n_given = len(state["mean"])
-    spans = [(0, n_given), *settings.apart]
-    rows = []
-    for part, (first, end) in zip(heard, spans, strict=True):
-        row = np.zeros((settings.n_projected, n_given))
-        row[:, first:end] = state[f"{part}.projection.weight"] / state["spread"][first:end]
-        rows.append(row)
-    projection = np.concatenate(rows)
-    offset = np.concatenate([state[f"{part}.projection.bias"] for part in heard])
-    return projection, offset - projection @ state["mean"]
-
-
 def _values(trained: HeadTrained, temperature: float) -> dict[str, NDArray[Any]]:
     """Return the weights as ONNX wants them: in double precision until the last moment."""
     head = trained.head
     state = {key: v.detach().numpy().astype(np.float64) for key, v in head.state_dict().items()}
     shares = head.settings.shares
-    heard = [part for part in shares if part != "said"]
-    parts = [*heard, *(["said"] if "said" in shares else [])]
-    projection, offset = _projections(state, heard, head.settings)
+    parts = sorted(shares, key=lambda part: part == "said")  # which comes last
+    n_given = len(state["mean"])
+    rows, offsets = [], []
+    for part, (first, end) in zip(parts, [(0, n_given), *head.settings.apart], strict=False):
+        row = np.zeros((head.settings.n_projected, n_given))
+        row[:, first:end] = state[f"{part}.projection.weight"] / state["spread"][first:end]
+        rows.append(row)
+        offsets.append(state[f"{part}.projection.bias"])
+    projection = np.concatenate(rows)
 
     def joined(weights: str) -> NDArray[np.float64]:
         """Return the parts' weights of a GRU, one gate after the other, zero between them."""
@@ -210,7 +197,7 @@ def _values(trained: HeadTrained, temperature: float) -> dict[str, NDArray[Any]]
     share = {part: shares[part] / trained.temperature for part in parts}
     values = {
         "given_projection": projection.T,
-        "given_offset": offset,
+        "given_offset": np.concatenate(offsets) - projection @ state["mean"],
         "weight": joined("weight_ih")[None],
         "recurrence": joined("weight_hh")[None],
         "bias": np.concatenate([joined("bias_ih"), joined("bias_hh")])[None],

@@ -25,9 +25,8 @@ from x2train.sets.windows import GATE
 
 _NOTES = """Measured on windows that training never saw, drawn from the same simulated bodies. They
 say nothing about real people and pets."""
+_OF_BUNDLE = ("inputs", "features", "stream", "classes", "temperature", "pet_limit", "policy")
 _HEAD = "## As an alarm"
-_EXACT = "same seed, same file on one machine"
-_NEARLY = "on a GPU, which adds in an order of its own: another run differs a little"
 
 
 def write_bundle(
@@ -46,36 +45,23 @@ def write_bundle(
     train on, empty where there was none; `notes` say on the card what the figures mean, and what
     not.
     """
-    training = _clips_once(training)
+    training, values = _clips_once(training), asdict(bundle)
+    versions = {name: version(name) for name in ("torch", "onnx", "numpy")}
     sidecar = {
         "schema": SCHEMA,
         "name": bundle.name,
         "onnx_sha256": bundle.sha256,
-        "inputs": [asdict(each) for each in bundle.inputs],
-        "features": asdict(bundle.features),
-        "stream": dict(bundle.stream),
-        "classes": bundle.classes,
-        "temperature": bundle.temperature,
-        "pet_limit": bundle.pet_limit,
-        "policy": bundle.policy,
+        **{key: values[key] for key in _OF_BUNDLE},
         **({"evidence": dict(bundle.evidence)} if bundle.evidence else {}),
         **({"hidden": bundle.n_hidden} if bundle.n_hidden else {}),
         **({"gate": dict(gate)} if gate else {}),
-        "training": {
-            **training,
-            "versions": {
-                **{name: version(name) for name in ("torch", "onnx", "numpy")},
-                "x2radar": installed_version(),
-            },
-        },
+        "training": {**training, "versions": versions | {"x2radar": installed_version()}},
         "metrics": dict(metrics),
     }
-    for suffix, data in (
-        (".onnx", bundle.onnx),
-        (".json", (json.dumps(sidecar, indent=2) + "\n").encode()),
-        (".md", _card(sidecar, len(bundle.onnx), notes).encode()),
-    ):
-        write_whole(folder / f"{bundle.name}{suffix}", data)
+    name, card = bundle.name, _card(sidecar, len(bundle.onnx), notes)
+    write_whole(folder / f"{name}.onnx", bundle.onnx)
+    write_whole(folder / f"{name}.json", (json.dumps(sidecar, indent=2) + "\n").encode())
+    write_whole(folder / f"{name}.md", card.encode())
 
 
 def _card(sidecar: dict[str, Any], n_bytes: int, notes: str) -> str:
@@ -84,8 +70,9 @@ def _card(sidecar: dict[str, Any], n_bytes: int, notes: str) -> str:
     training = sidecar["training"]
     inputs = ", ".join(f"`{i['feature']}`" for i in sidecar["inputs"])
     recipe, clips = recipe_of(training["command"]), training.get("clips", {})
-    is_exact = training.get("device", "cpu") == "cpu"
-    repeats = _EXACT if is_exact else _NEARLY
+    repeats = "same seed, same file on one machine"
+    if training.get("device", "cpu") != "cpu":
+        repeats = "on a GPU, which adds in an order of its own: another run differs a little"
     gate = ", ".join(f"{key} {value:g}" for key, value in sidecar.get("gate", {}).items())
     told = f"{recipe} --motion DIR" if clips else recipe
     whole = f"\n\nand with its sets by\n\n    train-export make {told}" if recipe else ""
@@ -213,28 +200,20 @@ def _section(evaluation: Mapping[str, Any]) -> str:
         rows.append(f"| {name} | {missed} | {after} | {visits} | {per_hour} |")
     first = next(iter(evaluation["sensitivities"].values()))
     visit_s = 3600 * first["pet_hours"] / first["pet_visits"]
-    columns = (
-        "sensitivity",
-        "intrusions missed",
-        "alarm after (half / 90 %)",
-        "pets' visits with an alarm",
-        "alarms per pet-hour",
-    )
-    lines = [
-        _HEAD,
-        "",
-        f"Policy `{evaluation['policy']}` on {evaluation['passages']} simulated passages that "
-        f"training never saw: {first['intrusions']} people who come in, {first['pet_visits']} "
-        f"visits of pets of {visit_s:.0f} s ({first['pet_hours']:.4g} hours). In brackets 95 % "
-        "intervals.",
-        "",
-        f"    {evaluation['command']}",
-        "",
-        f"| {' | '.join(columns)} |",
-        "|" + "---|" * len(columns),
-        *rows,
-    ]
-    return "\n".join(lines) + "\n"
+    all_rows = "\n".join(rows)
+    return f"""{_HEAD}
+
+Policy `{evaluation["policy"]}` on {evaluation["passages"]} simulated passages that training \
+never saw: {first["intrusions"]} people who come in, {first["pet_visits"]} visits of pets of \
+{visit_s:.0f} s ({first["pet_hours"]:.4g} hours). In brackets 95 % intervals.
+
+    {evaluation["command"]}
+
+| sensitivity | intrusions missed | alarm after (half / 90 %) | pets' visits with an alarm | \
+alarms per pet-hour |
+|---|---|---|---|---|
+{all_rows}
+"""
 
 
 def _percent(three: list[float]) -> str:

@@ -110,18 +110,13 @@ def crew_of(args: argparse.Namespace) -> Iterator[Crew]:
 
 def followed(steps: Iterator[Epoch | _T], epochs: int) -> _T:
     """Run a training behind a bar; return what it ends with. A log gets a line an epoch."""
-    result: _T | None = None
     with progress() as bar:
         task = bar.add_task("train", total=epochs)
-        for step in steps:
-            if not isinstance(step, Epoch):
-                result = step
-                continue
+        while isinstance(step := next(steps), Epoch):
             text = f"loss {step.loss:.3f}"
             if step.validation_loss is not None:
                 text += f", validation {step.validation_loss:.3f}"
             bar.update(task, completed=step.number, description=f"train ({text})")
             if not bar.console.is_terminal:
                 bar.console.print(f"epoch {step.number} of {epochs}: {text}")
-    assert result is not None  # noqa: S101 - trainings end with their result
-    return result
+    return step

@@ -106,6 +106,13 @@ def _run(args: argparse.Namespace) -> int:
         learned_from = {"use": "clips", "clips": cards_of(read_library(args.clips.resolve()))}
     elif use not in USES:
         plugged_family(use)
+    settings = FEATURES
+    if args.like:
+        bundle = load_bundle(args.like)
+        if not {i.feature for i in bundle.inputs} <= {*MAP_FEATURES, INSTALLATION}:
+            taken, held = ", ".join(i.feature for i in bundle.inputs), ", ".join(MAP_FEATURES)
+            raise UsageError(f"--like {args.like}: it takes {taken}; sets hold {held}")
+        settings = bundle.features
     spec = WindowSpec(
         seed=args.seed,
         use=use,
@@ -114,11 +121,8 @@ def _run(args: argparse.Namespace) -> int:
         longest_s=args.longest,
         motions=tuple(args.motion),
         skins=tuple(args.skin),
-        physical_share=args.physical,
-        plain_share=args.plain,
-        clear_share=args.clear,
-        slow_share=args.slow,
-        settings=_features_of(args.like) if args.like else FEATURES,
+        **{f"{name}_share": getattr(args, name) for name in _SHARES},
+        settings=settings,
     )
     about = {"kind": "windows", **asdict(spec), **learned_from, "gate": GATE.model_dump()}
     with crew_of(args) as crew:
@@ -126,11 +130,3 @@ def _run(args: argparse.Namespace) -> int:
     n = sum(len(shards.read(name).get("label", ())) for name in shards.names())
     result_console().print(f"{args.out}: {n} windows of {args.passages} passages")
     return 0
-
-
-def _features_of(model: str) -> FeatureSettings:
-    bundle = load_bundle(model)
-    if not {i.feature for i in bundle.inputs} <= {*MAP_FEATURES, INSTALLATION}:
-        taken = ", ".join(i.feature for i in bundle.inputs)
-        raise UsageError(f"--like {model}: it takes {taken}; sets hold {', '.join(MAP_FEATURES)}")
-    return bundle.features

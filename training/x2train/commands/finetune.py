@@ -46,33 +46,27 @@ def register(commands: Commands) -> None:
 def _run(args: argparse.Namespace) -> int:
     _check(args)
     # Late: torch takes seconds, and --help must not.
+    from x2train.finetune import own_clips  # noqa: PLC0415
     from x2train.finetune.finetune import Tuned, rows_of, tune, write_finetuned  # noqa: PLC0415
     from x2train.finetune.guard import load_guard  # noqa: PLC0415
-    from x2train.finetune.own_clips import (  # noqa: PLC0415
-        judge_of,
-        labelled_clips,
-        merged,
-        named_clips,
-        own_windows,
-    )
 
     console = result_console()
-    clips = list(named_clips(args.clips))
+    clips = list(own_clips.named_clips(args.clips))
     if args.labels is not None:
-        labelled, left_out = labelled_clips(args.labels, args.folder)
+        labelled, left_out = own_clips.labelled_clips(args.labels, args.folder)
         clips += labelled
         for line in left_out:
             console.print(f"left out: {line}")
-    clips = list(merged(clips))
+    clips = list(own_clips.merged(clips))
     if args.model == AUTO_MODEL:
-        args.model = judge_of(clips)
+        args.model = own_clips.judge_of(clips)
         _check_name(args)
     bundle = load_bundle(args.model)
     guard = load_guard(args.guard, bundle)
     mix = load_guard(args.mix, bundle, least=1)
     # A spinner: how long replaying clips takes is not known.
     with Console(stderr=True).status("own clips"):
-        own = [own_windows(clip, bundle) for clip in clips]
+        own = [own_clips.own_windows(clip, bundle) for clip in clips]
     steps = tune(bundle, own, guard, mix, epochs=args.epochs, seed=args.seed)
     tuned: Tuned = followed(steps, args.epochs)
     path = args.out / args.name

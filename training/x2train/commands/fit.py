@@ -22,25 +22,14 @@ WIDTHS = {
 """Channels of networks: of branches, of those with longer CPIs, hidden."""
 _BATCH = 128
 _OUT = Path("models")
+_STREAM_KEYS = ("frame_rate_hz", "bin_length_m", "carrier_hz", "bandwidth_hz")
 _STREAMS = {
-    "any": {
-        "frame_rate_hz": (14.5, 210.0),
-        "bin_length_m": (0.0034, 0.054),
-        "carrier_hz": (3.8e9, 8.0e9),
-        "bandwidth_hz": (1.3e9, 2.6e9),
-    },
-    "x2": {
-        "frame_rate_hz": (28.0, 210.0),
-        "bin_length_m": (0.0034, 0.033),
-        "carrier_hz": (6.5e9, 7.1e9),
-        "bandwidth_hz": (2.1e9, 2.5e9),
-    },
-    "x4m03": {
-        "frame_rate_hz": (38.0, 210.0),
-        "bin_length_m": (0.0064, 0.054),
-        "carrier_hz": (7.2e9, 8.9e9),
-        "bandwidth_hz": (1.3e9, 1.5e9),
-    },
+    name: dict(zip(_STREAM_KEYS, ranges, strict=True))
+    for name, *ranges in (
+        ("any", (14.5, 210.0), (0.0034, 0.054), (3.8e9, 8.0e9), (1.3e9, 2.6e9)),
+        ("x2", (28.0, 210.0), (0.0034, 0.033), (6.5e9, 7.1e9), (2.1e9, 2.5e9)),
+        ("x4m03", (38.0, 210.0), (0.0064, 0.054), (7.2e9, 8.9e9), (1.3e9, 1.5e9)),
+    )
 }
 """What bundles are for, by the radar of all the sets that they were calibrated on."""
 _RECIPE = (
@@ -105,20 +94,13 @@ def stream_of(abouts: Sequence[Mapping[str, Any]]) -> Mapping[str, tuple[float, 
 def _run(args: argparse.Namespace) -> int:
     check_least(args, epochs=1, seed=0, batch=2, threads=1)
     # Late: torch takes seconds, and --help must not.
+    from x2train.bundle import metrics  # noqa: PLC0415
     from x2train.bundle.export import DIFFERENCE, exported  # noqa: PLC0415
-    from x2train.bundle.metrics import (  # noqa: PLC0415
-        N_SAMPLE,
-        NOTES,
-        PRIOR_HUMAN,
-        check_calibration,
-        gate_of,
-        kept_out_of,
-        map_metrics,
-    )
     from x2train.bundle.writing import write_bundle  # noqa: PLC0415
     from x2train.judge.verdicts import PET_LIMIT  # noqa: PLC0415
     from x2train.nets.bundle_answers import taught_by  # noqa: PLC0415
-    from x2train.nets.map_fit import INPUTS, MapFitSettings, device_of, fit_maps  # noqa: PLC0415
+    from x2train.nets.map_fit import INPUTS, device_of, fit_maps  # noqa: PLC0415
+    from x2train.nets.nets import MapFitSettings  # noqa: PLC0415
     from x2train.sets.window_set import load_windows, worth_learning  # noqa: PLC0415
 
     args.device = device_of(args.device)
@@ -127,24 +109,15 @@ def _run(args: argparse.Namespace) -> int:
     if judged[0]["settings"] != abouts[0]["settings"]:
         msg = f"{args.validate[0]}: its maps were made with other settings than those to train on"
         raise UsageError(msg)
-    check_calibration(validation["label"])
+    metrics.check_calibration(validation["label"])
     features = FeatureSettings.from_mapping(abouts[0]["settings"])
     teacher = load_bundle(args.teacher) if args.teacher else None
     taught = taught_by(teacher, train) if teacher else None
     start = load_bundle(args.start) if args.start else None
-    widths, long_widths, hidden = WIDTHS[args.size]
-    settings = MapFitSettings(
-        epochs=args.epochs,
-        batch=args.batch,
-        threads=args.threads,
-        device=args.device,
-        seed=args.seed,
-        widths=widths,
-        long_widths=long_widths,
-        hidden=hidden,
-        is_half=args.half,
-        is_compiled=args.compile,
-    )
+    same = ("epochs", "batch", "threads", "device", "seed")
+    given: dict[str, Any] = {name: getattr(args, name) for name in same}
+    given |= {"is_half": args.half, "is_compiled": args.compile}
+    settings = MapFitSettings(*WIDTHS[args.size], **given)
     checkpoint = args.out / f"{args.name}.checkpoint"
     steps = fit_maps(
         train, validation, settings, taught=taught, checkpoint=checkpoint, start=start
@@ -153,7 +126,7 @@ def _run(args: argparse.Namespace) -> int:
     inputs = tuple(ModelInput(name, feature_shape(name, features), name) for name in INPUTS)
     # The teacher's training sets are not checked: they may hold any family.
     # Nor is what it started from.
-    held_out = kept_out_of(abouts) if teacher is None and start is None else "none"
+    held_out = metrics.kept_out_of(abouts) if teacher is None and start is None else "none"
     training: dict[str, Any] = {
         "device": args.device,
         "recipe": _RECIPE.format(held_out=held_out),
@@ -165,8 +138,8 @@ def _run(args: argparse.Namespace) -> int:
         training["teacher"] = {"name": teacher.name, "onnx_sha256": teacher.sha256}
     if start is not None:
         training |= _started(args.start, start, training)
-    evidence, metrics = map_metrics(trained, validation, PRIOR_HUMAN[args.size])
-    sample = {name: validation[name][:N_SAMPLE] for name in INPUTS}
+    evidence, measured = metrics.map_metrics(trained, validation, metrics.PRIOR_HUMAN[args.size])
+    sample = {name: validation[name][: metrics.N_SAMPLE] for name in INPUTS}
     onnx_bytes, difference = exported(trained.net, inputs, sample)
     bundle = Bundle(
         name=args.name,
@@ -184,11 +157,11 @@ def _run(args: argparse.Namespace) -> int:
         args.out,
         bundle,
         training=training,
-        metrics={**metrics, DIFFERENCE: difference},
-        gate=gate_of(abouts),
-        notes=NOTES,
+        metrics={**measured, DIFFERENCE: difference},
+        gate=metrics.gate_of(abouts),
+        notes=metrics.NOTES,
     )
-    tell_bundle(args.out / args.name, metrics)
+    tell_bundle(args.out / args.name, measured)
     return 0
 
 

@@ -10,28 +10,27 @@ from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 from radard.errors import UsageError
-from x2train.bundle.recipes import RECIPES, arguments
+from x2radar.commands import add_command
+from x2train.bundle.recipes import MOTION, RECIPES, arguments
 from x2train.commands import Commands, check_least, result_console
 
 _DATASET = "dataset"
 
 
 def register(commands: Commands) -> None:
-    parser = commands.add_parser(
+    parser = add_command(
+        commands,
         "make",
-        help="make a shipped bundle from nothing, sets included",
-        description=(
-            "Make a shipped bundle from nothing: its sets in sets/, then the bundle, by the "
-            "commands of its card. Sets that are there are kept, one that was begun is "
-            "finished, so what was stopped goes on. While a network trains on one core, the "
-            "others make the sets of later steps."
-        ),
-        epilog=(
-            "examples:\n"
-            "  train-export make accurate --motion clips\n"
-            "  train-export make fast --share 0.01 --out /tmp/models    to try it\n"
-        ),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        "make a shipped bundle from nothing, sets included",
+        "examples:\n"
+        "  train-export make accurate --motion clips\n"
+        "  train-export make fast --share 0.01 --out /tmp/models    to try it\n",
+    )
+    parser.description = (
+        "Make a shipped bundle from nothing: its sets in sets/, then the bundle, by the "
+        "commands of its card. Sets that are there are kept, one that was begun is "
+        "finished, so what was stopped goes on. While a network trains on one core, the "
+        "others make the sets of later steps."
     )
     add = parser.add_argument
     add("name", choices=sorted(RECIPES), help="of the bundle")
@@ -50,9 +49,6 @@ def _run(args: argparse.Namespace) -> int:
     check_least(args, workers=1)
     if not 0 < args.share <= 1:
         raise UsageError(f"--share {args.share:g}: must be over 0, 1 at most")
-    if RECIPES[args.name].needs_motion and not (args.motion or args.show):
-        msg = f"make {args.name}: needs --motion, a folder of clips; see train-export motion"
-        raise UsageError(msg)
     steps = arguments(
         args.name, share=args.share, workers=args.workers, models=args.out, motion=args.motion
     )
@@ -61,12 +57,15 @@ def _run(args: argparse.Namespace) -> int:
     if args.show:
         print("\n".join(f"train-export {shlex.join(step)}" for step in steps))  # noqa: T201
         return 0
+    if any(MOTION in step for step in steps):
+        msg = f"make {args.name}: needs --motion, a folder of clips; see train-export motion"
+        raise UsageError(msg)
     console = result_console(stderr=True)
     for number, step in enumerate(steps, 1):
         console.print(f"[{number}/{len(steps)}] train-export {shlex.join(step)}")
-        is_needed_later = any(each[0] == _DATASET for each in steps[number:])
-        is_training = step[0] != _DATASET
-        with _sets_beside(args) if is_training and is_needed_later else nullcontext():
+        has_sets_to_come = any(each[0] == _DATASET for each in steps[number:])
+        is_idle = args.workers > 1 and step[0] != _DATASET
+        with _sets_beside(args) if is_idle and has_sets_to_come else nullcontext():
             code: int = args.train_export(step)
         if code:
             return code
@@ -76,9 +75,6 @@ def _run(args: argparse.Namespace) -> int:
 @contextmanager
 def _sets_beside(args: argparse.Namespace) -> Iterator[None]:
     """Make sets of later steps on the other cores; what it leaves undone, these steps do."""
-    if args.workers == 1:
-        yield
-        return
     share, workers = str(args.share), str(args.workers - 1)
     argv = ["make", args.name, "--sets", "--share", share, "--workers", workers]
     argv += ["--motion", str(args.motion)] if args.motion else []

@@ -43,8 +43,8 @@ def _run(args: argparse.Namespace) -> int:
     # Late: numpy and scipy take a second, and --help must not.
     import numpy as np  # noqa: PLC0415
 
+    from x2train.motion.clips import read_map, standard_clip  # noqa: PLC0415
     from x2train.motion.formats import read_motions  # noqa: PLC0415
-    from x2train.motion.importing import read_map, standard_clip  # noqa: PLC0415
 
     joint_map = read_map(args.map)
     is_person = args.species == "human"

@@ -77,15 +77,9 @@ def _run(args: argparse.Namespace) -> int:
     if strange := [model for model in args.apart if model not in args.model]:
         raise UsageError(f"--apart {strange[0]}: it is none of --model")
     spans = spans_of([part.onnx for part in parts])
-    n_projected, n_hidden, n_said = SIZES[args.size]
-    settings = HeadSettings(
-        n_projected=n_projected,
-        n_hidden=n_hidden,
-        n_said=n_said,
-        epochs=args.epochs,
-        seed=args.seed,
-        apart=tuple(spans[args.model.index(model)] for model in args.apart),
-    )
+    apart = tuple(spans[args.model.index(model)] for model in args.apart)
+    size, epochs = SIZES[args.size], args.epochs
+    settings = HeadSettings(*size, epochs=epochs, seed=args.seed, apart=apart)
     start = load_bundle(args.start).onnx if args.start else None
     # A spinner, not a bar: it leaves nothing behind, so an error stays one line.
     with Console(stderr=True).status("what the network sees"):
@@ -93,7 +87,7 @@ def _run(args: argparse.Namespace) -> int:
         validation, _ = given_of_sets(bundle, args.validate)
         check_calibration(validation.given.label)
     weights = head_of(start, settings, train.given.values.shape[1]) if start else None
-    trained = followed(fit_head(train.given, validation.given, settings, weights), args.epochs)
+    trained = followed(fit_head(train.given, validation.given, settings, weights), epochs)
     name = args.name or bundle.name
     limit = HUMAN_LIMIT[args.size] if args.human_limit is None else args.human_limit
     more = {"prior_human": args.prior or None, "leaning": args.leaning, "brief_s": args.brief}

@@ -34,21 +34,15 @@ class OwnClip:
     """A recording and what people say that it shows."""
 
     path: Path
-    # human, pet, other, or wrong: an alarm that was for no human, whatever it was
-    label: str
-
-    @property
-    def is_human(self) -> bool:
-        """Whether the alarm was right."""
-        return self.label == "human"
+    label: str  # human, pet, other, or wrong: an alarm that was for no human, whatever it was
 
 
 def named_clips(arguments: Iterable[str]) -> tuple[OwnClip, ...]:
     """Return the clips of arguments FILE=LABEL; raise UsageError on a wrong one."""
     clips = []
     for text in arguments:
-        name, equals, label = text.rpartition("=")
-        if not equals or not name or label not in LABELS:
+        name, _, label = text.rpartition("=")
+        if not name or label not in LABELS:
             msg = f"'{text}': FILE=LABEL is wanted, with a label of {', '.join(LABELS)}"
             raise UsageError(msg)
         if not Path(name).is_file():
@@ -59,9 +53,8 @@ def named_clips(arguments: Iterable[str]) -> tuple[OwnClip, ...]:
 
 def labelled_clips(path: Path, folder: Path | None = None) -> tuple[list[OwnClip], list[str]]:
     """Return the clips of the dashboard's labels, in `folder`, and why others were left out."""
-    events = _last_lines(path)
     clips, left_out = [], []
-    for event, line in events.items():
+    for event, line in _last_lines(path).items():
         if line.kind != "alarm":
             left_out.append(f"{event}: labelled {line.label}, but not an alarm")
         elif not line.clip:
@@ -82,7 +75,7 @@ def merged(clips: Iterable[OwnClip]) -> tuple[OwnClip, ...]:
         known = by_path.setdefault(clip.path.resolve(), clip)
         if known.label != clip.label:
             raise UsageError(f"{clip.path}: labelled both {known.label} and {clip.label}")
-    if all(clip.is_human for clip in by_path.values()):
+    if all(clip.label == "human" for clip in by_path.values()):
         msg = "no clip is labelled pet, other or wrong: there is nothing to quieten; label one"
         raise UsageError(msg)
     return tuple(by_path.values())
@@ -118,16 +111,14 @@ def _last_lines(path: Path) -> Mapping[str, _Line]:
     return events
 
 
-Maps = Mapping[str, NDArray[np.float32]]
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class OwnWindows:
     """What the network saw of a clip, and what was decided."""
 
     clip: OwnClip  # the recording and its label
     sha256: str
-    inputs: Maps  # (n, ...): by the network's input names; one row a window with the gate open
+    # (n, ...): by the network's input names; one row a window with the gate open
+    inputs: Mapping[str, NDArray[np.float32]]
     t_s: NDArray[np.float64]  # (n,): stream time at the end of each, in seconds
     n_alarms: int  # decisions with an alarm
 

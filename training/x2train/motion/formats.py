@@ -5,7 +5,7 @@ file holds, only the positions of its joints are kept.
 """
 
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from x2radar.sim.bodies.motion.recorded import read_bvh
 Array = NDArray[np.float64]
 SUFFIXES = (".bvh", ".amc", ".gltf", ".glb", ".npz")
 _GLTF_RATE_HZ = 60.0  # animations of glTF are curves: they are sampled as often as the X2 looks
+_COMPONENTS = {5126: "<f4", 5123: "<u2", 5122: "<i2", 5121: "<u1", 5120: "<i1"}  # of glTF
 _MAX_FRAMES = 200_000  # nearly an hour at 60 Hz
 _BROKEN = (
     *(ValueError, LookupError, ArithmeticError, TypeError, AttributeError, StopIteration),
@@ -60,27 +61,23 @@ def _read(path: Path, asf: Path | None, rate_hz: float) -> Iterator[RawMotion]:
         joints, _, position, own_hz = read_bvh(path.read_text("utf-8-sig"))
         yield RawMotion(path.stem, tuple(joints), position, own_hz)
     elif suffix == ".amc":
-        skeleton = _read_asf((asf or _asf_of(path)).read_text("latin-1"))
+        same = asf or path.with_suffix(".asf")
+        found = [same] if asf or same.exists() else sorted(path.parent.glob("*.asf"))
+        if len(found) != 1:
+            raise ValueError(f"{len(found)} files .asf beside it; name one with --asf")
+        skeleton = _read_asf(found[0].read_text("latin-1"))
         yield _read_amc(path.read_text("latin-1"), skeleton, path.stem, rate_hz)
     elif suffix in {".gltf", ".glb"}:
         yield from _read_gltf(path)
     elif suffix == ".npz":
-        yield _read_npz(path)
+        with np.load(path, allow_pickle=False) as data:
+            position, own_hz = np.asarray(data["positions"], float), float(data["frame_rate_hz"])
+            names = tuple(str(name) for name in data["joints"])
+        if position.ndim != 3 or position.shape[1:] != (len(names), 3):
+            raise ValueError(f"positions of shape {position.shape} for {len(names)} joints")
+        yield RawMotion(path.stem, names, position, own_hz)
     else:
         raise ValueError(f"known are {', '.join(SUFFIXES)}")
-
-
-def _read_npz(path: Path) -> RawMotion:
-    with np.load(path, allow_pickle=False) as data:
-        position = np.asarray(data["positions"], np.float64)
-        joints = tuple(str(name) for name in data["joints"])
-        rate_hz = float(data["frame_rate_hz"])
-    if position.ndim != 3 or position.shape[1:] != (len(joints), 3):
-        raise ValueError(f"positions of shape {position.shape} for {len(joints)} joints")
-    return RawMotion(path.stem, joints, position, rate_hz)
-
-
-# ---------------------------------------------------------------- Acclaim
 
 
 @dataclass(slots=True)
@@ -93,16 +90,7 @@ class _Bone:
     freedoms: tuple[str, ...]
 
 
-def _asf_of(path: Path) -> Path:
-    """Return the skeleton that an AMC file goes with."""
-    same = path.with_suffix(".asf")
-    found = [same] if same.exists() else sorted(path.parent.glob("*.asf"))
-    if len(found) != 1:
-        raise ValueError(f"{len(found)} files .asf beside it; name one with --asf")
-    return found[0]
-
-
-def _turn(order: str, degrees: Sequence[float]) -> Rotation:
+def _turn(order: str, degrees: Array) -> Rotation:
     """Return a rotation about fixed axes, in their order."""
     return Rotation.from_euler(order.lower(), degrees, degrees=True)
 
@@ -127,20 +115,13 @@ def _read_asf(text: str) -> dict[str, _Bone]:
                 bone[words[0]] = words[1:]
         elif section == ":hierarchy" and words[0] not in {"begin", "end"}:
             for name in words[1:]:
+                row = made[name]
+                offset = np.array(row["direction"], float) * float(row["length"][0])
+                *degrees, order = row["axis"]
+                axes = _turn(order, np.array(degrees, float))
                 parent = list(bones).index(words[0])
-                bones[name] = _bone(made[name], parent)
+                bones[name] = _Bone(parent, offset, axes, tuple(row.get("dof", ())))
     return bones
-
-
-def _bone(row: Mapping[str, list[str]], parent: int) -> _Bone:
-    direction = np.array([float(x) for x in row["direction"]])
-    *degrees, order = row["axis"]
-    return _Bone(
-        parent,
-        direction * float(row["length"][0]),
-        _turn(order, [float(x) for x in degrees]),
-        tuple(row.get("dof", ())),
-    )
 
 
 def _read_amc(text: str, bones: dict[str, _Bone], name: str, rate_hz: float) -> RawMotion:
@@ -163,22 +144,18 @@ def _read_amc(text: str, bones: dict[str, _Bone], name: str, rate_hz: float) -> 
         if bone.parent < 0:
             values = np.array([frame[key] for frame in frames])
             place[:, k] = values[:, :3]
-            turns.append(_turn("xyz", values[:, 3:6]))  # type: ignore[arg-type]
+            turns.append(_turn("xyz", values[:, 3:6]))
             continue
         local = Rotation.identity(n)
         if bone.freedoms:
             values = np.array([frame.get(key, [0.0] * len(bone.freedoms)) for frame in frames])
-            order = "".join(dof[1] for dof in bone.freedoms if dof[0] == "r")
-            columns = [c for c, dof in enumerate(bone.freedoms) if dof[0] == "r"]
-            if order:
-                local = Rotation.from_euler(order, values[:, columns], degrees=True)
+            turning = {c: dof[1] for c, dof in enumerate(bone.freedoms) if dof[0] == "r"}
+            if turning:
+                local = _turn("".join(turning.values()), values[:, list(turning)])
         turn = turns[bone.parent] * (bone.axes * local * bone.axes.inv())
         turns.append(turn)
         place[:, k] = place[:, bone.parent] + turn.apply(bone.offset)
     return RawMotion(name, tuple(bones), place, rate_hz)
-
-
-# ---------------------------------------------------------------- glTF
 
 
 def _read_gltf(path: Path) -> Iterator[RawMotion]:
@@ -187,10 +164,14 @@ def _read_gltf(path: Path) -> Iterator[RawMotion]:
     gltf = pygltflib.GLTF2().load(str(path))
     nodes = gltf.nodes
     parents = {child: k for k, node in enumerate(nodes) for child in node.children or ()}
+
+    def depth(k: int) -> int:
+        return 1 + depth(parents[k]) if k in parents else 0
+
     skinned = sorted({joint for skin in gltf.skins or () for joint in skin.joints})
     joints = skinned or list(range(len(nodes)))
     # Parents first, whatever the order of the file.
-    order = sorted(range(len(nodes)), key=lambda k: _depth(k, parents))
+    order = sorted(range(len(nodes)), key=depth)
     for number, animation in enumerate(gltf.animations or ()):
         curves = _curves(gltf, animation)
         end_s = max(float(times[-1]) for times, _ in curves.values())
@@ -217,13 +198,6 @@ def _read_gltf(path: Path) -> Iterator[RawMotion]:
         )
 
 
-def _depth(k: int, parents: Mapping[int, int]) -> int:
-    depth = 0
-    while k in parents:
-        k, depth = parents[k], depth + 1
-    return depth
-
-
 def _curves(gltf: Any, animation: Any) -> dict[tuple[int, str], tuple[Array, Array]]:
     """Return times and values of what an animation moves, by node and property."""
     curves = {}
@@ -244,15 +218,12 @@ def _accessor(gltf: Any, k: int) -> Array:
     uri = gltf.buffers[view.buffer].uri
     data = gltf.get_data_from_buffer_uri(uri) if uri else gltf.binary_blob()
     width = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}[accessor.type]
-    kind = {5126: "<f4", 5123: "<u2", 5122: "<i2", 5121: "<u1", 5120: "<i1"}[
-        accessor.componentType
-    ]
+    kind = _COMPONENTS[accessor.componentType]
     size = np.dtype(kind).itemsize * width
     stride = view.byteStride or size
     begin = (view.byteOffset or 0) + (accessor.byteOffset or 0)
-    rows = np.lib.stride_tricks.as_strided(
-        np.frombuffer(data, np.uint8)[begin:], (accessor.count, size), (stride, 1)
-    )
+    # Unlike as_strided it reads nothing beyond the end of a file that counts too much.
+    rows = np.ndarray((accessor.count, size), np.uint8, data, begin, (stride, 1))
     values = np.ascontiguousarray(rows).view(kind).astype(np.float64)
     if kind != "<f4":
         values = np.maximum(values / np.iinfo(np.dtype(kind)).max, -1.0)
@@ -264,6 +235,7 @@ def _local(
 ) -> tuple[Array, Array]:
     """Return a node's place and turn against its parent, over time; scales of joints are left."""
     n = len(t_s)
+    scale = np.ones(3)
     if node.matrix:
         matrix = np.array(node.matrix).reshape(4, 4).T
         place, turn = matrix[:3, 3], matrix[:3, :3]
@@ -279,8 +251,7 @@ def _local(
         times, values = curves[k, "rotation"]
         if len(times) > 1:
             within = np.clip(t_s, times[0], times[-1])
-            turned = Slerp(times, Rotation.from_quat(values))(within).as_matrix()
+            turns = Slerp(times, Rotation.from_quat(values))(within).as_matrix() * scale
         else:
-            turned = np.broadcast_to(Rotation.from_quat(values[0]).as_matrix(), (n, 3, 3))
-        turns = turned * (np.array(node.scale or (1.0, 1.0, 1.0)) if not node.matrix else 1.0)
+            turns = np.broadcast_to(Rotation.from_quat(values[0]).as_matrix() * scale, (n, 3, 3))
     return places, turns

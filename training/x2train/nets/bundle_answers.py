@@ -41,9 +41,7 @@ class Answers:
 
     def fused_log_p(self) -> Array | None:
         """Return the head's log-probabilities, shape (n, n_classes); None without a head."""
-        if self.fused is None:
-            return None
-        return np.asarray(log_softmax(self.fused, axis=1))
+        return None if self.fused is None else np.asarray(log_softmax(self.fused, axis=1))
 
 
 def session_of(onnx_bytes: bytes) -> Any:

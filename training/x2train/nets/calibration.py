@@ -16,6 +16,10 @@ from radard.judge.bundle import EvidenceSettings
 from radard.judge.classifier import Probabilities
 from radard.judge.evidence import Evidence
 
+Array = NDArray[np.float64]
+_DISCOUNTS = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)  # tried: 1 for independent windows
+_LARGEST_STEP_S = 1.5  # windows are 1 s apart while the gate is open
+
 
 @dataclass(frozen=True, slots=True)
 class Epoch:
@@ -26,21 +30,16 @@ class Epoch:
     validation_loss: float | None = None
 
 
-def cross_entropy(logits: NDArray[np.float64], y: NDArray[np.int64]) -> float:
+def cross_entropy(logits: Array, y: NDArray[np.int64]) -> float:
     """Return the mean negative log-likelihood of classes y, shape (n,)."""
     return float(-log_softmax(logits, axis=1)[np.arange(len(y)), y].mean())
 
 
-def temperature_of(logits: NDArray[np.float64], y: NDArray[np.int64]) -> float:
+def temperature_of(logits: Array, y: NDArray[np.int64]) -> float:
     """Return the temperature with the lowest cross-entropy, to 1 %."""
     grid = np.geomspace(0.25, 8, 350)
     losses = [cross_entropy(logits / t, y) for t in grid]
     return float(round(grid[int(np.argmin(losses))], 3))
-
-
-Array = NDArray[np.float64]
-_DISCOUNTS = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)  # tried: 1 for independent windows
-_LARGEST_STEP_S = 1.5  # windows are 1 s apart while the gate is open
 
 
 def first_windows(columns: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:

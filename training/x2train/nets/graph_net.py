@@ -5,6 +5,7 @@ is learned goes back into the same graph, so inputs, outputs and shape of the ne
 """
 
 from collections.abc import Callable, Mapping
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,12 @@ class GraphNet(nn.Module):
         graph = self._model.graph
         heads = [FUSED_LOGITS] if FUSED_LOGITS in {each.name for each in graph.output} else []
         self._outputs = [graph.output[0].name, *heads]
-        self._nodes = _making(self._model, self._outputs)
+        wanted, nodes = set(self._outputs), []
+        for node in reversed(graph.node):
+            if wanted & set(node.output):
+                nodes.append(node)
+                wanted |= set(node.input)
+        self._nodes = nodes[::-1]
         unknown = sorted({n.op_type for n in self._nodes} - set(_OPERATORS))
         if unknown:
             msg = f"the bundle's network has {', '.join(unknown)}, which cannot be trained on here"
@@ -71,16 +77,6 @@ class GraphNet(nn.Module):
                 each.CopyFrom(numpy_helper.from_array(values, each.name))
         onnx.checker.check_model(self._model)
         return bytes(self._model.SerializeToString(deterministic=True))
-
-
-def _making(model: onnx.ModelProto, names: list[str]) -> list[onnx.NodeProto]:
-    """Return the nodes that tensors are made by, in order."""
-    wanted, made = set(names), []
-    for node in reversed(model.graph.node):
-        if wanted & set(node.output):
-            made.append(node)
-            wanted |= set(node.input)
-    return made[::-1]
 
 
 def _conv(given: list[Any], options: Mapping[str, Any]) -> Tensor:
@@ -129,17 +125,10 @@ def _reshape(given: list[Any], _options: Mapping[str, Any]) -> Tensor:
     return made
 
 
-def _unsqueeze(given: list[Any], _options: Mapping[str, Any]) -> Tensor:
-    x: Tensor = given[0]
-    for axis in sorted(int(n) for n in given[1]):
-        x = x.unsqueeze(axis)
-    return x
-
-
-def _reduced(reduce: Callable[..., Tensor]) -> _Operator:
+def _reduced(over: Callable[..., Tensor]) -> _Operator:
     def run(given: list[Any], options: Mapping[str, Any]) -> Tensor:
         axes = tuple(int(n) for n in given[1])
-        return reduce(given[0], dim=axes, keepdim=bool(options.get("keepdims", 1)))
+        return over(given[0], dim=axes, keepdim=bool(options.get("keepdims", 1)))
 
     return run
 
@@ -161,5 +150,5 @@ _OPERATORS: Mapping[str, _Operator] = {
     "Squeeze": lambda given, _: given[0].squeeze(tuple(given[1].tolist())),
     "Sigmoid": lambda given, _: torch.sigmoid(given[0]),
     "Tanh": lambda given, _: torch.tanh(given[0]),
-    "Unsqueeze": _unsqueeze,
+    "Unsqueeze": lambda given, _: reduce(torch.unsqueeze, sorted(given[1].tolist()), given[0]),
 }

@@ -7,7 +7,8 @@ import hashlib
 import io
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -18,12 +19,8 @@ from torch import nn
 
 from radard.judge.bundle import Bundle
 from x2radar.atomic import write_whole
-from x2train.nets.optimizer import MuonAdamW
 
 _EVERY_S = 300.0  # of wall clock: what an interruption costs at most
-_KEYS = {"print", "epoch", "step", "total", "net", "optimizer", "order", "now", "layers"}
-"""Fingerprint of the run; epoch, from 1, steps done in it and their loss; states of network and
-optimisers; of generators: at the epoch's beginning, which orders it, now, and of layers, now."""
 
 
 def fingerprint(
@@ -52,14 +49,20 @@ class Checkpoints:
         self._next_s = time.monotonic() + _EVERY_S
 
     def resume(
-        self, net: nn.Module, optimizer: MuonAdamW, rng: torch.Generator
+        self, net: nn.Module, optimizer: Sequence[Any], rng: torch.Generator
     ) -> tuple[int, int, float]:
         """Put a training back; return epoch, steps done in it and their loss: 1, 0, 0 at first."""
-        point = self._point = self._read()
-        if not point:
+        point: Any = {}
+        # Damaged, or of another run, it is begun afresh; whatever is in it, no code is run.
+        with suppress(Exception):
+            if self._path is not None and self._path.exists():
+                point = torch.load(self._path, weights_only=True, map_location="cpu")
+        if not isinstance(point, dict) or point.get("print") != self._run:
             return 1, 0, 0.0
+        self._point = point
         net.load_state_dict(point["net"])
-        optimizer.load_state(point["optimizer"])
+        for part, state in zip(optimizer, point["optimizer"], strict=True):
+            part.load_state_dict(state)
         rng.set_state(point["order"])
         return point["epoch"], point["step"], point["total"]
 
@@ -77,7 +80,7 @@ class Checkpoints:
         self,
         at: tuple[int, int, float],
         net: nn.Module,
-        optimizer: MuonAdamW,
+        optimizer: Sequence[Any],
         order: torch.Tensor,
         rng: torch.Generator,
     ) -> None:
@@ -87,11 +90,12 @@ class Checkpoints:
         epoch, step, total = at
         point = {
             "print": self._run,
-            "epoch": epoch,
-            "step": step,
-            "total": total,
+            "epoch": epoch,  # from 1
+            "step": step,  # steps done in it,
+            "total": total,  # and their loss
             "net": net.state_dict(),
-            "optimizer": optimizer.state(),
+            "optimizer": [part.state_dict() for part in optimizer],
+            # States of generators: at the epoch's beginning, which orders it; now; of layers, now.
             "order": order,
             "now": rng.get_state(),
             "layers": torch.get_rng_state(),
@@ -106,15 +110,3 @@ class Checkpoints:
         """Remove the file: the training has ended."""
         if self._path is not None:
             self._path.unlink(missing_ok=True)
-
-    def _read(self) -> dict[str, Any]:
-        """Return the file's point; empty if there is none, or it is of another run or damaged."""
-        if self._path is None or not self._path.exists():
-            return {}
-        try:
-            # Nothing in a file runs code.
-            point: dict[str, Any] = torch.load(self._path, weights_only=True, map_location="cpu")
-            is_own = point.keys() == _KEYS and point["print"] == self._run
-        except Exception:  # noqa: BLE001 - whatever torch raises on a file that is none, or cut
-            return {}
-        return point if is_own else {}

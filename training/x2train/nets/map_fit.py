@@ -1,4 +1,9 @@
-"""Training of the map networks: weighted cross-entropy, Muon and AdamW, temperature after."""
+"""Training of the map networks: weighted cross-entropy, Muon and AdamW, temperature after.
+
+Muon (K. Jordan et al., 2024, `torch.optim.Muon`) is for matrices, AdamW for all else, in one
+cycle of both rates. A convolution is a matrix with a row for each channel; layers of few inputs or
+few outputs are AdamW's.
+"""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -13,11 +18,10 @@ from torch.nn import functional
 
 from radard.errors import UsageError
 from radard.judge.bundle import Bundle
-from radard.judge.installation import INSTALLATION, N_INSTALLATION
+from radard.judge.installation import INSTALLATION
 from x2train.nets.calibration import Epoch, cross_entropy, temperature_of
 from x2train.nets.map_checkpoint import Checkpoints, fingerprint
-from x2train.nets.nets import MapNet, Widths, start_from
-from x2train.nets.optimizer import MuonAdamW
+from x2train.nets.nets import MapFitSettings, MapNet, start_from
 from x2train.sets.augment import augmented
 from x2train.sets.window_set import hidden_more
 
@@ -25,32 +29,9 @@ Arrays = Mapping[str, NDArray[Any]]
 MAPS = ("velocity_time", "range_time", "velocity_time_medium", "velocity_time_long")
 INPUTS = (*MAPS, INSTALLATION)  # in the order in which `MapNet` takes them
 _N_SHOWN = 512  # windows that open the norms of a network to go on from
+_RISE = 0.2  # of the steps: as usual for one cycle
+_MIN_ROWS, _MIN_COLUMNS = 4, 31  # the layers named above are smaller
 _STARTED_RATE = 0.3  # of the learning rates, from a bundle: it is not to forget it
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MapFitSettings:
-    """Length, rates, regularisation and augmentation of a network's training."""
-
-    epochs: int = 12
-    batch: int = 128
-    # greatest of the one cycle, of AdamW and of Muon; see `MuonAdamW`
-    learning_rate: float = 4e-3
-    matrix_rate: float = 0.06
-    weight_decay: float = 2e-3
-    matrix_decay: float = 1e-2
-    dropout: float = 0.05  # of what decides
-    smoothing: float = 0.01  # of the labels, where there is no teacher
-    teacher_share: float = 0.5  # what a teacher counts beside the labels
-    widths: Widths = (12, 16, 20, 20)
-    long_widths: Widths = (12, 16, 20, 20)
-    hidden: int = 40
-    seed: int = 0  # of weights, order and augmentation
-    threads: int = 1  # of torch; the same number, the same weights
-    device: str = "cpu"  # of torch, such as 'cuda', which holds all windows
-    is_half: bool = False  # whether layers compute in bfloat16; weights stay in single precision
-    # whether torch compiles the network first, which takes a C++ compiler
-    is_compiled: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,6 +40,53 @@ class MapTrained:
 
     net: MapNet
     temperature: float
+
+
+class MuonAdamW:
+    """AdamW at a `share` of the rate and, for matrices, Muon at its own, in one cycle of both."""
+
+    def __init__(
+        self, net: nn.Module, n_steps: int, settings: MapFitSettings, share: float = 1.0
+    ) -> None:
+        rate, matrix_rate = share * settings.learning_rate, share * settings.matrix_rate
+        self._matrices = [p for p in net.parameters() if _is_matrix(p)]
+        # Muon takes nothing but matrices, so it is given views of the same memory.
+        self._views = [nn.Parameter(_flat(p.data, p)) for p in self._matrices]
+        others = [p for p in net.parameters() if not _is_matrix(p)]
+        self._optimisers: tuple[torch.optim.Optimizer, ...] = (
+            torch.optim.AdamW(others, lr=rate, weight_decay=settings.weight_decay),
+            torch.optim.Muon(self._views, lr=matrix_rate, weight_decay=settings.matrix_decay),
+        )
+        # OneCycleLR divides by zero where the rise is one step long.
+        rise = _RISE if n_steps * _RISE != 1 else 1.5 * _RISE
+        self._cycles = [
+            torch.optim.lr_scheduler.OneCycleLR(
+                each, most, total_steps=n_steps, pct_start=rise, cycle_momentum=False
+            )
+            for each, most in zip(self._optimisers, (rate, matrix_rate), strict=True)
+        ]
+        self.parts: tuple[Any, ...] = (*self._optimisers, *self._cycles)  # all that has a state
+        self._net = net
+
+    def step(self, loss: torch.Tensor) -> None:
+        """Take one step down a loss."""
+        self._net.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        for p, view in zip(self._matrices, self._views, strict=True):
+            view.grad = None if p.grad is None else _flat(p.grad, p)
+        for optimiser, cycle in zip(self._optimisers, self._cycles, strict=True):
+            optimiser.step()
+            cycle.step()
+
+
+def _is_matrix(p: torch.Tensor) -> bool:
+    return p.ndim > 1 and p.shape[0] >= _MIN_ROWS and p.numel() >= _MIN_COLUMNS * p.shape[0]
+
+
+def _flat(p: torch.Tensor, like: torch.Tensor) -> torch.Tensor:
+    """Return weights as a matrix whose columns are in the order of the memory of `like`."""
+    is_last = like.ndim == 4 and like.is_contiguous(memory_format=torch.channels_last)
+    return (p.permute(0, 2, 3, 1) if is_last else p).flatten(1)
 
 
 def fit_maps(
@@ -93,8 +121,8 @@ def fit_maps(
     answer = torch.compile(net, dynamic=False) if settings.is_compiled else net
     run = fingerprint(train, settings, taught, start) if checkpoint else ""
     kept = Checkpoints(checkpoint, run)
-    first, done, resumed = kept.resume(net, optimizer, rng)
-    total: float | torch.Tensor = resumed
+    total: float | torch.Tensor
+    first, done, total = kept.resume(net, optimizer.parts, rng)
     for number in range(first, settings.epochs + 1):
         net.train()
         order = rng.get_state()
@@ -114,7 +142,7 @@ def fit_maps(
             # Summed where it is: to fetch each would let a GPU wait.
             total = total + loss.detach().double() * len(part)
             if kept.is_due:
-                kept.save((number, step, float(total)), net, optimizer, order, rng)
+                kept.save((number, step, float(total)), net, optimizer.parts, order, rng)
         logits = logits_of(net, validation)
         score = cross_entropy(logits, np.asarray(validation["label"]))
         yield Epoch(number, float(total) / len(labels), score)
@@ -156,42 +184,12 @@ def _beginning(
     maps: list[torch.Tensor], known: torch.Tensor, settings: MapFitSettings, start: Bundle | None
 ) -> tuple[MapNet, MuonAdamW]:
     """Return the network with its first weights, and what takes its steps."""
-    net = network(tuple(m.shape[1] for m in maps), settings)
+    net = MapNet(tuple(m.shape[1] for m in maps), settings)
     if start is not None:
         some = slice(0, None, max(1, len(known) // _N_SHOWN))
         start_from(net, start, [*(m[some].float() / 255 for m in maps), known[some]])
     n_steps = settings.epochs * -(-len(known) // settings.batch)
-    return net, optimizer_of(net, n_steps, settings, 1.0 if start is None else _STARTED_RATE)
-
-
-def network(rows: tuple[int, ...], settings: MapFitSettings) -> MapNet:
-    """Return a network with random weights for maps of `INPUTS` with so many rows."""
-    net = MapNet(
-        rows[0],
-        rows[1],
-        rows[2:],
-        n_known=N_INSTALLATION,
-        widths=settings.widths,
-        long_widths=settings.long_widths,
-        hidden=settings.hidden,
-        dropout=settings.dropout,
-    )
-    net.to(settings.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
-    return net
-
-
-def optimizer_of(
-    net: MapNet, n_steps: int, settings: MapFitSettings, share: float = 1.0
-) -> MuonAdamW:
-    """Return what takes `n_steps` steps, at so much of the learning rates."""
-    return MuonAdamW(
-        net,
-        n_steps,
-        rate=share * settings.learning_rate,
-        matrix_rate=share * settings.matrix_rate,
-        weight_decay=settings.weight_decay,
-        matrix_decay=settings.matrix_decay,
-    )
+    return net, MuonAdamW(net, n_steps, settings, 1.0 if start is None else _STARTED_RATE)
 
 
 def logits_of(net: nn.Module, windows: Arrays) -> NDArray[np.float64]:

@@ -1,6 +1,7 @@
 """Networks of the shipped bundles in torch: branches over maps, their sizes, and a beginning."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import onnx
@@ -11,56 +12,70 @@ from torch import nn
 
 from radard.errors import UsageError
 from radard.judge.bundle import Bundle
+from radard.judge.installation import N_INSTALLATION
 
 Widths = tuple[int, int, int, int]
 _KNOWN = 16  # units for what is known besides the maps
 _NORMS = (nn.BatchNorm1d, nn.BatchNorm2d)
 
 
+@dataclass(frozen=True, slots=True)
+class MapFitSettings:
+    """Length, rates, regularisation and augmentation of a network's training."""
+
+    # channels of a branch's convolutions, of those with longer CPIs, and behind the junction
+    widths: Widths = (12, 16, 20, 20)
+    long_widths: Widths = (12, 16, 20, 20)
+    hidden: int = 40
+    epochs: int = 12
+    batch: int = 128
+    # greatest of the one cycle, of AdamW and of Muon; see `MuonAdamW`
+    learning_rate: float = 4e-3
+    matrix_rate: float = 0.06
+    weight_decay: float = 2e-3
+    matrix_decay: float = 1e-2
+    dropout: float = 0.05  # of what decides
+    smoothing: float = 0.01  # of the labels, where there is no teacher
+    teacher_share: float = 0.5  # what a teacher counts beside the labels
+    seed: int = 0  # of weights, order and augmentation
+    threads: int = 1  # of torch; the same number, the same weights
+    device: str = "cpu"  # of torch, such as 'cuda', which holds all windows
+    is_half: bool = False  # whether layers compute in bfloat16; weights stay in single precision
+    # whether torch compiles the network first, which takes a C++ compiler
+    is_compiled: bool = False
+
+
 class MapNet(nn.Module):
     """Strided convolutional branches over maps: two of the same time, others of their own.
 
     Each branch halves velocity or range four times and time twice. Those of the velocity-time and
-    the range-time map (of so many rows) are joined time by time, and a convolution over time mixes
-    them; maps with longer CPIs (`n_long`, rows of each) have fewer columns of time and are joined
-    after it. Mean and maximum over time decide, with `n_known` numbers that are known besides
-    (`radard.judge.installation`). Strides instead of pooling: three times as fast on one core.
-
-    `widths` and `long_widths` are channels of a branch's four convolutions, `hidden` those behind
-    the junction, half as many for every longer CPI.
+    the range-time map are joined time by time, and a convolution over time mixes them; maps with
+    longer CPIs have fewer columns of time and are joined after it. `rows` are those of each map,
+    in this order. Mean and maximum over time decide, with what is known of the installation.
+    Strides instead of pooling: three times as fast on one core.
     """
 
-    def __init__(
-        self,
-        n_velocity: int,
-        n_range: int,
-        n_long: tuple[int, ...],
-        *,
-        n_known: int,
-        widths: Widths,
-        long_widths: Widths,
-        hidden: int,
-        dropout: float,
-    ) -> None:
+    def __init__(self, rows: tuple[int, ...], settings: MapFitSettings) -> None:
         super().__init__()
+        widths, long_widths, hidden = settings.widths, settings.long_widths, settings.hidden
         self.velocity = _branch(widths)
         self.range = _branch(widths)
-        rows = _strided(n_velocity) + _strided(n_range)
-        self.junction = _block(nn.Conv1d(widths[-1] * rows, hidden, 1, bias=False))
+        first, second, *longer = (_strided(n) for n in rows)
+        self.junction = _block(nn.Conv1d(widths[-1] * (first + second), hidden, 1, bias=False))
         self.mix = _block(nn.Conv1d(hidden, hidden, 3, padding=1, bias=False))
-        self.long = nn.ModuleList(_branch(long_widths) for _ in n_long)
+        self.long = nn.ModuleList(_branch(long_widths) for _ in longer)
         self.long_junctions = nn.ModuleList(
-            _block(nn.Conv1d(long_widths[-1] * _strided(n), hidden // 2, 1, bias=False))
-            for n in n_long
+            _block(nn.Conv1d(long_widths[-1] * n, hidden // 2, 1, bias=False)) for n in longer
         )
-        self.known = nn.Sequential(nn.Linear(n_known, _KNOWN), nn.ReLU())
-        n_deciding = 2 * hidden + len(n_long) * 2 * (hidden // 2) + _KNOWN
-        self.out = nn.Sequential(nn.Dropout(dropout), nn.Linear(n_deciding, 3))
+        self.known = nn.Sequential(nn.Linear(N_INSTALLATION, _KNOWN), nn.ReLU())
+        n_deciding = 2 * hidden + len(longer) * 2 * (hidden // 2) + _KNOWN
+        self.out = nn.Sequential(nn.Dropout(settings.dropout), nn.Linear(n_deciding, 3))
+        self.to(settings.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def forward(self, *given: torch.Tensor) -> torch.Tensor:
         """Return logits, shape (n, 3), of maps, each of shape (n, rows, n_cells).
 
-        Velocity-time, range-time, then those with longer CPIs; and what is known, (n, n_known).
+        Velocity-time, range-time, then those with longer CPIs; and the installation.
         """
         *maps, last = given
         known = self.known(last)
@@ -97,11 +112,6 @@ def _strided(n_rows: int) -> int:
     return n_rows
 
 
-def n_parameters(net: nn.Module) -> int:
-    """Return how many numbers a network has learned."""
-    return sum(p.numel() for p in net.parameters())
-
-
 def start_from(net: MapNet, bundle: Bundle, windows: Sequence[torch.Tensor]) -> None:
     """Give a network a bundle's weights; UsageError if it is of another kind or size.
 
@@ -116,14 +126,13 @@ def start_from(net: MapNet, bundle: Bundle, windows: Sequence[torch.Tensor]) -> 
         if isinstance(module, nn.Sequential) and len(module) > 1 and isinstance(module[1], _NORMS):
             layer: Any = module[0]
             norm: Any = module[1]
-            _take(bundle, layer.weight, found.get(f"{name}.0.weight"), f"{name}.0.weight")
+            _take(bundle, layer.weight, found, f"{name}.0.weight")
             bias = torch.empty_like(norm.bias)
-            _take(bundle, bias, found.get(f"{name}.0.weight_bias"), f"{name}.0.weight_bias")
+            _take(bundle, bias, found, f"{name}.0.weight_bias")
             hooks.append(norm.register_forward_pre_hook(_opened(bias)))
         elif isinstance(module, nn.Linear):
             for part in ("weight", "bias"):
-                own = getattr(module, part)
-                _take(bundle, own, found.get(f"{name}.{part}"), f"{name}.{part}")
+                _take(bundle, getattr(module, part), found, f"{name}.{part}")
     net.eval()
     with torch.no_grad():
         net(*windows)
@@ -131,7 +140,8 @@ def start_from(net: MapNet, bundle: Bundle, windows: Sequence[torch.Tensor]) -> 
         hook.remove()
 
 
-def _take(bundle: Bundle, own: torch.Tensor, values: NDArray[Any] | None, name: str) -> None:
+def _take(bundle: Bundle, own: torch.Tensor, found: Mapping[str, NDArray[Any]], name: str) -> None:
+    values = found.get(name)
     if values is None or values.shape != tuple(own.shape):
         shape = None if values is None else values.shape
         msg = f"model '{bundle.name}': {name} is {shape}, this size has {tuple(own.shape)}"

@@ -7,7 +7,7 @@ for bodies that nobody trained on, and of a mean of networks one for each that i
 windows after 3, 5 and 8 s weigh more.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,7 +42,7 @@ class Given:
         return [slice(int(a), int(b)) for a, b in zip(first, ends, strict=True)]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class HeadSettings:
     """How large a head is, and how it is trained."""
 
@@ -86,11 +86,10 @@ class TemporalHead(nn.Module):
         self.given = _part(len(mean), settings.n_projected, settings.n_hidden)
         n_said = settings.n_said
         self.said = _part(N_CLASSES, n_said, n_said) if n_said else None
-        self._apart = [
+        self.apart = nn.ModuleList(
             _part(end - first, settings.n_projected, settings.n_hidden)
             for first, end in settings.apart
-        ]
-        self.apart = nn.ModuleList(self._apart)
+        )
         self.settings = settings
 
     @property
@@ -101,17 +100,16 @@ class TemporalHead(nn.Module):
     def forward(self, given: torch.Tensor, log_p: torch.Tensor) -> tuple[torch.Tensor, ...]:
         """Return each part's logits, shape (n, n_windows, 3), of stays, (n, n_windows, ...)."""
         z = self.dropout((given - self.mean) / self.spread)
-        made = [_judged(self.given, torch.relu(self.given["projection"](z)))]
+        made = [_judged(self.given, torch.relu, z)]
         if self.said is not None:
-            made.append(_judged(self.said, torch.tanh(self.said["projection"](log_p))))
-        for part, (first, end) in zip(self._apart, self.settings.apart, strict=True):
-            own = part["projection"](z[..., first:end])
-            made.append(_judged(part, torch.relu(own)))
+            made.append(_judged(self.said, torch.tanh, log_p))
+        for part, (first, end) in zip(self.apart, self.settings.apart, strict=True):
+            made.append(_judged(part, torch.relu, z[..., first:end]))
         return tuple(made)
 
 
-def _judged(part: nn.ModuleDict, projected: torch.Tensor) -> torch.Tensor:
-    hidden, _ = part["gru"](projected)
+def _judged(part: Any, bend: Callable[..., torch.Tensor], x: torch.Tensor) -> torch.Tensor:
+    hidden, _ = part["gru"](bend(part["projection"](x)))
     logits: torch.Tensor = part["out"](hidden)
     return logits
 
@@ -219,12 +217,11 @@ def logits_over(head: TemporalHead, given: Given) -> NDArray[np.float64]:
 
 
 def _padded(given: Given, runs: list[slice]) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    def stays(values: NDArray[Any]) -> torch.Tensor:
-        return pad_sequence([torch.from_numpy(values[run]) for run in runs], batch_first=True)
+    def stays(values: NDArray[Any], missing: float = 0.0) -> torch.Tensor:
+        parts = [torch.from_numpy(values[run]) for run in runs]
+        return pad_sequence(parts, batch_first=True, padding_value=missing)
 
-    label = [torch.from_numpy(given.label[run]) for run in runs]
-    padded = pad_sequence(label, batch_first=True, padding_value=_IGNORED)
-    return stays(given.values), stays(given.log_p), padded
+    return stays(given.values), stays(given.log_p), stays(given.label, _IGNORED)
 
 
 def _mean_loss(

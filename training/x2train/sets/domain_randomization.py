@@ -31,6 +31,8 @@ class DomainRandomization:
     """A mover made less like the others of its kind; a `Mover` itself."""
 
     mover: Mover
+    label: Label  # of the body inside, as the names of its parts
+    names: tuple[str, ...]
     gain: Array
     contrast: float
     joins: bool
@@ -38,16 +40,6 @@ class DomainRandomization:
     begin_s: float
     pace: float
     wave: Array
-
-    @property
-    def label(self) -> Label:
-        """Label of the body inside."""
-        return self.mover.label
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the parts of the body inside."""
-        return self.mover.names
 
     def at(self, t_s: Array, antenna_m: Array) -> Points:
         """Return the body's points by an uneven clock, with gains of its own; see `Mover`."""
@@ -117,7 +109,8 @@ class RandomizedActor(Actor):
             contrast, joins, constant = 1.0, False, False
         wave = np.array([size_s, rate_hz, 2 * np.pi * rng.random(_N_WAVES)])
         begin_s = self._begin_s(mover, share[2], share[3]) if self.lead_s[1] >= 0 else 0.0
-        return DomainRandomization(mover, gain, contrast, joins, constant, begin_s, pace, wave)
+        inside = (mover, mover.label, mover.names)
+        return DomainRandomization(*inside, gain, contrast, joins, constant, begin_s, pace, wave)
 
     def _begin_s(self, mover: Mover, where: float, lead: float) -> float:
         """Return when to begin, so that it comes into the swath soon or is in it."""

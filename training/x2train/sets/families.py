@@ -5,7 +5,7 @@ tells them apart. Held out families are never in the training of a judged bundle
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -23,6 +23,8 @@ CLIPS = "clips:"  # begins a use that names a folder of clips: bodies of recorde
 RECORDED = "recorded"  # kind of such bodies
 Use = Literal["train", "staying", "things", "held out", "thesis", "all"]
 USES: tuple[Use, ...] = get_args(Use)
+_STAYING = {"stand", "busy", "exercise", "sit", "lie", "pant", "groom", "scratch", "play", "jump"}
+_MAX_DRAWS = 10_000  # until somebody goes
 LABELS: tuple[Label, ...] = ("human", "pet", "other")
 
 
@@ -48,60 +50,57 @@ class Family:
         return self.is_still or self.label == "other" or self.options.get("style") in _STAYING
 
 
-_STAYING = {"stand", "busy", "exercise", "sit", "lie", "pant", "groom", "scratch", "play", "jump"}
-_PEOPLE = {
-    "walk": 4.0,
-    "stroll": 2.5,
-    "crouch": 1.0,
-    "jog": 1.0,
-    "run": 1.2,
-    "limp": 1.0,
-    "carry": 1.0,
-    "stop_and_go": 1.5,
-    "stand": 0.6,
-    "child": 1.5,
-    "child_run": 0.8,
-    "busy": 1.2,
-    "search": 1.0,
-    "sit": 1.0,
-    "exercise": 0.8,
+_PEOPLE: Mapping[Use, Mapping[str, float]] = {
+    "train": {
+        "walk": 4.0,
+        "stroll": 2.5,
+        "crouch": 1.0,
+        "jog": 1.0,
+        "run": 1.2,
+        "limp": 1.0,
+        "carry": 1.0,
+        "stop_and_go": 1.5,
+        "stand": 0.6,
+        "child": 1.5,
+        "child_run": 0.8,
+        "busy": 1.2,
+        "search": 1.0,
+        "sit": 1.0,
+        "exercise": 0.8,
+    },
+    "held out": {"stealth": 1.5, "crawl": 1.5, "toddler": 1.0, "carry_pet": 0.5},
 }
-_PEOPLE_HELD_OUT = {"stealth": 1.5, "crawl": 1.5, "toddler": 1.0, "carry_pet": 0.5}
 """Styles of movement of people by their share: what a home sees most the more often."""
-_LARGE_DOG_KG = 55  # a mastiff
-_THESIS: tuple[tuple[str, Label], ...] = (("human", "human"), ("dog", "pet"), ("cat", "pet"))
+PAIRS: Mapping[tuple[Label, Label], float] = {
+    ("human", "pet"): 0.18,
+    ("human", "other"): 0.10,
+    ("pet", "pet"): 0.08,
+    ("pet", "other"): 0.07,
+}
+"""How often somebody has company of each label, by (who, company)."""
 _THINGS = ("curtain", "fan", "robot_vacuum", "washing_machine", "door", "plant", "rain", "moth")
-
-
-def _families() -> tuple[Family, ...]:
-    rows = [
-        Family(f"human {s}", "human", "human", {"style": s}, "train", w)
-        for s, w in _PEOPLE.items()
-    ]
-    rows += [
-        Family(f"human {s}", "human", "human", {"style": s}, "held out", w)
-        for s, w in _PEOPLE_HELD_OUT.items()
-    ]
-    # The animals that are taught most come first: draws are by order and weight.
-    for animal in sorted(SPECIES.values(), key=lambda s: -sum(s.taught.values())):
-        rows += [
-            Family(f"{animal.name} {style}", animal.label, animal.name, {"style": style}, weight=w)
-            for style, w in animal.taught.items()
-        ]
-    large = {"style": "roam", "mass_kg": _LARGE_DOG_KG}
-    rows += [
-        Family("largest dogs", "pet", "dog", large, "held out", 1.5),
-        Family("cat bound", "pet", "cat", {"style": "bound"}, "held out", 1.0),
-        Family("bird", "pet", "bird", weight=0.8),
-    ]
-    rows += [Family(kind.replace("_", " "), "other", kind) for kind in _THINGS]
-    rows += [
-        Family(f"thesis {kind}", label, f"thesis_{kind}", {}, "thesis") for kind, label in _THESIS
-    ]
-    return tuple(rows)
-
-
-FAMILIES: tuple[Family, ...] = _families()  # every family
+_TAUGHT = sorted(SPECIES.values(), key=lambda s: -sum(s.taught.values()))
+"""The animals that are taught most come first: draws are by order and weight."""
+FAMILIES: tuple[Family, ...] = (
+    *(
+        Family(f"human {s}", "human", "human", {"style": s}, use, w)
+        for use, styles in _PEOPLE.items()
+        for s, w in styles.items()
+    ),
+    *(
+        Family(f"{animal.name} {s}", animal.label, animal.name, {"style": s}, weight=w)
+        for animal in _TAUGHT
+        for s, w in animal.taught.items()
+    ),
+    Family("largest dogs", "pet", "dog", {"style": "roam", "mass_kg": 55}, "held out", 1.5),
+    Family("cat bound", "pet", "cat", {"style": "bound"}, "held out", 1.0),
+    Family("bird", "pet", "bird", weight=0.8),
+    *(Family(kind.replace("_", " "), "other", kind) for kind in _THINGS),
+    Family("thesis human", "human", "thesis_human", use="thesis"),
+    Family("thesis dog", "pet", "thesis_dog", use="thesis"),
+    Family("thesis cat", "pet", "thesis_cat", use="thesis"),
+)
+"""Every family; the largest dogs are mastiffs."""
 
 
 def families(label: Label, use: Use = "all") -> tuple[Family, ...]:
@@ -137,20 +136,12 @@ def plugged_family(name: str) -> Family:
 @cache
 def recorded_families(folder: str, known: frozenset[str] = frozenset()) -> tuple[Family, ...]:
     """Return a family for each individual of `read_library`; SceneError if it is no folder."""
-    return tuple(
-        Family(
-            each.name,
-            each.label,
-            RECORDED,
-            weight=each.weight,
-            plugged=BodyKind(
-                "Somebody whose motion was recorded.", partial(draw_recorded_body, each)
-            ),
-            is_still=not each.goes,
-            individual=k,
-        )
-        for k, each in enumerate(read_library(Path(folder), known))
-    )
+    made = []
+    for k, each in enumerate(read_library(Path(folder), known)):
+        body = BodyKind("Somebody whose motion was recorded.", partial(draw_recorded_body, each))
+        who = Family(each.name, each.label, RECORDED, weight=each.weight, plugged=body)
+        made.append(replace(who, is_still=not each.goes, individual=k))
+    return tuple(made)
 
 
 def draw_family(rng: np.random.Generator, label: Label, use: Use) -> Family:
@@ -164,20 +155,15 @@ def _drawn(rng: np.random.Generator, rows: Sequence[Family]) -> Family:
 
 
 def draw_goer(rng: np.random.Generator, label: Label, use: Use | str) -> Family:
-    """Return a family as `draw_cast` gives it first; people and pets do not stay in place."""
-    while True:
+    """Return a family as `draw_cast` gives it first; people and pets do not stay in place.
+
+    Raises SettingsError if there is nobody who goes: clips may be of some who stay alone.
+    """
+    for _ in range(_MAX_DRAWS):
         first = draw_cast(rng, label, use)[0]
         if label == "other" or use == "staying" or not first.stays:
             return first
-
-
-PAIRS: Mapping[tuple[Label, Label], float] = {
-    ("human", "pet"): 0.18,
-    ("human", "other"): 0.10,
-    ("pet", "pet"): 0.08,
-    ("pet", "other"): 0.07,
-}
-"""How often somebody has company of each label, by (who, company)."""
+    raise SettingsError(f"families '{use}': no {label} goes anywhere in them, as --clear needs")
 
 
 def draw_cast(rng: np.random.Generator, label: Label, use: Use | str) -> tuple[Family, ...]:
@@ -203,6 +189,4 @@ def draw_cast(rng: np.random.Generator, label: Label, use: Use | str) -> tuple[F
         if point < share:
             return draw_family(rng, label, of_use), draw_family(rng, other, of_use)
         point -= share
-    if label == "other":
-        return (draw_family(rng, label, "all"),)
-    return (draw_family(rng, label, use),)
+    return (draw_family(rng, label, "all" if label == "other" else use),)

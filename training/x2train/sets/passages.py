@@ -6,7 +6,6 @@ decimation too, so a passage costs what a scene requires and no more.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any, Self
 
 import numpy as np
@@ -110,9 +109,9 @@ def play(
 
 def level_db_of(site: Site) -> float:
     """Return what a square metre at 1 m on the axis shows, in dB over the receiver's noise."""
-    axis, budget = site.radar.axis(), LinkBudget()
-    amplitude = float(budget.amplitude(np.ones(1), np.ones(1), axis)[0]) * _gain(site)
-    return float(20 * np.log10(amplitude / _noise_level(site, budget)))
+    one = np.ones(1)
+    amplitude = float(LinkBudget().amplitude(one, one, site.radar.axis())[0]) * _gain(site)
+    return float(20 * np.log10(amplitude / _noise_level(site)))
 
 
 class Player:
@@ -166,40 +165,31 @@ class Player:
 
     def truth(self, points: tuple[Points, ...]) -> Truth:
         """Return the truth about bodies of a block."""
-        level = _noise_level(self._site, self._budget)
-        return _truth(self._site, points, self._budget, self._gain, level)
+        radar, antenna, noise = self._site.radar, self._site.antenna, _noise_level(self._site)
+        columns = []
+        for p in points:
+            middle = p.position_m.mean(axis=1)
+            range_m = length_m(middle - antenna.position_m)
+            velocity_mps = -np.gradient(range_m) * self._rate_hz
+            speed_mps = np.linalg.norm(np.gradient(middle, axis=0), axis=1) * self._rate_hz
+            amplitude = antenna.direct(p, None).amplitude(self._budget, self._axis) * self._gain
+            away_m = length_m(p.position_m - antenna.position_m)
+            seen = (away_m > radar.near_m) & (away_m < radar.far_m)
+            power = np.where(seen, amplitude**2, 0.0).sum(axis=1) / noise**2
+            with np.errstate(divide="ignore"):
+                snr_db = 10 * np.log10(power)
+            columns.append((range_m, velocity_mps, speed_mps, snr_db))
+        return Truth(*(np.stack(column, axis=1) for column in zip(*columns, strict=True)))
 
 
 def _gain(site: Site) -> float:
     return float(np.sqrt(SEED_GAIN) * 10 ** (site.level_db / 20))
 
 
-def _noise_level(site: Site, budget: LinkBudget) -> float:
+def _noise_level(site: Site) -> float:
     """Return the amplitude of this receiver's noise, which is not the budget's."""
-    noise = float(np.sqrt(baseband_noise_power(site.radar.axis(), budget.noise_sigma)))
+    noise = float(np.sqrt(baseband_noise_power(site.radar.axis(), LinkBudget().noise_sigma)))
     return noise * 10 ** ((site.receiver.noise_figure_db - 13) / 20)
-
-
-def _truth(
-    site: Site, points: tuple[Points, ...], budget: LinkBudget, gain: float, noise: float
-) -> Truth:
-    radar, antenna_m = site.radar, site.antenna.position_m
-    columns: list[list[Array]] = [[], [], [], []]
-    for p in points:
-        middle = p.position_m.mean(axis=1)
-        rate_hz = radar.frame_rate_hz
-        range_m = length_m(middle - antenna_m)
-        speed_mps = np.linalg.norm(np.gradient(middle, axis=0), axis=1) * rate_hz
-        amplitude = site.antenna.direct(p, None).amplitude(budget, radar.axis()) * gain
-        away_m = length_m(p.position_m - antenna_m)
-        seen = (away_m > radar.near_m) & (away_m < radar.far_m)
-        power = np.where(seen, amplitude**2, 0.0).sum(axis=1) / noise**2
-        with np.errstate(divide="ignore"):
-            snr_db = 10 * np.log10(power)
-        made = (range_m, -np.gradient(range_m) * rate_hz, speed_mps, snr_db)
-        for column, values in zip(columns, made, strict=True):
-            column.append(values)
-    return Truth(*(np.stack(c, axis=1) for c in columns))
 
 
 def actor(
@@ -212,7 +202,8 @@ def actor(
     is_plain: bool,
 ) -> RandomizedActor:
     """Return a family's body in a site, its place and course drawn; `given` are options of all."""
-    near_m, far_m = site.course_m
+    radar = site.radar
+    near_m, far_m = radar.near_m, min(radar.far_m, radar.near_m + site.depth_m)
     options: dict[str, Any] = dict(family.options)
     if family.kind in _MADE:
         options = {**given, **options}
@@ -230,18 +221,18 @@ def actor(
         options["home_m"] = [x, y, float(rng.uniform(0.8, 1.8))]
     elif family.kind != "moth" and family.use != "thesis":
         drawn = _COURSES[int(rng.integers(len(_COURSES)))]
-        if family.stays and site.is_close:
+        if family.stays and site.depth_m < np.inf:
             options = {"waypoints_m": _close_place(rng, near_m, far_m)} | options
         else:
             course = "wander" if family.stays else drawn
             options = {"near_m": near_m, "far_m": far_m, "course": course} | options
     return RandomizedActor(
         family.kind,
-        MappingProxyType(options),
+        options,
         family.name,
         plugged=family.plugged,
         antenna_m=(0.0, 0.0, site.antenna.height_m),
-        swath_m=(site.radar.near_m, site.radar.far_m),
+        swath_m=(radar.near_m, radar.far_m),
         lead_s=lead_s,
         is_plain=is_plain,
     )

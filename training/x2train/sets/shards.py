@@ -43,8 +43,12 @@ class ShardSet:
         if (folder / MANIFEST).exists():
             known = _read_manifest(folder)
             if known.about != self.about:
-                changed = _difference(known.about, self.about)
-                msg = f"{folder}: holds a set that was made otherwise ({changed}); remove it"
+                keys = sorted({*known.about, *self.about})
+                old, new = ([about.get(k) for k in keys] for about in (known.about, self.about))
+                rows = zip(keys, old, new, strict=True)
+                changed = [f"{k}: {a!r}, not {b!r}" for k, a, b in rows if a != b]
+                said = ", ".join(changed[:3])
+                msg = f"{folder}: holds a set that was made otherwise ({said}); remove it"
                 raise UsageError(msg)
             self._shards = known.shards
 
@@ -58,15 +62,11 @@ class ShardSet:
         arrays_by_name: dict[str, Any] = dict(arrays)
         np.savez(memory, **arrays_by_name)
         data = memory.getvalue()
-        rows = len(next(iter(arrays.values()), ()))
         write_whole(self.folder / f"{name}.npz", data)
-        digest = hashlib.sha256(data).hexdigest()
-        self._shards[name] = {"rows": rows, "sha256": digest}
-        text = json.dumps(
-            {"version": VERSION, "about": self.about, "shards": self._shards},
-            indent=1,
-            sort_keys=True,
-        )
+        rows = len(next(iter(arrays.values()), ()))
+        self._shards[name] = {"rows": rows, "sha256": hashlib.sha256(data).hexdigest()}
+        manifest = {"version": VERSION, "about": self.about, "shards": self._shards}
+        text = json.dumps(manifest, indent=1, sort_keys=True)
         write_whole(self.folder / MANIFEST, text.encode())
 
     def read(self, name: str) -> dict[str, NDArray[Any]]:
@@ -113,11 +113,6 @@ def about_of(folder: Path) -> Mapping[str, Any]:
     return _read_manifest(folder).about
 
 
-def _difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
-    keys = [k for k in sorted({*old, *new}) if old.get(k) != new.get(k)]
-    return ", ".join(f"{k}: {old.get(k)!r}, not {new.get(k)!r}" for k in keys[:3])
-
-
 def read_all(folder: Path) -> tuple[Mapping[str, Any], dict[str, NDArray[Any]]]:
     """Return what a set was made from, and the columns of all its shards; or RecordingError."""
     known = _read_manifest(folder)
@@ -140,21 +135,11 @@ def make_shards(
 ) -> ShardSet:
     """Make a set of shards, or what is missing of it, of elements 0 to n_elements - 1.
 
-    Parameters
-    ----------
-    folder, about : Path and mapping
-        The set, and what its elements are drawn from; it is refused if it was made otherwise.
-    make : callable
-        Element number to its arrays, of any lengths, with the same names and dtypes for every
-        element; None leaves it out. It must be importable by name in a new process.
-    crew, per_shard : Crew and int
-        Who makes them; elements per shard.
-
-    Raises
-    ------
-    UsageError, ElementError, GenerateError, RecordingError
-        If the folder holds another set; `make` fails (whole shards are kept); the cluster cannot
-        be reached or a worker died; the disk does not take a shard.
+    `about` is what they are drawn from. `make` takes an element's number and returns its arrays,
+    of any lengths, with the same names and dtypes for every element, or None to leave it out; it
+    must be importable by name in a new process. Raises UsageError if the folder holds a set that
+    was made otherwise, ElementError if `make` fails (whole shards are kept), GenerateError if the
+    cluster cannot be reached or a worker died, RecordingError if the disk does not take a shard.
     """
     shards = ShardSet(folder, {**about, "elements": n_elements, "per_shard": per_shard})
     bounds = {

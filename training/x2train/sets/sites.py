@@ -7,7 +7,6 @@ ceiling that looks steeply down.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
@@ -24,7 +23,7 @@ RoomKind = Literal["usual", "unseen"]
 RadarKind = Literal["any", "x2", "x4m03"]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Radar:
     """A radar behind its matched filter, most decimated in range, as the maps need it."""
 
@@ -55,66 +54,37 @@ class Radar:
         return StreamInfo(self.axis(), self.frame_rate_hz, self.name)
 
 
-X2 = Radar(
-    name="X2",
-    carrier_hz=6.8e9,
-    bandwidth_hz=2.3e9,
-    bin_length_m=8 * 0.003656,
-    near_m=0.6,
-    far_m=3.4,
-    frame_rate_hz=60.0,
-)
-X4M03 = Radar(
-    name="X4M03",
-    carrier_hz=7.29e9,
-    bandwidth_hz=1.4e9,
-    bin_length_m=0.0514,
-    near_m=0.4,
-    far_m=9.0,
-    frame_rate_hz=60.0,
-)
-P4XX = Radar(
-    name="P4xx",
-    carrier_hz=4.0e9,
-    bandwidth_hz=1.7e9,
-    bin_length_m=3 * 0.009149,
-    near_m=0.5,
-    far_m=4.4,
-    frame_rate_hz=30.5,
-)
+X2 = Radar("X2", 6.8e9, 2.3e9, 8 * 0.003656, 0.6, 3.4, 60.0)
+X4M03 = Radar("X4M03", 7.29e9, 1.4e9, 0.0514, 0.4, 9.0, 60.0)
+P4XX = Radar("P4xx", 4.0e9, 1.7e9, 3 * 0.009149, 0.5, 4.4, 30.5)
 """The three radars by their data sheets, the X2's bins eight and the P4xx's three together."""
 
 
-def _thesis() -> Radar:
-    settings = RadarSettings(frame_rate_hz=60.0)
-    axis = settings.axis
-    return Radar(
-        name="X2 of the thesis",
-        carrier_hz=axis.carrier_hz,
-        bandwidth_hz=axis.bandwidth_hz,
-        bin_length_m=axis.bin_length_m,
-        near_m=axis.range_offset_m,
-        far_m=axis.range_offset_m + (axis.n_range - 1) * axis.bin_length_m,
-        frame_rate_hz=settings.frame_rate_hz,
-    )
-
-
-THESIS = _thesis()
+_TABLE_B5 = RadarSettings(frame_rate_hz=60.0)
+_AXIS = _TABLE_B5.axis
+THESIS = Radar(
+    name="X2 of the thesis",
+    carrier_hz=_AXIS.carrier_hz,
+    bandwidth_hz=_AXIS.bandwidth_hz,
+    bin_length_m=_AXIS.bin_length_m,
+    near_m=_AXIS.range_offset_m,
+    far_m=_AXIS.range_offset_m + (_AXIS.n_range - 1) * _AXIS.bin_length_m,
+    frame_rate_hz=_TABLE_B5.frame_rate_hz,
+)
 """The X2 as table B.5 of the thesis has it, `X2` before the decimation: noise is the same."""
-ONE_RADAR: Mapping[str, Radar] = MappingProxyType({"thesis": THESIS, "x4m03": X4M03, "p4xx": P4XX})
+ONE_RADAR: Mapping[str, Radar] = {"thesis": THESIS, "x4m03": X4M03, "p4xx": P4XX}
 """Radars before which every suite can be played, by the name that `evaluate` takes."""
 _X2_SHARE = 0.8  # the radar that the bundles are for
 _CLOSE_M = 0.7  # an arm's length from a shelf or table
 _HIGH_SHARE = 0.4  # of usual sites
-_LOW_M, _LOW_TILT_DEG = (0.4, 1.6), (-8.0, 8.0)  # mounts on furniture and at switches
+_LOW = (0.4, 1.6), (-8.0, 8.0)  # metres and degrees of mounts on furniture and at switches
+_HIGH = (1.9, 2.5), (10.0, 32.0)  # and over doors
 _CLEAR_LEVEL_DB = (0.0, 40.0)  # from barely seen to far over the noise
-_HIGH_M, _HIGH_TILT_DEG = (1.9, 2.5), (10.0, 32.0)  # mounts over doors
 
 
 def _draw_rate_hz(rng: np.random.Generator, least_hz: float = 30.0) -> float:
     """Return a frame rate: 60 or 200 Hz, the X2's usual ones, or one between, by its logarithm."""
-    rate = least_hz * (200 / least_hz) ** rng.random()
-    usual = rng.random()
+    rate, usual = least_hz * (200 / least_hz) ** rng.random(), rng.random()
     if usual < 0.5:
         return 60.0
     return 200.0 if usual < 0.65 else float(round(rate, 1))
@@ -173,19 +143,7 @@ class Site:
     tail: TailSettings | None  # moving clutter behind bodies
     receiver: ReceiverEffects
     level_db: float  # strength of all echoes against the radar equation
-    kind: RoomKind = "usual"
     depth_m: float = np.inf  # how far behind the near end of the swath bodies go
-
-    @property
-    def is_close(self) -> bool:
-        """Whether bodies stay close to the radar."""
-        return self.depth_m < np.inf
-
-    @property
-    def course_m(self) -> tuple[float, float]:
-        """Nearest and farthest range of what bodies do, in metres."""
-        near_m, far_m = self.radar.near_m, self.radar.far_m
-        return near_m, min(far_m, near_m + self.depth_m)
 
 
 def draw_close(rng: np.random.Generator, radar: Radar) -> Site:
@@ -207,11 +165,10 @@ def draw_site(rng: np.random.Generator, radar: Radar, kind: RoomKind = "usual") 
     room_rng = rng.spawn(1)[0]
     if kind == "unseen":
         return _unseen(room_rng, radar)
-    is_high = share[11] < _HIGH_SHARE
-    height_m = float(rng.uniform(*(_HIGH_M if is_high else _LOW_M)))
+    heights_m, tilts_deg = _HIGH if share[11] < _HIGH_SHARE else _LOW
     antenna = Antenna(
-        height_m=height_m,
-        tilt_deg=float(rng.uniform(*(_HIGH_TILT_DEG if is_high else _LOW_TILT_DEG))),
+        height_m=float(rng.uniform(*heights_m)),
+        tilt_deg=float(rng.uniform(*tilts_deg)),
         shape="gaussian" if share[0] < 0.75 else "isotropic",
         azimuth_width_deg=float(rng.uniform(55, 110)),
         elevation_width_deg=float(rng.uniform(55, 110)),
@@ -279,5 +236,4 @@ def _unseen(rng: np.random.Generator, radar: Radar) -> Site:
             noise_figure_db=float(rng.uniform(11, 17)), jitter_s=2e-13, gain_noise=1e-3
         ),
         level_db=float(rng.uniform(-5, 10)),
-        kind="unseen",
     )

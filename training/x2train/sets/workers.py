@@ -94,7 +94,7 @@ def pool(workers: int) -> Iterator[Run]:
     with (
         _one_thread(),
         ProcessPoolExecutor(
-            workers, mp_context=context, initializer=_Pooled.enlist, initargs=(stop,)
+            workers, mp_context=context, initializer=setattr, initargs=(_Pooled, "stop", stop)
         ) as executor,
     ):
         try:
@@ -147,10 +147,6 @@ class _Pooled:
     """What a worker process knows: whether to stop."""
 
     stop: Event | None = None
-
-    @classmethod
-    def enlist(cls, stop: Event) -> None:
-        cls.stop = stop
 
 
 @contextmanager
