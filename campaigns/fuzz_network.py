@@ -169,7 +169,7 @@ def _reader() -> CommandReader:
     folder = tempfile.TemporaryDirectory()
     atexit.register(folder.cleanup)
     (code := Path(folder.name) / "code").write_text("1234\n")
-    return CommandReader("radard/hall", MqttSection(code_file=code), now_s=lambda: 0.0)
+    return CommandReader(MqttSection(code_file=code), now_s=lambda: 0.0)
 
 
 def mqtt(_folder: Path, data: bytes) -> None:

@@ -9,7 +9,7 @@ from radard.config.config import load_config
 from radard.config.sink_table import WebSection
 from radard.log import EventLog
 from radard.web.api import Api
-from radard.web.auth import AccessControl, Tokens
+from radard.web.auth import AccessControl
 from radard.web.sink import WebSink
 from radard.web.view import View
 from tests.host_helpers import FakeHost
@@ -18,8 +18,8 @@ from tests.web_helpers import HEADERS, Answer, Client
 
 def all_routes():
     """Every route that a sensor's pages have."""
-    view = View(WebSection(), EventLog(None), lambda *_: None, "")
-    return Api(view, AccessControl(Tokens()), list).routes
+    view = View(WebSection(), EventLog(None), lambda *_: None, FakeHost(), "")
+    return Api(view, AccessControl(), list).routes
 
 
 class AppClient(Client):

@@ -181,6 +181,15 @@ class Listener:
         self.client.loop_stop()
 
 
+def read_packet(file):
+    """The head of an MQTT packet (3.1.1, 2.2) with its length, and its body."""
+    head, size, shift = file.read(1), 0, 0
+    while not shift or head[-1] & 0x80:
+        head += file.read(1)
+        size, shift = size | (head[-1] & 0x7F) << shift, shift + 7
+    return head, file.read(size)
+
+
 class Relay:
     """A port at which nobody answers, until it is opened to another on this machine.
 
@@ -210,16 +219,13 @@ class Relay:
                     threading.Thread(target=pump, args=ends, daemon=True).start()
 
     def _pump_packets(self, source, target):
-        """Hand on whole packets (MQTT 3.1.1, 2.2) while they are small enough."""
+        """Hand on whole packets while they are small enough."""
         with contextlib.suppress(OSError, IndexError), source.makefile("rb") as packets:
             while True:
-                head, size, shift = packets.read(1), 0, 0
-                while not shift or head[-1] & 0x80:
-                    head += packets.read(1)
-                    size, shift = size | (head[-1] & 0x7F) << shift, shift + 7
-                if size > self._max_bytes:
+                head, body = read_packet(packets)
+                if len(body) > self._max_bytes:
                     break
-                target.sendall(head + packets.read(size))
+                target.sendall(head + body)
         for end in (source, target):
             with contextlib.suppress(OSError):
                 end.shutdown(socket.SHUT_RDWR)

@@ -13,9 +13,9 @@ def opened():
     """Open outputs that try again at once, with sections of the configuration."""
     with contextlib.ExitStack() as stack:
 
-        def begin(url, state_dir=None, *, hosts=(), mark="", can_wait=False, **sections):
+        def begin(url, state_dir=None, *, host=None, mark="", can_wait=False, **sections):
             options = SinkOptions(**{"log": QUICK, **sections})
-            context = {"hosts": hosts, "mark": mark, "can_wait": can_wait}
+            context = {"host": host, "mark": mark, "can_wait": can_wait}
             sink = open_sink(url, options, state_dir=state_dir, **context)
             stack.callback(sink.close, 1.0)
             return sink
@@ -29,9 +29,8 @@ def publish(broker, tmp_path, opened):
 
     def begin(*records, url=None, radar=None, mark="", **section):
         section = {"keepalive_s": 1, "commands": "always", **section}
-        context = {"hosts": () if radar is None else (radar,), "mark": mark}
         url = url or f"mqtt://127.0.0.1:{broker.port}"
-        sink = opened(url, tmp_path / f"state{mark}", mqtt=section, **context)
+        sink = opened(url, tmp_path / f"state{mark}", mqtt=section, host=radar, mark=mark)
         for record in records:
             sink.write(record)
         return sink

@@ -11,7 +11,15 @@ from radard.config.sink_table import MqttSection, SinkOptions
 from radard.outputs.base import DeliveryError
 from radard.outputs.mqtt.link import Broker, MqttLink, Publication
 from radard.outputs.registry import tried
-from tests.sink_helpers import MQTT_MARKS, QUICK, decision, event, hello, open_sink
+from tests.sink_helpers import (
+    MQTT_MARKS,
+    QUICK,
+    decision,
+    event,
+    hello,
+    open_sink,
+    read_packet,
+)
 from tests.waiting import wait_for
 from x2radar.backoff import Backoff
 
@@ -125,11 +133,8 @@ class _Line(socketserver.StreamRequestHandler):
             return
 
     def _answer(self):
-        head = self.rfile.read(1)[0]
-        n, shift = 0, 0
-        while (byte := self.rfile.read(1)[0]) & 0x80:
-            n, shift = n | (byte & 0x7F) << shift, shift + 7
-        body, broker = self.rfile.read(n | byte << shift), self.server
+        (head, *_), body = read_packet(self.rfile)
+        broker = self.server
         match head >> 4:
             case 1:
                 wants_retain = bool(body[7] & 0x20)

@@ -1,7 +1,6 @@
 """From the configuration to the sinks: names, reloads, and what is killed in between."""
 
 import json
-import signal
 import socket
 import sqlite3
 import subprocess
@@ -246,24 +245,6 @@ for line in sys.stdin:
 """
 
 
-class Told:
-    """Outputs in a process of their own, which can be killed."""
-
-    def __init__(self, folder, *names):
-        argv = ["-c", TOLD, json.dumps([str(folder), *names])]
-        pipes = {"stdin": subprocess.PIPE, "stdout": None, "stderr": None}
-        self._process = started(*argv, text=True, **pipes)
-
-    def put(self, record):
-        self._process.stdin.write(json.dumps(record) + "\n")
-        self._process.stdin.flush()
-
-    def kill(self):
-        self._process.send_signal(signal.SIGKILL)
-        self._process.wait(60)
-        self._process.stdin.close()
-
-
 def n_done(folder):
     """How many outputs have all events, as the file of the log knows."""
     with closing(sqlite3.connect(folder / "log.db", timeout=60)) as db:
@@ -274,18 +255,25 @@ def test_a_kill_behind_the_first_outputs_word_costs_the_others_nothing(tmp_path,
     store, lines = tmp_path / "events.db", tmp_path / "out.jsonl"
     outputs_of(tmp_path, f"store:{store}").close()
     names = (f"json:{lines}", f"store:{store}", f"webhook:http://127.0.0.1:{server.port}/")
-    told = Told(tmp_path, *names)
-    told.put(hello())
+    pipes = {"stdin": subprocess.PIPE, "stdout": None, "stderr": None}
+    process = started("-c", TOLD, json.dumps([str(tmp_path), *names]), text=True, **pipes)
+
+    def put(record):
+        process.stdin.write(json.dumps(record) + "\n")
+        process.stdin.flush()
+
+    put(hello())
     wait_for(lambda: lines.exists() and "hello" in lines.read_text())
     server.code = 500
     # Somebody holds the store, and the server takes nothing.
     with closing(sqlite3.connect(store)) as db:
         db.execute("BEGIN EXCLUSIVE")
-        told.put(event(1))
+        put(event(1))
         wait_for(lambda: ids_in(lines) == [ulid(1)])
         # A kill before the log knows that the file has it would let it be told there twice.
         wait_for(lambda: n_done(tmp_path) == 1)
-        told.kill()
+        process.kill()
+        process.communicate()
     assert read_events(store) == []
     server.code = 200
     n_before = len(server.posts)

@@ -10,7 +10,7 @@ import threading
 
 import pytest
 
-from radard.config.sink_table import MqttSection, SinkOptions
+from radard.config.sink_table import SinkOptions
 from radard.outputs import jsonl, store
 from tests import sink_helpers as far
 from tests.sink_helpers import QUICK, Listener, WebServer, decision, event, hello, ulid
@@ -19,7 +19,7 @@ from x2radar.backoff import Backoff
 
 pytestmark = pytest.mark.integration
 
-OPTIONS = SinkOptions(log=QUICK, mqtt=MqttSection(keepalive_s=1, discovery="off"))
+OPTIONS = SinkOptions(log=QUICK, mqtt={"keepalive_s": 1, "discovery": "off"})
 
 
 @pytest.fixture(autouse=True)
@@ -229,11 +229,10 @@ def test_a_broken_far_end_does_not_hold_up_the_end(far_end, tmp_path):
 
 @pytest.mark.parametrize("scheme", ["mqtt", "webhook:http"])
 def test_a_far_end_that_is_there_but_silent(scheme, tmp_path):
-    web = OPTIONS.webhook.model_copy(update={"timeout_s": 0.1})
-    options = OPTIONS.model_copy(update={"webhook": web})
+    options = SinkOptions(log=QUICK, mqtt={"keepalive_s": 1}, webhook={"timeout_s": 0.1})
     with socket.create_server(("127.0.0.1", 0)) as silent:
         url = f"{scheme}://127.0.0.1:{silent.getsockname()[1]}"
-        sink = far.open_sink(url, options, sensor="hall", state_dir=tmp_path)
+        sink = far.open_sink(url, options, state_dir=tmp_path)
         for k in range(1, 6):
             sink.write(event(k))
         wait_for(lambda: "no answer" in sink.state.reason)
@@ -241,36 +240,26 @@ def test_a_far_end_that_is_there_but_silent(scheme, tmp_path):
         in_time(sink.close, 0.2)
 
 
-class Pipe:
-    """Stdout as a pipe, and the descriptor that reads it."""
-
-    def __init__(self):
-        self.read_fd, write_fd = os.pipe()
-        self.stream = os.fdopen(write_fd, "w")
-
-    def open(self, url, **context):
-        """Open a sink on it; in the test itself, for pytest puts its own stdout in place."""
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(sys, "stdout", self.stream)
-            return far.open_sink(url, SinkOptions(), **context)
-
-    def hang_up(self):
-        if self.read_fd is not None:
-            os.close(self.read_fd)
-            self.read_fd = None
-
-
 @pytest.fixture
 def pipe():
-    made = Pipe()
-    yield made
-    made.hang_up()
-    made.stream.close()
+    """Open a sink on stdout that is a pipe; return it and what reads that."""
+    with contextlib.ExitStack() as stack:
+
+        def open_on_pipe(url, **context):
+            read_fd, write_fd = os.pipe()
+            reader = stack.enter_context(os.fdopen(read_fd, "rb", 0))
+            stream = stack.enter_context(os.fdopen(write_fd, "w"))
+            # In the test itself, for pytest puts its own stdout in place.
+            with pytest.MonkeyPatch.context() as patch:
+                patch.setattr(sys, "stdout", stream)
+                return far.open_sink(url, **context), reader
+
+        yield open_on_pipe
 
 
 @pytest.mark.parametrize("url", ["json", "table"])
 def test_a_reader_that_pauses_costs_decisions_and_no_events(url, pipe):
-    sink = pipe.open(url)
+    sink, reader = pipe(url)
     n = 6000
 
     def flood():
@@ -285,7 +274,7 @@ def test_a_reader_that_pauses_costs_decisions_and_no_events(url, pipe):
     end.start()
     text = b""
     while b"human at 7.0 m" not in text:
-        text += os.read(pipe.read_fd, 65_536)
+        text += reader.read(65_536)
     end.join(60)
     assert not end.is_alive()
     kept = n + 2 - sink.state.n_dropped
@@ -294,8 +283,8 @@ def test_a_reader_that_pauses_costs_decisions_and_no_events(url, pipe):
 
 @pytest.mark.parametrize("can_wait", [True, False])
 def test_a_reader_that_goes_away_ends_the_run(pipe, can_wait):
-    sink = pipe.open("json", can_wait=can_wait)
-    pipe.hang_up()
+    sink, reader = pipe("json", can_wait=can_wait)
+    reader.close()
 
     def is_over():
         with contextlib.suppress(BrokenPipeError):

@@ -7,13 +7,12 @@ import uuid
 
 import pytest
 
-from radard.config.sink_table import AppriseSection, SinkOptions
 from radard.errors import ConfigError, UsageError
 from radard.outputs.apprise import message_of
 from radard.outputs.lsl import CHANNELS
 from tests import web_helpers
 from tests.processes import ran
-from tests.sink_helpers import QUICK, decision, event, open_sink, status
+from tests.sink_helpers import decision, event, status
 from tests.waiting import wait_for
 
 pytestmark = pytest.mark.integration
@@ -22,18 +21,9 @@ TOKEN = "t0ken"  # noqa: S105 - of nothing
 
 
 @pytest.fixture
-def sink(server):
-    made = []
-
-    def begin(url=None, **section):
-        options = SinkOptions(log=QUICK, apprise=AppriseSection(**section))
-        url = url or f"apprise:json://user:{TOKEN}@127.0.0.1:{server.port}/{TOKEN}"
-        made.append(open_sink(url, options, sensor="hall"))
-        return made[-1]
-
-    yield begin
-    for each in made:
-        each.close(0.3)
+def sink(server, opened):
+    own = f"apprise:json://user:{TOKEN}@127.0.0.1:{server.port}/{TOKEN}"
+    return lambda url=own, **section: opened(url, apprise=section)
 
 
 def posted(server, n=1):
@@ -41,24 +31,23 @@ def posted(server, n=1):
     return [json.loads(body) for _, _, body in server.posts]
 
 
-def test_an_alarm_in_words_with_its_picture(server, sink, tmp_path):
-    (tmp_path / "clip.png").write_bytes(b"\x89PNG picture")
-    sink().write({**event(2), "clip": str(tmp_path / "clip.h5"), "simulated": True})
+@pytest.mark.parametrize("is_late", [False, True])
+def test_an_alarm_in_words_with_its_picture_which_may_be_drawn_a_little_later(
+    server, sink, tmp_path, is_late
+):
+    made, picture = sink(), tmp_path / "clip.png"
+    if not is_late:
+        picture.write_bytes(b"\x89PNG picture")
+    made.write({**event(2), "clip": str(tmp_path / "clip.h5"), "simulated": True})
+    if is_late:
+        wait_for(lambda: made.state.busy_s > 0)
+        picture.write_bytes(b"\x89PNG picture")
     (message,) = posted(server)
     assert message["title"] == "hall: alarm (simulated)"
     assert message["message"].startswith("human at 2.0 m\n2026-11-21T06:00:02")
     assert message["type"] == "failure"
     (attached,) = message["attachments"]
     assert base64.b64decode(attached["base64"]) == b"\x89PNG picture"
-
-
-def test_a_picture_that_is_drawn_a_little_later_is_waited_for(server, sink, tmp_path):
-    made = sink()
-    made.write({**event(1), "clip": str(tmp_path / "clip.h5")})
-    wait_for(lambda: made.state.busy_s > 0)
-    (tmp_path / "clip.png").write_bytes(b"late")
-    (message,) = posted(server)
-    assert base64.b64decode(message["attachments"][0]["base64"]) == b"late"
 
 
 def test_without_a_picture_the_alarm_goes_all_the_same(server, sink, tmp_path, monkeypatch):

@@ -93,7 +93,7 @@ def test_wrong_codes_lock_for_a_minute(tmp_path):
     now_s = [0.0]
     (tmp_path / "code").write_text("open sesame\n")
     options = MqttSection(code_file=tmp_path / "code")
-    reader = CommandReader("b", options, now_s=lambda: now_s[0])
+    reader = CommandReader(options, now_s=lambda: now_s[0])
 
     def disarm(code):
         return reader.read("b/command/disarm", code, is_retained=False)
@@ -141,7 +141,10 @@ def put_whole(path, content, at_ns):
     new.replace(path)
 
 
-def test_the_picture_of_an_alarm_and_its_final_form(shown, listen, tmp_path):
+def test_the_picture_of_an_alarm_its_final_form_and_once_more_over_a_new_connection(
+    shown, listen, broker, tmp_path
+):
+    """What was on its way when the line was cut is lost, and this broker keeps nothing."""
     listener, topic = listen("#"), f"{BASE}/picture"
     sink = shown()
     parts = about(listener)["cmps"]["picture"]
@@ -153,21 +156,13 @@ def test_the_picture_of_an_alarm_and_its_final_form(shown, listen, tmp_path):
     wait_for(lambda: distinct(listener, topic) == [b"first", b"whole"])
     late = listen(topic)
     wait_for(lambda: distinct(late, topic) == [b"whole"])
-
-
-def test_a_picture_is_sent_again_over_a_new_connection(shown, listen, broker, tmp_path):
-    """What was on its way when the line was cut is lost, and this broker keeps nothing."""
-    listener, topic = listen("#"), f"{BASE}/picture"
-    sink = shown()
-    sink.write({**event(1), "clip": str(tmp_path / "clip.h5")})
-    put_whole(tmp_path / "clip.png", b"first", 2)
-    wait_for(lambda: listener.on(topic))
-    listener.close()
+    for each in (listener, late):
+        each.close()
     broker.stop()
     wait_for(lambda: not sink.state.is_ok)
     broker.start()
-    late = listen(topic)
-    wait_for(lambda: distinct(late, topic) == [b"first"])
+    again = listen(topic)
+    wait_for(lambda: distinct(again, topic) == [b"whole"])
 
 
 def test_without_pictures_none_stays_at_the_broker(shown, listen, tmp_path):

@@ -33,22 +33,15 @@ def token(tmp_path):
     return tmp_path / "token"
 
 
-@pytest.mark.parametrize(
-    ("hangs_up", "words"),
-    [(False, "no answer within the time limit"), (True, "closes the connection without")],
-)
-def test_a_server_that_says_nothing_is_named_so(opened, hangs_up, words):
-    """Before, both were said to speak no HTTP."""
+def test_a_server_that_hangs_up_is_named_so(opened):
+    """Before, it was said to speak no HTTP."""
     with socket.create_server(("127.0.0.1", 0)) as silent:
-        url = f"webhook:http://127.0.0.1:{silent.getsockname()[1]}"
-        sink = opened(url, webhook={"timeout_s": 60 if hangs_up else 1})
+        sink = opened(f"webhook:http://127.0.0.1:{silent.getsockname()[1]}")
         sink.write(event(1))
         line, _ = silent.accept()
-        if hangs_up:
-            line.recv(65_536)
-            line.close()
-        wait_for(lambda: words in sink.state.reason)
+        line.recv(65_536)
         line.close()
+        wait_for(lambda: "closes the connection without" in sink.state.reason)
 
 
 def test_a_post_has_sensor_id_token_and_signature(server, hook, token, tmp_path):
@@ -85,12 +78,16 @@ def test_a_server_in_trouble_gets_it_later_with_the_same_id(server, hook, code):
     assert {*first} == {first[0]} != {second}
 
 
-def test_a_record_that_is_refused_is_given_up_for_those_behind_it(server, hook, caplog):
+@pytest.mark.parametrize(("kind", "give_up_h"), [("fault", 168.0), ("alarm", 1e-6)])
+def test_an_event_that_is_refused_is_given_up_for_those_behind_it_an_alarm_when_it_is_old(
+    server, hook, caplog, kind, give_up_h
+):
     server.code = 400
-    sink = hook()
-    sink.write(event(1, kind="fault"))
+    sink = hook(log=QUICK.model_copy(update={"give_up_h": give_up_h}))
+    sink.write(event(1, kind=kind))
     wait_for(lambda: sink.state.n_dropped == 1)
-    assert len(server.posts) == QUICK.attempts
+    is_fault = kind == "fault"
+    assert len(server.posts) == QUICK.attempts if is_fault else "too old" in caplog.text
     server.code = 204
     sink.write(event(2))
     wait_for(lambda: sink.state.n_sent == 1)
@@ -113,14 +110,6 @@ def test_an_alarm_that_is_refused_is_not_given_up_and_stops_nobody(
     assert sink.state.n_dropped == 0
     server.code = 204
     wait_for(lambda: sink.state.n_sent == 2)
-
-
-def test_an_alarm_that_is_refused_for_too_long_is_given_up(server, hook, caplog):
-    server.code = 400
-    sink = hook(log=QUICK.model_copy(update={"give_up_h": 1e-6}))
-    sink.write(event(1))
-    wait_for(lambda: sink.state.n_dropped == 1)
-    assert "too old" in caplog.text
 
 
 def test_chosen_kinds_phases_and_states(server, hook):
@@ -227,14 +216,13 @@ def test_https_wants_its_certificate_and_is_redirected_to_nothing_less(other, op
         assert (other.posts, len(server.posts) > 1) == ([], True)
 
 
-def test_a_log_that_nobody_hears_is_said_once_with_a_count(opened, caplog):
+def test_a_log_that_nobody_hears_is_said_once(opened, caplog):
     sink = opened(f"syslog:udp://127.0.0.1:{free_port()}")
     for n in range(40):
         sink.write(event(n))
     sink.close(20.0)
     lines = [r.getMessage() for r in caplog.records if "cannot log" in r.getMessage()]
-    assert len(lines) == 2
-    assert "more times" in lines[-1]
+    assert len(lines) == 1
     # Each at most twice: nothing is repeated once it was sent.
     assert 40 <= sink.state.n_sent + sink.state.n_dropped <= 41
 
@@ -296,7 +284,6 @@ def test_a_log_server_that_nobody_signed_gets_nothing(opened, tmp_path):
             heard.append(far.recv(4096))
 
     with socket.create_server(("127.0.0.1", 0)) as listener:
-        listener.settimeout(60)
         thread = threading.Thread(target=serve)
         thread.start()
         sink = opened(f"syslog:tls://localhost:{listener.getsockname()[1]}")

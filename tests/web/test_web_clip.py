@@ -9,9 +9,8 @@ from pathlib import Path
 import h5py
 import pytest
 
-from radard.web.pictures import clip_process
-from radard.web.pictures.clip_process import read_clip
-from radard.web.pictures.clip_view import clip_view
+from radard.web.pictures import clip_view as clip_module
+from radard.web.pictures.clip_view import clip_view, read_clip
 from tests.alarm_helpers import begun_clip, write_recording
 from tests.radar_helpers import noise
 from tests.sink_helpers import decision
@@ -36,7 +35,7 @@ def hanging(monkeypatch, tmp_path):
     program.parent.mkdir()
     program.write_text(f"#!/bin/sh\necho $$ > {tmp_path}/pid\nexec sleep 600\n")
     program.chmod(0o755)
-    monkeypatch.setattr(clip_process.sys, "executable", str(program))
+    monkeypatch.setattr(clip_module.sys, "executable", str(program))
     return tmp_path / "pid"
 
 
@@ -63,7 +62,7 @@ def test_pictures_of_a_clip(client, clip):
 
 
 def test_a_clip_that_does_not_end_stops_nothing_else(make, clip, hanging, monkeypatch):
-    monkeypatch.setattr(clip_process, "DEADLINE_S", 3.0)
+    monkeypatch.setattr(clip_module, "DEADLINE_S", 3.0)
     client = make(served=True)
     client.tell(event(clip=str(clip)))
     answers = []

@@ -15,7 +15,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from radard.config.sink_table import WebSection
 from radard.errors import ConfigError, UsageError
-from radard.web.auth import SESSION_S, AccessControl, Tokens, is_loopback, read_tokens
+from radard.web.auth import SESSION_S, AccessControl, is_loopback, read_tokens
 from radard.web.guard import MAX_BODY
 from radard.web.sink import parse_address
 from tests.dashboard_helpers import post
@@ -49,23 +49,18 @@ def test_addresses():
             parse_address(url)
 
 
-def test_a_short_token_is_refused(tmp_path):
-    (tmp_path / "t").write_text("short")
-    with pytest.raises(ConfigError, match="12 characters"):
-        read_tokens(WebSection(token_file=tmp_path / "t"), "127.0.0.1")
-
-
-def test_who_looks_on_and_who_arms_have_tokens_of_their_own(tmp_path):
-    (tmp_path / "t").write_text(VIEWER)
+@pytest.mark.parametrize(("token", "why"), [("short", "12 characters"), (VIEWER, "the same")])
+def test_a_short_token_and_one_for_looking_on_and_arming_are_refused(tmp_path, token, why):
+    (tmp_path / "t").write_text(token)
     section = WebSection(token_file=tmp_path / "t", operator_token_file=tmp_path / "t")
-    with pytest.raises(ConfigError, match="are the same"):
+    with pytest.raises(ConfigError, match=why):
         read_tokens(section, "127.0.0.1")
 
 
 @pytest.mark.parametrize("token", ["k\u00fcche-und-flur", "\u5ba4\u5185-radar-token"])
 def test_a_token_may_have_any_letters(token):
     """As curl sends it: in UTF-8, which a server reads as Latin-1."""
-    access = AccessControl(Tokens(viewer=token))
+    access = AccessControl(viewer=token)
     for given, role in ((token, "viewer"), (token + "x", "nobody")):
         header = (b"authorization", f"Bearer {given}".encode())
         assert access.role(HTTPConnection({"type": "http", "headers": [header]})) == role
@@ -77,7 +72,7 @@ def test_sessions_end_and_are_bounded():
         return guard.role(HTTPConnection({"type": "http", "headers": [cookie]}))
 
     now = [0.0]
-    guard = AccessControl(Tokens(operator=OPERATOR), clock=lambda: now[0])
+    guard = AccessControl(operator=OPERATOR, clock=lambda: now[0])
     sessions = [guard.log_in(OPERATOR, "")[1] for _ in range(100)]
     assert (role(sessions[-1]), role(sessions[0])) == ("operator", "nobody")
     now[0] = SESSION_S + 1
@@ -86,7 +81,7 @@ def test_sessions_end_and_are_bounded():
 
 def test_guessing_is_slow_and_locks_out_nobody_else():
     now = [0.0]
-    guard = AccessControl(Tokens(viewer=VIEWER), clock=lambda: now[0])
+    guard = AccessControl(viewer=VIEWER, clock=lambda: now[0])
     stranger, owner = "192.168.1.66", "192.168.1.5"
     for _ in range(10):
         assert guard.log_in("not it, not it", stranger)[0] == "nobody"
@@ -110,7 +105,7 @@ def test_tokens_are_compared_in_constant_time(monkeypatch):
     compared = []
     equal = hmac.compare_digest
     monkeypatch.setattr(hmac, "compare_digest", lambda a, b: compared.append(b) or equal(a, b))
-    guard = AccessControl(Tokens(viewer=VIEWER, operator=OPERATOR))
+    guard = AccessControl(viewer=VIEWER, operator=OPERATOR)
     for token in (OPERATOR, VIEWER, "neither of both"):
         compared.clear()
         guard.log_in(token, "")

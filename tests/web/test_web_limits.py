@@ -4,7 +4,6 @@ import contextlib
 import http.client
 import json
 import resource
-import signal
 import socket
 import threading
 import time
@@ -15,9 +14,8 @@ from starlette.routing import Route
 from radard.stream.playback import Playback
 from radard.web import server
 from tests.dashboard_helpers import all_routes, post
-from tests.processes import started
-from tests.waiting import free_port, wait_for
-from tests.web_helpers import HEADERS, ask, event
+from tests.waiting import wait_for
+from tests.web_helpers import HEADERS, event
 
 TOKEN = "-".join(("may", "look", "and", "arm"))
 STRANGER = "127.0.0.9"
@@ -211,42 +209,19 @@ MAX_FILES = 48
 
 
 @pytest.mark.integration
-def test_more_pages_and_commands_than_files(tmp_path):
+def test_more_pages_and_commands_than_files(launched, tmp_path):
     """Decisions go on, it is said once, and pages come back."""
-    port, out = free_port(), tmp_path / "out.jsonl"
-    options = ["--port", "sim:empty", "--speed", "4", "--model", "none", "--state", tmp_path]
-    outputs = ["-o", f"json:{out}", "-o", f"http://127.0.0.1:{port}"]
-    limits = (resource.RLIMIT_NOFILE, (MAX_FILES, MAX_FILES))
-    said = (tmp_path / "said").open("w+")
-    daemon = started(
-        *("-m", "radard", *options, *outputs),
-        stdout=said,
-        stderr=said,
-        preexec_fn=lambda: resource.setrlimit(*limits),
-    )
-
-    def n_decisions():
-        return out.read_text().count('"type":"decision"') if out.exists() else 0
-
-    def is_well():
-        with contextlib.suppress(OSError):
-            return ask(f"http://127.0.0.1:{port}/healthz")[0] == 200
-
-    try:
-        wait_for(is_well)
-        lines = [socket.create_connection(("127.0.0.1", port)) for _ in range(MAX_FILES + 20)]
-        seen = n_decisions()
-        wait_for(lambda: n_decisions() > seen + 20)
-        for line in lines:
-            line.close()
-        wait_for(is_well)
-        daemon.send_signal(signal.SIGTERM)
-        assert daemon.wait(20) == 0
-    finally:
-        daemon.kill()
-        daemon.wait()
-    said.seek(0)
-    told = said.read().splitlines()
-    said.close()
+    out = tmp_path / "out.jsonl"
+    argv = ["--port", "sim:empty", "--speed", "4", "--model", "none", "-o", f"json:{out}"]
+    daemon = launched(*argv).wait_online()
+    resource.prlimit(daemon.process.pid, resource.RLIMIT_NOFILE, (MAX_FILES, MAX_FILES))
+    lines = [socket.create_connection(("127.0.0.1", daemon.port)) for _ in range(MAX_FILES + 20)]
+    n_bytes = out.stat().st_size
+    # Twenty decisions.
+    wait_for(lambda: out.stat().st_size > n_bytes + 10_000)
+    for line in lines:
+        line.close()
+    told = daemon.wait_online().log.splitlines()
+    assert daemon.end() == 0
     assert sum("no further page can be opened" in line for line in told) == 1, told
     assert len(told) < 20, told

@@ -115,15 +115,10 @@ def test_bytes_hold_what_the_page_reads():
     assert list(gait[HEAD.size :]) == [0, 3, 1, 4, 2, 5]
 
 
-def ring_of(samples):
-    """A ring that nobody takes dwells from, full of frames, with what was put into it."""
+def fed_ring():
+    """A ring whose dwells are taken."""
     ring = copy_ring(60, RATE_HZ)
-    taken = threading.Thread(target=lambda: [None for _ in iter(ring.next_item, None)])
-    taken.start()
-    for frame in frames_of(samples):
-        ring.push(frame)
-    ring.end()
-    taken.join()
+    threading.Thread(target=lambda: [*iter(ring.next_item, None)], daemon=True).start()
     return ring
 
 
@@ -153,9 +148,7 @@ def picture_thread():
 
 
 def test_a_page_gets_the_last_half_minute_and_nobody_gets_pictures(picture_thread):
-    ring = copy_ring(60, RATE_HZ)
-    take = threading.Thread(target=lambda: [*iter(ring.next_item, None)], daemon=True)
-    take.start()
+    ring = fed_ring()
     one, told = picture_thread(lambda: ring)
     for k, frame in enumerate(frames_of(noise(45 * 60, seed=9))):
         ring.push(frame)
@@ -163,6 +156,7 @@ def test_a_page_gets_the_last_half_minute_and_nobody_gets_pictures(picture_threa
             # As its thread does, a second of stream at a time.
             one._look(0)
     assert (told.axes, told.data) == ([], [])
+    one.start()
     one.want(is_wanted=True)
     told.wait(30)
     kinds, n, t_s = zip(
@@ -178,13 +172,12 @@ def test_a_page_gets_the_last_half_minute_and_nobody_gets_pictures(picture_threa
 
 
 def test_a_picture_thread_survives_what_goes_wrong(picture_thread, monkeypatch, caplog):
-    rings = iter([RuntimeError("no ring today"), ring_of(noise(300, seed=9))])
+    ring, faults = fed_ring(), [RuntimeError("no ring today")]
 
     def broken():
-        found = next(rings, None)
-        if isinstance(found, Exception):
-            raise found
-        return found
+        if faults:
+            raise faults.pop()
+        return ring
 
     one, told = picture_thread(broken)
     monkeypatch.setattr("radard.web.pictures.picture_thread._AFTER_FAULT_S", 0.0)
@@ -192,5 +185,9 @@ def test_a_picture_thread_survives_what_goes_wrong(picture_thread, monkeypatch, 
     caplog.set_level(logging.ERROR, "radard")
     monkeypatch.setattr(logging.getLogger("radard"), "handlers", [caplog.handler])
     one.want(is_wanted=True)
+    one.start()
+    for frame in frames_of(noise(300, seed=9)):
+        ring.push(frame)
     told.wait(1)
+    ring.end()
     assert "a picture could not be made" in caplog.text

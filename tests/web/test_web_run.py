@@ -36,7 +36,7 @@ def test_a_page_gets_decisions_and_pictures_of_a_live_stream(launched):
 
 
 def test_a_busy_port_is_a_warning_and_waited_for(launched, monkeypatch):
-    monkeypatch.setattr("radard.web.server._RETRY_S", 0.1)
+    monkeypatch.setattr("radard.web.sink._RETRY_S", 0.1)
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()

@@ -39,21 +39,16 @@ def test_variables_and_options_stand_before_what_was_saved(client, tmp_path):
 
 def test_changes_from_two_threads_at_once_are_all_kept(tmp_path):
     path = tmp_path / "radar.settings.yaml"
-    numbers = list(range(1, 41))
 
-    def on_the_page():
-        for n in numbers:
-            change(path, "settings", {"alarm": {"entry_delay_s": n}})
+    def set_often(section, key, values):
+        for value in values:
+            change(path, "settings", {section: {key: value}})
 
-    def over_mqtt():
-        for _ in numbers:
-            change(path, "settings", {"alarm": {"sensitivity": "high"}})
-
-    others = [threading.Thread(target=each) for each in (on_the_page, over_mqtt)]
+    pages = ("alarm", "entry_delay_s", range(1, 41)), ("alarm", "sensitivity", ["high"] * 40)
+    others = [threading.Thread(target=set_often, args=each) for each in pages]
     for each in others:
         each.start()
-    for n in numbers:
-        change(path, "settings", {"mount": {"height_m": n / 10}})
+    set_often("mount", "height_m", [n / 10 for n in range(1, 41)])
     for each in others:
         each.join()
     text = path.read_text()

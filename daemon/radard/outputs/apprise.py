@@ -4,6 +4,7 @@
 so nothing that Apprise logs is handed on. https://github.com/caronc/apprise/wiki
 """
 
+import contextlib
 import logging
 import re
 import time
@@ -16,9 +17,8 @@ from radard.config.sink_table import AppriseSection, SinkOptions
 from radard.errors import UsageError
 from radard.log_cursor import Entry
 from radard.log_file import marks_of
-from radard.outputs.alarm_picture import picture_path
 from radard.outputs.base import DeliveryError, Record, SinkContext
-from radard.outputs.delivery import Delivery, wants_events
+from radard.outputs.delivery import Delivery, picture_path, wants_events
 from x2radar.extras import needed
 
 _PICTURE_S = 3.0  # drawing takes a tenth of that, and the alarm waits for it
@@ -36,7 +36,12 @@ def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> Deliv
     target = url.partition(":")[2]
     if target.startswith("@"):
         target = read_secret("apprise.url", Path(target[1:]), None) or ""
-    apprise, scheme = _apprise(), _SCHEME.match(target)
+    apprise, scheme = needed("apprise", what="--output apprise"), _SCHEME.match(target)
+    # Its lines, and those of the HTTP library, may hold tokens.
+    own_log = logging.getLogger("apprise")
+    own_log.propagate = False
+    own_log.addHandler(logging.NullHandler())
+    logging.getLogger("urllib3").setLevel(logging.ERROR)
     service = scheme and _service(apprise, target)
     if scheme is None or service is None:
         raise UsageError(
@@ -67,16 +72,6 @@ def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> Deliv
     return Delivery(name, target, options.log, context, wants, send)
 
 
-def _apprise() -> Any:
-    apprise = needed("apprise", what="--output apprise")
-    # Its lines, and those of the HTTP library, may hold tokens.
-    log = logging.getLogger("apprise")
-    log.propagate = False
-    log.addHandler(logging.NullHandler())
-    logging.getLogger("urllib3").setLevel(logging.ERROR)
-    return apprise
-
-
 def _service(apprise: Any, url: str) -> Any:
     """Return the service of a URL, None if there is none."""
     asset = apprise.AppriseAsset(
@@ -103,14 +98,10 @@ def message_of(record: Record, sensor: str) -> tuple[str, str]:
 def _picture(record: Record, options: AppriseSection) -> Path | None:
     """Return an alarm's picture, once it is drawn; None if there is or will be none."""
     path = picture_path(record) if options.picture and record["phase"] != "update" else None
-    if path is None:
-        return None
     end_s = time.monotonic() + _PICTURE_S
-    try:
-        while not path.is_file():
-            if time.monotonic() >= end_s:
-                return None
+    with contextlib.suppress(OSError):
+        while path is not None and time.monotonic() < end_s:
+            if path.is_file():
+                return path
             time.sleep(_LOOK_S)
-    except OSError:
-        return None
-    return path
+    return None

@@ -16,9 +16,7 @@ from typing import Any, Literal, Protocol
 
 from radard.alarm.sensor_state import SensorState
 from radard.config.config import Config
-from radard.config.directories import saved_file
-from radard.config.saved import change
-from radard.health.health import Health, Status, overall
+from radard.health.health import Health
 from radard.log import EventLog
 from radard.log_cursor import Cursor, Wants
 from radard.stream.playback import Playback
@@ -49,10 +47,8 @@ class DeliveryError(Exception):
 class Host(Protocol):
     """What a sensor offers to its sinks; any thread may use it, and nothing here waits."""
 
-    sensor: str
-    """Its name."""
-    health: Health
-    """Its status at any moment."""
+    sensor: str  # its name
+    health: Health  # its status at any moment
 
     def config(self) -> Config:
         """Return the configuration that holds."""
@@ -90,7 +86,7 @@ class SinkContext:
     """What a sink knows of the process it belongs to."""
 
     sensor: str = "radar"  # of several that share a sink each record names its own
-    hosts: Sequence[Host] = ()  # the radars whose records come here: one, or all of the process
+    host: Host | None = None  # the radar whose records come here; None where several share a sink
     is_one_of_several: bool = False  # only this sensor's records come here; others have own sinks
     # As a replay or a simulation at full speed: `write` to a file or to stdout then waits for room
     # instead of dropping, and their failure ends the run.
@@ -104,11 +100,11 @@ class SinkContext:
         """The sensor's name where a simulated or replayed stream must not look real."""
         return f"{self.sensor}-{self.mark}" if self.mark else self.sensor
 
-    def cursor(self, scheme: str, target: str, wants: Wants = lambda _record: True) -> Cursor:
-        """Return the cursor of an output, which goes on where it was in an earlier run.
+    def cursor(self, output: str, target: str, wants: Wants) -> Cursor:
+        """Return the cursor of a named output, which goes on where it was in an earlier run.
 
-        Its name holds a digest of the target, so that another target never gets what was meant
-        for this one, and no secret is readable in it.
+        Its own name holds a digest of the target, so that another target never gets what was
+        meant for this one, and no secret is readable in it.
         """
         digest = hashlib.blake2b(target.encode(errors="surrogateescape"), digest_size=8)
 
@@ -116,29 +112,8 @@ class SinkContext:
             is_own = not self.is_one_of_several or record.get("sensor") == self.sensor
             return is_own and wants(record)
 
-        name = f"{self.marked_sensor} {scheme} {digest.hexdigest()}"
+        name = f"{self.marked_sensor} {output.partition(':')[0]} {digest.hexdigest()}"
         return self.log.cursor(name, is_for_it, self.after)
-
-    def command(self, name: str) -> None:
-        """Give all radars one of `COMMANDS`; never waits."""
-        for host in self.hosts:
-            host.command(name)
-
-    def choose(self, sensitivity: str) -> None:
-        """Keep a sensitivity over restarts, as the dashboard does; raises RadardError."""
-        for host in self.hosts:
-            path = saved_file(host.config(), "settings")
-            change(path, "settings", {"alarm": {"sensitivity": sensitivity}})
-            host.reload()
-
-    def panel(self) -> SensorState | None:
-        """Return what holds of the only radar; None before it has a stream, and of several."""
-        return self.hosts[0].panel() if len(self.hosts) == 1 else None
-
-    def health(self) -> Status | None:
-        """Return the state of all radars together; None without any."""
-        healths = {host.sensor: host.health for host in self.hosts}
-        return overall(healths) if healths else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -207,7 +182,7 @@ class StateKeeper:
         self._lock = threading.Lock()
         status: Literal["ok", "retrying"] = "retrying" if waits_for else "ok"
         self._state = SinkState(status=status, reason=waits_for, n_events=0)
-        self._told, self._told_s, self._n_untold = "", float("-inf"), 0
+        self._told, self._told_s, self._is_told = "", float("-inf"), True
         self._remark, self._remarked_s = "", float("-inf")
 
     def state(self, n_waiting: int) -> SinkState:
@@ -231,7 +206,7 @@ class StateKeeper:
             self._state = replace(
                 was, status="ok", reason="", n_sent=was.n_sent + n, n_events=n_events
             )
-            if not was.is_ok and not self._n_untold:
+            if not was.is_ok and self._is_told:
                 log.info("%s: works again", self._name)
 
     def failed(self, reason: str) -> None:
@@ -242,12 +217,10 @@ class StateKeeper:
             if reason == was.reason:
                 return
             now_s = time.monotonic()
-            if reason == self._told and now_s - self._told_s < _SAID_AGAIN_S:
-                self._n_untold += 1
-                return
-            self._tell_the_rest()
-            self._told, self._told_s = reason, now_s
-            log.warning("%s: %s", self._name, reason)
+            self._is_told = reason != self._told or now_s - self._told_s >= _SAID_AGAIN_S
+            if self._is_told:
+                self._told, self._told_s = reason, now_s
+                log.warning("%s: %s", self._name, reason)
 
     def dropped(self, n: int, why: str) -> None:
         """Count records that are given up; the first of them is logged."""
@@ -256,13 +229,3 @@ class StateKeeper:
             self._state = replace(self._state, n_dropped=was + n)
             if n > 0 and was == 0:
                 log.warning("%s: drops records (%s); `state` counts them", self._name, why)
-
-    def end(self) -> None:
-        """Log what has not been said yet."""
-        with self._lock:
-            self._tell_the_rest()
-
-    def _tell_the_rest(self) -> None:
-        if self._n_untold:
-            log.warning("%s: %s (%d more times)", self._name, self._told, self._n_untold)
-            self._n_untold = 0

@@ -12,9 +12,10 @@ import uuid
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 from radard.config.sink_table import LogSection
-from radard.log_cursor import Cursor, Entry, Wants
+from radard.log_cursor import Entry, Wants
 from radard.outputs.base import DeliveryError, Record, SinkContext, SinkState, StateKeeper
 from radard.outputs.thread_sink import ThreadSink
 from x2radar.backoff import Backoff
@@ -50,16 +51,13 @@ class Delivery(ThreadSink):
         self._send = send
         self._keeper = keeper or self._keeper
         self._backoff = Backoff(options.first_retry_s, options.longest_retry_s, name)
-        self.cursor: Cursor | None = None  # what it has still to deliver, once at work
         self._transient: deque[Entry] = deque(maxlen=_TRANSIENT)
         self._skips_wait = threading.Event()
-        self._is_over = False
         self._n_refused = 0
         self._begun_s: float | None = None
 
     def _begin(self) -> None:
-        scheme = self.name.partition(":")[0]
-        self.cursor = cursor = self._context.cursor(scheme, self._target, self._wants)
+        self.cursor = cursor = self._context.cursor(self.name, self._target, self._wants)
         cursor.on_put = self._queue.wake
         if len(cursor):
             log.info("%s: %d events of an earlier run wait", self.name, len(cursor))
@@ -91,14 +89,9 @@ class Delivery(ThreadSink):
         self._skips_wait.set()
 
     def finish(self, timeout_s: float | None = None) -> None:
-        """Take no more records; try everything that is left once more, within `timeout_s`."""
+        """Try all that is left once more within `timeout_s`; the rest is for the next run."""
         super().finish(timeout_s)
         self._skips_wait.set()
-
-    def close(self, timeout_s: float | None = None) -> None:
-        """Finish, and wait for the end; what is not delivered by then is so in the next run."""
-        super().close(timeout_s)
-        self._is_over = True
 
     def _tick(self) -> None:
         if (wait_s := self._deliver_all()) is not None:
@@ -114,7 +107,7 @@ class Delivery(ThreadSink):
 
     def _deliver_all(self) -> float | None:
         """Deliver until nothing is left; return how long to wait after a failure."""
-        while not self._is_over and (entry := self._next()) is not None:
+        while self._left_s() > 0 and (entry := self._next()) is not None:
             self._begun_s = time.monotonic()
             try:
                 self._send(entry)
@@ -167,6 +160,12 @@ class Delivery(ThreadSink):
         self._n_refused = 0
         self._settle(entry)
         self._keeper.dropped(1, why)
+
+
+def picture_path(record: Record) -> Path | None:
+    """Return where an alarm's picture is, or will be; None for a record without a clip."""
+    clip = record.get("clip") if record.get("kind") == "alarm" else None
+    return Path(clip).with_suffix(".png") if clip else None
 
 
 def wants_events(kinds: Sequence[str], phases: Sequence[str], others: Sequence[str] = ()) -> Wants:

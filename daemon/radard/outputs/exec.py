@@ -19,7 +19,6 @@ from radard.outputs.delivery import Delivery, wants_events
 from radard.outputs.stdout import json_line
 
 _FIELDS = ("id", "phase", "kind", "t_s", "time", "peak", "reason", "clip", *MARKS)
-
 _SIGNALS = {each.value: each.name for each in signal.Signals}  # real-time ones have no name
 
 
@@ -70,8 +69,6 @@ def _run(words: list[str], record: Record, timeout_s: float) -> None:
             os.killpg(process.pid, signal.SIGKILL)
         process.communicate()
         raise DeliveryError(f"killed after {timeout_s:g} s", is_refusal=is_refusal) from err
-    code = process.returncode
-    if code != 0:
-        name = _SIGNALS.get(-code, f"signal {-code}")
-        how = f"ended by {name}" if code < 0 else f"exit status {code}"
-        raise DeliveryError(how, is_refusal=is_refusal)
+    if (code := process.returncode) != 0:
+        ended = f"ended by {_SIGNALS.get(-code, f'signal {-code}')}"
+        raise DeliveryError(ended if code < 0 else f"exit status {code}", is_refusal=is_refusal)

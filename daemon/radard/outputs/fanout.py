@@ -4,6 +4,7 @@ All sensors share them, but for MQTT, where each is a client with a last will of
 that needs more than records has a method `attach(host)` and gets every sensor's `Host`.
 """
 
+import contextlib
 import logging
 import threading
 import time
@@ -24,7 +25,6 @@ from radard.outputs.thread_sink import RecordQueue
 from x2radar.errors import BriefError
 
 log = logging.getLogger("radard")
-SHARED = "radard"  # stands for all sensors of a process, where a sink needs one name
 _RETRY_S = 10.0  # how soon an output is tried again that could not be opened
 _LABELS = "labels_file"
 _LOCK_S = 1.0  # a sink takes far less for a record; a thread that holds the lock for longer hangs
@@ -53,10 +53,6 @@ class _Open:
         elif self.sink is not None:
             self.sink.write(record)
 
-    def is_outdated(self, options: SinkOptions) -> bool:
-        """Return whether the sink must be opened, or opened again, for these options."""
-        return self.sink is None or self.is_left or self.read != _read_by(self.name, options)
-
 
 class Outputs:
     """The sinks of a process, for the sensors that are added to it."""
@@ -78,8 +74,8 @@ class Outputs:
         # Not changed in place: other threads may be looking through it.
         self._hosts = {**self._hosts, host.sensor: host}
         for of, sink in self.sinks:
-            if of is None and (attach := getattr(sink, "attach", None)) is not None:
-                attach(host)
+            if of is None:
+                getattr(sink, "attach", _ignore)(host)
 
     def remove(self, sensor: str) -> None:
         """Forget a sensor; its own outputs are closed by `reload`."""
@@ -87,8 +83,7 @@ class Outputs:
         for each in self._open:
             each.is_left |= each.sensor == sensor
         for _, sink in self.sinks:
-            if (detach := getattr(sink, "detach", None)) is not None:
-                detach(sensor)
+            getattr(sink, "detach", _ignore)(sensor)
 
     @property
     def sinks(self) -> list[tuple[str | None, Sink]]:
@@ -138,15 +133,14 @@ class Outputs:
         if record["type"] == "event":
             self.log.append(record)
         wait_s = -1 if waits and self.can_wait else _LOCK_S
-        if not self._lock.acquire(timeout=wait_s):
-            return False
-        try:
-            for each in self._open:
-                if each.sensor in {None, sensor}:
-                    each.write(record)
-        finally:
-            self._lock.release()
-        return True
+        if is_free := self._lock.acquire(timeout=wait_s):
+            try:
+                for each in self._open:
+                    if each.sensor in {None, sensor}:
+                        each.write(record)
+            finally:
+                self._lock.release()
+        return is_free
 
     def reload(self, config: Config, hellos: Sequence[Record]) -> None:
         """Open new outputs, close removed ones, reopen those whose options changed.
@@ -159,21 +153,22 @@ class Outputs:
         self._config, self._hellos = config, hellos
         wanted = self._wanted(config)
         with self._lock:
-            gone = [each for each in self._open if (each.name, each.sensor) not in wanted]
-            kept = [each for each in self._open if each not in gone]
-            known = [(each.name, each.sensor) for each in kept]
-            new = [
-                _Open(*key, held=RecordQueue(), after=self.log.told)
-                for key in wanted
-                if key not in known
-            ]
+            known = {(each.name, each.sensor): each for each in self._open}
+            gone = [each for key, each in known.items() if key not in wanted]
+            kept = [each for key, each in known.items() if key in wanted]
+            fresh = [key for key in wanted if key not in known]
+            new = [_Open(*key, held=RecordQueue(), after=self.log.told) for key in fresh]
             self._open = kept + new
         # Not under the lock: an output may take a moment to end, and the workers must not wait.
         close_sinks([each.sink for each in gone if each.sink is not None])
         for each in gone:
             self._forget(each.sink)
         self.log.max_events = config.log.max_events
-        outdated = [each for each in kept + new if each.is_outdated(config)]
+        outdated = [
+            each
+            for each in kept + new
+            if each.sink is None or each.is_left or each.read != _read_by(each.name, config)
+        ]
         for each in kept:
             each.fault = ""
             if each not in outdated and each.name.startswith("json:"):
@@ -197,8 +192,7 @@ class Outputs:
         found: list[tuple[str, str | None]] = []
         # Named twice it is one: two clients of one name would throw each other out.
         for name in dict.fromkeys(config.output or ("",)):
-            row = find_row(name)
-            is_apart = config.is_one_of_several and row is not None and row.is_per_sensor
+            is_apart = config.is_one_of_several and (row := find_row(name)) and row.is_per_sensor
             found += [(name, sensor) for sensor in (self._hosts if is_apart else (None,))]
         return found
 
@@ -220,20 +214,17 @@ class Outputs:
         # All at once: those that hang take the time of one, as nobody supervises meanwhile.
         close_sinks([each.sink for each, _, _ in made if each.sink is not None])
         for each, read, sink in made:
-            self._exchange(each, read, sink)
-
-    def _exchange(self, each: _Open, read: list[object], sink: Sink) -> None:
-        before = each.sink
-        start_sink(sink)
-        if _cursor_of(before) != _cursor_of(sink):
-            self._forget(before)
-        self._attach(sink, each.sensor)
-        with self._lock:
-            held, each.held = each.held or RecordQueue(), None
-            each.sink, each.read, each.fault, each.is_left = sink, read, "", False
-            _write_hellos(each, self._hellos)
-            while (record := held.take(0)) is not None:
-                sink.write(record)
+            before = each.sink
+            start_sink(sink)
+            if _cursor_of(before) != _cursor_of(sink):
+                self._forget(before)
+            self._attach(sink, each.sensor)
+            with self._lock:
+                held, each.held = each.held or RecordQueue(), None
+                each.sink, each.read, each.fault, each.is_left = sink, read, "", False
+                _write_hellos(each, self._hellos)
+                while (record := held.take(0)) is not None:
+                    sink.write(record)
 
     def _forget(self, sink: Sink | None) -> None:
         if (name := _cursor_of(sink)) is not None:
@@ -243,27 +234,28 @@ class Outputs:
         return name or ("table" if self._stdout_is_terminal else "json")
 
     def _attach(self, sink: Sink, sensor: str | None) -> None:
-        if (attach := getattr(sink, "attach", None)) is not None:
-            for host in self._hosts.values() if sensor is None else [self._hosts[sensor]]:
-                attach(host)
+        for host in self._hosts.values() if sensor is None else [self._hosts[sensor]]:
+            getattr(sink, "attach", _ignore)(host)
 
     def _make(self, name: str, sensor: str | None, after: int | None = None) -> Sink:
         """Return the sink of an output, of the options that hold, to be started."""
         # Of several, sensors come and go while a sink that all share stays.
         is_shared = sensor is None and self._config.is_one_of_several
-        hosts = tuple(self._hosts.values())
-        if not is_shared:
-            hosts = (self._hosts[sensor or next(iter(self._hosts))],)
+        host = None if is_shared else self._hosts[sensor or next(iter(self._hosts))]
         context = SinkContext(
-            sensor=SHARED if is_shared else hosts[0].sensor,
-            hosts=hosts,
+            sensor="radard" if host is None else host.sensor,
+            host=host,
             is_one_of_several=sensor is not None,
             can_wait=self.can_wait,
-            mark="" if is_shared else hosts[0].mark(),
+            mark="" if host is None else host.mark(),
             log=self.log,
             after=after,
         )
         return make_output(self._meant_by(name), self._config, context)
+
+
+def _ignore(_given: object) -> None:
+    """Stand for the `attach` or `detach` of a sink that has none."""
 
 
 def _read_by(name: str, options: SinkOptions) -> list[object]:
@@ -279,13 +271,12 @@ def _read_by(name: str, options: SinkOptions) -> list[object]:
     return [*sections, *(_version_of(path) for path in files if path is not None)]
 
 
-def _version_of(path: Path) -> tuple[int, ...] | None:
-    """Return what differs once a file is another; None if it is not there."""
-    try:
+def _version_of(path: Path) -> tuple[int, ...]:
+    """Return what differs once a file is another, or gone."""
+    with contextlib.suppress(OSError):
         about = path.stat()
-    except OSError:
-        return None
-    return about.st_ino, about.st_size, about.st_mtime_ns
+        return about.st_ino, about.st_size, about.st_mtime_ns
+    return ()
 
 
 def _write_hellos(each: _Open, hellos: Sequence[Record]) -> None:

@@ -60,10 +60,12 @@ class JsonLinesSink(DirectSink):
             size = self._size_unless_moved()
             if size is None:
                 self._reopen()
-            elif self._is_regular and size + len(line) > self._most_bytes:
+            elif self._is_regular and size and size + len(line) > self._most_bytes:
                 self._rotate()
             is_told = is_hello and self._lacks_hello
-            self._write_hellos()
+            if self._lacks_hello:
+                self._append("".join(map(json_line, self._hellos.values())).encode("ascii"))
+                self._lacks_hello = False
             if not is_told:
                 self._append(line)
         except OSError as err:
@@ -93,15 +95,11 @@ class JsonLinesSink(DirectSink):
 
     def _size_unless_moved(self) -> int | None:
         """Return the bytes in the file; None if it is no longer what has its name."""
-        if self._fd is None:
-            return None
-        try:
-            there = self._path.stat()
-        except FileNotFoundError:
-            return None
-        ours = os.fstat(self._fd)
-        is_there = (there.st_dev, there.st_ino) == (ours.st_dev, ours.st_ino)
-        return ours.st_size if is_there else None
+        if self._fd is not None:
+            with contextlib.suppress(FileNotFoundError):
+                ours = os.fstat(self._fd)
+                return ours.st_size if os.path.samestat(self._path.stat(), ours) else None
+        return None
 
     def _reopen(self) -> None:
         """Open the file; a new one holds every `hello` first."""
@@ -109,16 +107,8 @@ class JsonLinesSink(DirectSink):
         self._open()
         self._lacks_hello = self._is_regular and self._size() == 0
 
-    def _write_hellos(self) -> None:
-        if self._lacks_hello:
-            lines = [json_line(hello).encode("ascii") for hello in self._hellos.values()]
-            self._append(b"".join(lines))
-            self._lacks_hello = False
-
     def _rotate(self) -> None:
         """Rename FILE to FILE.1, FILE.1 to FILE.2 and so on, delete the last; then reopen."""
-        if self._size() == 0:
-            return
         names = [self._path, *(Path(f"{self._path}.{k}") for k in range(1, self._n_keep + 1))]
         names[-1].unlink(missing_ok=True)
         for old, new in zip(reversed(names[:-1]), reversed(names[1:]), strict=True):

@@ -38,15 +38,14 @@ class LslSink(DirectSink):
         self._lsl = lsl
         self._stream = name
         self._source = f"radard {context.marked_sensor} {name}"
-        hops_s = [host.config().decision.hop_s for host in context.hosts]
-        self._rate_hz = 1 / hops_s[0] if hops_s else 1.0
+        host = context.host
+        self._rate_hz = 1 / host.config().decision.hop_s if host is not None else 1.0
         self._decisions: Any = None
         self._events: Any = None
 
     def _begin(self) -> None:
-        if "LSLAPICFG" not in os.environ and not any(
-            Path(path).expanduser().is_file() for path in _CONFIGS
-        ):
+        configs = (os.environ.get("LSLAPICFG", ""), *_CONFIGS)
+        if not any(Path(path).expanduser().is_file() for path in configs):
             # Without effect once the library is at work in this process.
             self._lsl.set_config_content(_QUIET)
         info = self._info("", "Radar", len(CHANNELS), self._rate_hz, "float32")
@@ -63,17 +62,12 @@ class LslSink(DirectSink):
         if record["type"] == "event":
             self._events.push_sample([json_line(record).rstrip()], now_s)
             return
-        self._decisions.push_sample(sample_of(record), now_s - (record["latency_ms"] or 0) / 1e3)
+        told = {**record, "gate_open": record["gate"] == "open"}
+        if record["gate"] == "invalid":
+            told |= {"alarm": None, "gate_open": None}
+        sample = [math.nan if told[name] is None else float(told[name]) for name in CHANNELS]
+        self._decisions.push_sample(sample, now_s - (record["latency_ms"] or 0) / 1e3)
 
     def _shut(self) -> None:
         # Their destructors end the streams.
         self._decisions = self._events = None
-
-
-def sample_of(record: Record) -> list[float]:
-    """Return the sample of a decision's record, a value for each of `CHANNELS`."""
-    is_valid = record["gate"] != "invalid"
-    told = {**record, "gate_open": record["gate"] == "open"}
-    if not is_valid:
-        told |= {"alarm": None, "gate_open": None}
-    return [math.nan if told[name] is None else float(told[name]) for name in CHANNELS]

@@ -14,14 +14,14 @@ from radard.config.credentials import redact
 from radard.health.health import Status
 from radard.judge.bundle import CLASSES
 from radard.judge.classifier import Probabilities
-from radard.judge.decision import Decision, TrackVerdict, pet_limit_of
+from radard.judge.decision import Decision, pet_limit_of
 from radard.pipeline import Pipeline
 from x2radar.command import installed_version
 from x2radar.wall_clock import utc_text
 
 SCHEMA = 1  # of output.schema.json
 _OF_AXIS = ("kind", "n_range", "bin_length_m", "range_offset_m", "carrier_hz")
-_LEFT = "a new run has begun"
+_LEVELS = ("power_db", "noise_floor_db", "threshold_db")
 Record = dict[str, Any]
 
 
@@ -64,15 +64,21 @@ def decision_record(decision: Decision) -> Record:
         "t_s": round(decision.t_s, 3),
         "time": utc_text(),
         "gate": decision.gate,
-        "power_db": _round(r.power_db, 2) if r else None,
-        "noise_floor_db": _round(r.noise_floor_db, 2) if r else None,
-        "threshold_db": _round(r.threshold_db, 2) if r else None,
+        **{name: _round(getattr(r, name), 2) if r else None for name in _LEVELS},
         **_probabilities("p_", decision.window),
         **_probabilities("fused_p_", decision.fused),
         "label": decision.label,
         "alarm": decision.alarm,
         "range_m": _round(r.range_m, 3) if r and is_open else None,
-        "tracks": [_track(track) for track in decision.tracks],
+        "tracks": [
+            {
+                "id": track.id,
+                "range_m": _round(track.range_m, 3),
+                "radial_velocity_mps": _round(track.radial_velocity_mps, 2),
+                **_probabilities("p_", track.window),
+            }
+            for track in decision.tracks
+        ],
         "frames": decision.frames,
         "dropped": decision.dropped,
         "latency_ms": _round(latency_ms, 2) if latency_ms is not None else None,
@@ -99,8 +105,8 @@ def event_record(event: Event) -> Record:
 
 def ended_record(record: Mapping[str, Any]) -> Record:
     """Return the line of the end of an event that a run before this one has left."""
-    times = {"t_s": 0.0, "time": utc_text(), "start_t_s": 0.0, "end_t_s": 0.0}
-    return {**record, "phase": "end", **times, "reason": f"{record['reason']}; {_LEFT}"}
+    now = {"phase": "end", "t_s": 0.0, "time": utc_text(), "start_t_s": 0.0, "end_t_s": 0.0}
+    return {**record, **now, "reason": f"{record['reason']}; a new run has begun"}
 
 
 def status_record(status: Status) -> Record:
@@ -111,15 +117,6 @@ def status_record(status: Status) -> Record:
 def marked(record: Record, mark: str) -> Record:
     """Return a record, no decision, that says 'simulated' or 'replayed'; '' says nothing."""
     return {**record, mark: True} if mark and record["type"] != "decision" else record
-
-
-def _track(track: TrackVerdict) -> Record:
-    return {
-        "id": track.id,
-        "range_m": _round(track.range_m, 3),
-        "radial_velocity_mps": _round(track.radial_velocity_mps, 2),
-        **_probabilities("p_", track.window),
-    }
 
 
 def _probabilities(prefix: str, p: Probabilities | None) -> Record:

@@ -34,8 +34,7 @@ _OF_A_SINK = ("name", "state", "waits", "write", "finish", "close")
 
 def start_sink(sink: Sink) -> None:
     """Let a sink of `make_output` begin to work."""
-    if (start := getattr(sink, "start", None)) is not None:
-        start()
+    getattr(sink, "start", lambda: None)()
 
 
 def make_output(output: str, options: SinkOptions, context: SinkContext) -> Sink:
@@ -122,6 +121,25 @@ class _Seen:
     counts: tuple[int, int, int] = (0, 0, 0)
     n_dropped: int = 0
 
+    def trouble(self, state: SinkState, now_s: float) -> str:
+        """Return what is wrong with the sink by its state at a time; empty if nothing is."""
+        counts = (state.n_sent, state.n_dropped, state.n_failures)
+        if counts != self.counts or not state.n_waiting:
+            self.counts, self.moved_s = counts, now_s
+        if state.is_ok:
+            self.ok_s = now_s
+        if state.n_dropped > self.n_dropped:
+            self.dropped_s = now_s
+        self.n_dropped = state.n_dropped
+        reasons = [state.remark] if state.remark else []
+        if now_s - self.ok_s >= GRACE_S:
+            reasons.insert(0, state.reason or "does not work")
+        elif max(now_s - self.moved_s, state.busy_s) >= STUCK_S:
+            reasons.insert(0, f"stands still, {state.n_waiting} records wait")
+        if now_s - self.dropped_s < DROPPED_S:
+            reasons.append("drops records")
+        return ", ".join(reasons)
+
 
 class SinkWatch:
     """Look at sinks again and again, by the host's monotonic clock."""
@@ -138,28 +156,6 @@ class SinkWatch:
         for sensor, sink in sinks:
             key = (sensor, sink.name)
             seen = self._seen[key] = known.get(key) or _Seen(now_s, now_s)
-            reason = _reason(sink.state, seen, now_s)
-            if reason:
+            if reason := seen.trouble(sink.state, now_s):
                 found[key] = reason
         return found
-
-
-def _reason(state: SinkState, seen: _Seen, now_s: float) -> str:
-    counts = (state.n_sent, state.n_dropped, state.n_failures)
-    if counts != seen.counts or not state.n_waiting:
-        seen.counts, seen.moved_s = counts, now_s
-    if state.is_ok:
-        seen.ok_s = now_s
-    if state.n_dropped > seen.n_dropped:
-        seen.dropped_s = now_s
-    seen.n_dropped = state.n_dropped
-    reasons = []
-    if now_s - seen.ok_s >= GRACE_S:
-        reasons.append(state.reason or "does not work")
-    elif max(now_s - seen.moved_s, state.busy_s) >= STUCK_S:
-        reasons.append(f"stands still, {state.n_waiting} records wait")
-    if state.remark:
-        reasons.append(state.remark)
-    if now_s - seen.dropped_s < DROPPED_S:
-        reasons.append("drops records")
-    return ", ".join(reasons)

@@ -9,6 +9,7 @@ import json
 import os
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from radard.config.sink_table import SinkOptions
 from radard.errors import OutputError
@@ -56,20 +57,17 @@ class StdoutSink(DirectSink):
 
     def _deliver(self, record: Record) -> None:
         text = self._render(record)
-        try:
-            self._put(text)
-        except BrokenPipeError as err:
-            self._fail_for_good(err)
-        except OSError as err:
-            self._fail_for_good(OutputError(f"--output {self.name}: stdout: {err.strerror}"))
-
-    def _put(self, text: str) -> None:
         if self._fd is None:
             self._stream.write(text)
             return
         rest = text.encode(self._stream.encoding or "utf-8", "replace")
-        while rest:
-            rest = rest[os.write(self._fd, rest) :]
+        try:
+            while rest:
+                rest = rest[os.write(self._fd, rest) :]
+        except BrokenPipeError as err:
+            self._fail_for_good(err)
+        except OSError as err:
+            self._fail_for_good(OutputError(f"--output {self.name}: stdout: {err.strerror}"))
 
 
 class NullSink:
@@ -88,12 +86,12 @@ class NullSink:
     close = finish
 
 
+@dataclass(slots=True)
 class Table:
     """Render records as lines that a person reads, with colours where the terminal has them."""
 
-    def __init__(self, *, has_colour: bool) -> None:
-        self._n_lines = 0
-        self._has_colour = has_colour
+    has_colour: bool
+    _n_lines: int = 0
 
     def render(self, record: Record) -> str:
         """Return the text of one record, with its line end."""
@@ -109,11 +107,9 @@ class Table:
             self._n_lines += 1
             return head + self._styled(*_decision_line(record))
         if kind == "event":
-            what = (
-                f"{record['kind'].upper()} {record['phase']}{marks_of(record)}: {record['reason']}"
-            )
+            what = f"{record['kind'].upper()} {record['phase']}{marks_of(record)}"
             style = _RED if record["phase"] == "new" else ""
-            return self._styled(f"{record['t_s']:7.2f}s  {what}", style)
+            return self._styled(f"{record['t_s']:7.2f}s  {what}: {record['reason']}", style)
         if kind == "status":
             reason = f" ({record['reason']})" if record["reason"] else ""
             return self._styled(f"{'':9} {record['state']}{reason}", _DIM)
@@ -122,7 +118,7 @@ class Table:
         return f"radard {record['version']} on {record['port']} ({rate}; {model})\n"
 
     def _styled(self, text: str, style: str) -> str:
-        return f"{style}{text}{_PLAIN}\n" if self._has_colour and style else f"{text}\n"
+        return f"{style}{text}{_PLAIN}\n" if self.has_colour and style else f"{text}\n"
 
 
 def _decision_line(record: Record) -> tuple[str, str]:

@@ -49,6 +49,11 @@ VALUES (:run_s, :time_s, :seq, :t_s, :gate, :power_db, :threshold_db, :fused_p_h
         :fused_p_pet, :fused_p_other, :label, :alarm, :range_m, :sensor)
 """
 _PUT = "INSERT INTO log (key, run_s, record) VALUES (?, ?, ?)"
+_OLD = "DELETE FROM {} WHERE run_s < (SELECT coalesce(max(run_s), 0) FROM stand) - ?"
+_USED_BYTES = """
+SELECT (page_count - freelist_count) * page_size
+FROM pragma_page_count, pragma_freelist_count, pragma_page_size
+"""
 _OLDEST = """
 DELETE FROM {0} WHERE n IN (
     SELECT n FROM {0} ORDER BY n LIMIT max(1, (SELECT count(*) FROM {0}) / 10)
@@ -186,21 +191,11 @@ def _never_was_one(path: Path) -> bool:
 
 def prune(db: sqlite3.Connection, options: StoreSection) -> None:
     """Delete what has been there for too long, and the oldest while the file is too large."""
-    (run_s,) = db.execute("SELECT coalesce(max(run_s), 0) FROM stand").fetchone()
-    limit_s = run_s - options.keep_days * 86_400
     for table in ("decisions", "log"):
-        db.execute(f"DELETE FROM {table} WHERE run_s < ?", (limit_s,))  # noqa: S608 - ours
-    while _used_bytes(db) > options.keep_mb * 1e6:
+        db.execute(_OLD.format(table), (options.keep_days * 86_400,))
+    while db.execute(_USED_BYTES).fetchone()[0] > options.keep_mb * 1e6:
         if not any(db.execute(_OLDEST.format(t)).rowcount > 0 for t in ("decisions", "log")):
             break
     # Frees one page a step, and only a script takes every step (Python's sqlite3 takes one).
     db.executescript("PRAGMA incremental_vacuum")
     db.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
-
-
-def _used_bytes(db: sqlite3.Connection) -> int:
-    pages, free, size = (
-        int(db.execute(f"PRAGMA {name}").fetchone()[0])
-        for name in ("page_count", "freelist_count", "page_size")
-    )
-    return (pages - free) * size

@@ -37,7 +37,6 @@ _ALERT, _CRITICAL, _ERROR, _WARNING, _NOTICE, _INFO, _DEBUG = range(1, 8)
 _NEW = {"alarm": _ALERT, "tamper": _CRITICAL, "fault": _ERROR}
 _STATE = {"online": _INFO, "starting": _INFO, "degraded": _WARNING, "offline": _WARNING}
 
-_KINDS = {"udp": socket.SOCK_DGRAM, "tcp": socket.SOCK_STREAM, "tls": socket.SOCK_STREAM}
 # Registered with IANA; 514 for UDP, and servers take it for TCP, too.
 _PORTS = {"udp": 514, "tcp": 514, "tls": 6514}
 
@@ -50,25 +49,19 @@ class Server(NamedTuple):
     port: int
 
 
-Address = str | Server
-
-
 def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "SyslogSink":
     """Return the sink of `syslog:`, with nothing, `/socket` or a server's URL behind it."""
-    return SyslogSink(_parse_address(url.partition(":")[2]), options, context)
+    rest = url.partition(":")[2]
+    address = rest if not rest or rest.startswith("/") else _parse_server(rest)
+    return SyslogSink(address, options, context)
 
 
-def _parse_address(rest: str) -> Address | None:
-    """Return a socket's path, or host and port; None for this machine's own log."""
-    if not rest:
-        return None
-    if rest.startswith("/"):
-        return rest
+def _parse_server(rest: str) -> Server:
     shown = repr(redact(f"syslog:{rest}"))
     try:
         parts = urlsplit(rest)
         is_bare = not set("@?#") & set(rest) and not parts.path.strip("/")
-        if parts.scheme in _KINDS and parts.hostname and is_bare:
+        if parts.scheme in _PORTS and parts.hostname and is_bare:
             check_host("syslog", rest)
             return Server(parts.scheme, parts.hostname, parts.port or _PORTS[parts.scheme])
     except ValueError as err:
@@ -78,16 +71,12 @@ def _parse_address(rest: str) -> Address | None:
 
 
 class SyslogSink(DirectSink):
-    """Send messages to a log."""
+    """Send messages to a log: a server's, a socket's path, or this machine's own (empty)."""
 
-    def __init__(
-        self, address: Address | None, options: SinkOptions, context: SinkContext
-    ) -> None:
-        shown = address or ""
+    def __init__(self, address: str | Server, options: SinkOptions, context: SinkContext) -> None:
+        name, o = f"syslog:{address}", options.log
         if isinstance(address, Server):
-            shown = f"{address.scheme}://{shown_host(address.host)}:{address.port}"
-        name = f"syslog:{shown}"
-        o = options.log
+            name = f"syslog:{address.scheme}://{shown_host(address.host)}:{address.port}"
         backoff = Backoff(o.first_retry_s, o.longest_retry_s, name)
         kinds = {"event", "status"} | ({"decision"} if options.syslog.decisions else set())
         super().__init__(name, backoff, context, name, kinds=kinds)
@@ -106,7 +95,7 @@ class SyslogSink(DirectSink):
             sock = self._socket
             if sock is None or _is_closed(sock):
                 self._shut()
-                sock = self._connect()
+                self._socket = sock = self._connect()
             sock.sendall(self._form(*_message_of(record), record))
         except OSError as err:
             self._shut()
@@ -119,23 +108,21 @@ class SyslogSink(DirectSink):
 
     def _connect(self) -> socket.socket:
         address, self._form = self._address, self._plain
-        if address is None:
+        if not address:
             is_journal = JOURNAL.exists() and stat.S_ISSOCK(JOURNAL.stat().st_mode)
             address = str(JOURNAL if is_journal else DEV_LOG)
             self._form = self._journal if is_journal else self._plain
         if isinstance(address, Server):
             self._form = self._dated
-            kind = _KINDS[address.scheme]
+            kind = socket.SOCK_DGRAM if address.scheme == "udp" else socket.SOCK_STREAM
             where = socket.getaddrinfo(address.host, address.port, type=kind)[0]
-            self._socket = _connected(where[0], kind, where[4], self._tls, address.host)
-            return self._socket
+            return _connected(where[0], kind, where[4], self._tls, address.host)
         try:
-            self._socket = _connected(socket.AF_UNIX, socket.SOCK_DGRAM, address)
+            return _connected(socket.AF_UNIX, socket.SOCK_DGRAM, address)
         except OSError as err:
             if err.errno != errno.EPROTOTYPE:
                 raise
-            self._socket = _connected(socket.AF_UNIX, socket.SOCK_STREAM, address)
-        return self._socket
+            return _connected(socket.AF_UNIX, socket.SOCK_STREAM, address)
 
     def _plain(self, severity: int, text: str, record: Record) -> bytes:
         priority = self._facility << 3 | severity
@@ -148,7 +135,7 @@ class SyslogSink(DirectSink):
         head = f"<{priority}>1 {record.get('time') or utc_text()} {socket.gethostname() or '-'}"
         text = f"{head} radard {os.getpid()} {record['type']} - {self._of(record)}: {text}"
         message = text.encode(errors="replace")
-        scheme = self._address[0] if self._address else ""
+        scheme = self._address[0]
         if scheme == "tcp":
             return message.replace(b"\n", b" ") + b"\n"
         return b"%d %s" % (len(message), message) if scheme == "tls" else message
@@ -157,6 +144,7 @@ class SyslogSink(DirectSink):
         return str(record.get("sensor", self._sensor))
 
     def _journal(self, severity: int, text: str, record: Record) -> bytes:
+        """Return a message of journald's native protocol (systemd, "Native Journal Protocol")."""
         fields = {
             "MESSAGE": f"{self._of(record)}: {text}",
             "PRIORITY": severity,
@@ -165,7 +153,14 @@ class SyslogSink(DirectSink):
             "RADARD_SENSOR": self._sensor,
             **{f"RADARD_{key.upper()}": value for key, value in record.items()},
         }
-        return b"".join(_field(key, str(v)) for key, v in fields.items() if v is not None)
+        told = b""
+        for key, value in fields.items():
+            if value is not None:
+                data = str(value).encode(errors="replace")
+                length = len(data).to_bytes(8, "little")
+                between = b"\n" + length if b"\n" in data else b"="
+                told += key.encode() + between + data + b"\n"
+        return told
 
 
 def _message_of(record: Record) -> tuple[int, str]:
@@ -215,11 +210,3 @@ def _connected(
     except OSError:
         sock.close()
         raise
-
-
-def _field(key: str, value: str) -> bytes:
-    """Return a field of journald's native protocol (systemd, "Native Journal Protocol")."""
-    data = value.encode(errors="replace")
-    if b"\n" in data:
-        return key.encode() + b"\n" + len(data).to_bytes(8, "little") + data + b"\n"
-    return key.encode() + b"=" + data + b"\n"

@@ -88,6 +88,7 @@ class RecordQueue:
 class ThreadSink:
     """A queue and a thread; `start` it once it is built."""
 
+    cursor: Cursor | None = None  # what the log knows of what was handed on, once at work
     tick_s: float | None = None  # how often `_tick` is called when nothing comes; None is never
 
     def __init__(self, name: str, *, waits: bool = False) -> None:
@@ -168,7 +169,6 @@ class ThreadSink:
                     self._cannot(err, record is not None)
         finally:
             self._shut()
-            self._keeper.end()
 
     def _cannot(self, err: Exception, n_records: int) -> None:
         """Log what is wrong with this program: one record must not cost all others."""
@@ -212,14 +212,11 @@ class DirectSink(ThreadSink, ABC):
         self._context = context
         self._target = target
         self._kinds = kinds
-        self.cursor: Cursor | None = None  # what the log knows of what was handed on
         self._left: list[Entry] = []
 
     def _begin(self) -> None:
         if self._context is not None and self._target:
-            self.cursor = self._context.cursor(
-                self.name.partition(":")[0], self._target, self._wants
-            )
+            self.cursor = self._context.cursor(self.name, self._target, self._wants)
             self._left = self.cursor.waiting()
 
     @abstractmethod

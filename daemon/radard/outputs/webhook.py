@@ -31,7 +31,6 @@ _REFUSALS = frozenset({400, 405, 406, 409, 410, 411, 413, 414, 415, 422})
 _REDIRECTS = frozenset({301, 302, 307, 308})  # a POST may be repeated elsewhere (RFC 9110)
 _MAX_HOPS = 3  # from a name to its https and its new place
 _MAX_ANSWER = 65_536  # bytes that are read of an answer: a page that explains a fault
-_SCHEMES = frozenset({"http", "https"})
 
 
 def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> Delivery:
@@ -42,7 +41,7 @@ def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> Deliv
         target = read_secret("webhook.url", Path(target[1:]), None) or ""
     try:
         parts = urlsplit(target)
-        is_right = parts.scheme in _SCHEMES and bool(parts.hostname)
+        is_right = parts.scheme in {"http", "https"} and bool(parts.hostname)
         is_right = is_right and parts.port != 0 and parts.username is None
     except ValueError:
         parts, is_right = urlsplit(""), False
@@ -105,9 +104,9 @@ class _Poster:
         """Return the code of the last answer, after redirects if they are followed."""
         url, end_s = self._url, time.monotonic() + self._section.timeout_s
         code, location = self._post(url, body, headers, self._section.timeout_s)
-        n_hops = _MAX_HOPS if self._section.follow_redirects else 0
-        while n_hops and location and code in _REDIRECTS:
-            n_hops -= 1
+        for _ in range(_MAX_HOPS if self._section.follow_redirects else 0):
+            if not location or code not in _REDIRECTS:
+                break
             before, url = url, urljoin(url, location)
             if urlsplit(url).scheme not in {"https", urlsplit(before).scheme}:
                 raise DeliveryError("the server redirects to what is no https")
@@ -122,11 +121,9 @@ class _Poster:
     ) -> tuple[int, str]:
         parts = urlsplit(url)
         host, port = parts.hostname or "", parts.port
-        link: http.client.HTTPConnection
+        link = http.client.HTTPConnection(host, port, timeout=timeout_s)
         if parts.scheme == "https":
             link = http.client.HTTPSConnection(host, port, timeout=timeout_s, context=self._tls)
-        else:
-            link = http.client.HTTPConnection(host, port, timeout=timeout_s)
         # The library's limit is for every read; a server that drips bytes would outlive it.
         watch = threading.Timer(timeout_s, _hang_up, (link,))
         watch.daemon = True
@@ -150,11 +147,9 @@ class _Poster:
             "webhook-id": key,
             "webhook-timestamp": now,
         }
-        token = read_secret("webhook.token", o.token_file, o.token_env)
-        if token is not None:
+        if token := read_secret("webhook.token", o.token_file, o.token_env):
             headers["Authorization"] = f"Bearer {token}"
-        secret = read_secret("webhook.secret", o.secret_file, o.secret_env)
-        if secret is not None:
+        if secret := read_secret("webhook.secret", o.secret_file, o.secret_env):
             headers["webhook-signature"] = sign(secret, key, now, body)
         return headers
 

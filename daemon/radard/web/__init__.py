@@ -2,16 +2,16 @@
 
 A record's way to a page::
 
-    sink            takes records from the worker, starts the thread       [worker's thread]
+    sink            takes records from the worker; the server's thread     [worker's thread]
     view            what is held of a sensor: history, counters, pictures  [any thread]
     hub             hand them to every page, drop what one cannot take     [asyncio]
     pictures        frames of the ring, or of a clip, to columns of bytes  [own thread]
 
 and a request's way::
 
-    server          limits on connections; the thread itself
+    server          limits on connections
     auth, guard     hosts, origins, bodies; roles: who may see, who may arm
-    api, events, actions    the routes
+    api, events     the routes
 
 Nothing in here can hold up a decision: `write` appends to a list and returns, and the
 pictures are made of what the ring still has, without its lock.

@@ -30,14 +30,6 @@ _MIN_LENGTH = 12  # characters of a token: those guesses then find none
 _LOOPBACK = {"localhost", "127.0.0.1", "::1"}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Tokens:
-    """Tokens of a dashboard; None where there is none."""
-
-    viewer: str | None = field(default=None, repr=False)
-    operator: str | None = field(default=None, repr=False)
-
-
 @lru_cache(maxsize=1024)
 def is_loopback(host: str) -> bool:
     """Return whether an address is of this machine alone."""
@@ -50,25 +42,22 @@ def is_loopback(host: str) -> bool:
     return (getattr(address, "ipv4_mapped", None) or address).is_loopback
 
 
-def read_tokens(section: WebSection, host: str) -> Tokens:
-    """Return the tokens; ConfigError if one cannot be read, is short, or one is needed."""
-    tokens = Tokens(
-        viewer=read_secret("web.token", section.token_file, section.token_env),
-        operator=read_secret(
-            "web.operator_token", section.operator_token_file, section.operator_token_env
-        ),
-    )
-    for name, token in (("token", tokens.viewer), ("operator_token", tokens.operator)):
+def read_tokens(section: WebSection, host: str) -> tuple[str | None, str | None]:
+    """Return those of viewers and operators; ConfigError if one is bad, short, or missing."""
+    o = section
+    viewer = read_secret("web.token", o.token_file, o.token_env)
+    operator = read_secret("web.operator_token", o.operator_token_file, o.operator_token_env)
+    for name, token in (("token", viewer), ("operator_token", operator)):
         if token is not None and len(token) < _MIN_LENGTH:
             raise ConfigError(f"web.{name}: a token needs {_MIN_LENGTH} characters or more")
-    if tokens.viewer is not None and tokens.viewer == tokens.operator:
+    if viewer is not None and viewer == operator:
         raise ConfigError("web.token and web.operator_token are the same: who looks on could arm")
-    if tokens.viewer is None and tokens.operator is None and not is_loopback(host):
+    if viewer is None and operator is None and not is_loopback(host):
         raise ConfigError(
             f"--output http://{host}: others can reach this address; name a token with "
             "web.token_file or web.token_env (and web.operator_token_file for arming)"
         )
-    return tokens
+    return viewer, operator
 
 
 class RateLimit:
@@ -90,28 +79,23 @@ class RateLimit:
 
     def take(self) -> bool:
         """Count an act; return whether it may be done."""
-        if self.is_spent:
-            return False
-        self._left -= 1
-        return True
+        is_free = not self.is_spent
+        self._left -= is_free
+        return is_free
 
 
+@dataclass(eq=False)
 class AccessControl:
     """Says what a request may do, without `may_command` no commands; for the web's thread."""
 
-    def __init__(
-        self,
-        tokens: Tokens,
-        *,
-        may_command: bool = True,
-        cookie: str = "radard",
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
-        self._tokens = tokens
-        self._wants_token = tokens != Tokens()
-        self.cookie = cookie
-        self._may_command = may_command
-        self._clock = clock
+    viewer: str | None = field(default=None, repr=False)  # the token for looking on
+    operator: str | None = field(default=None, repr=False)  # and for arming
+    may_command: bool = True
+    cookie: str = "radard"
+    clock: Callable[[], float] = time.monotonic
+
+    def __post_init__(self) -> None:
+        self._wants_token = bool(self.viewer or self.operator)
         self._sessions: dict[str, tuple[Role, float]] = {}
         self._guesses: dict[str, RateLimit] = {}
 
@@ -125,21 +109,20 @@ class AccessControl:
         if not self._wants_token:
             return self._granted("operator")
         session = self._sessions.get(connection.cookies.get(self.cookie, ""))
-        if session is not None and session[1] > self._clock():
+        if session is not None and session[1] > self.clock():
             return session[0]
         scheme, _, token = connection.headers.get("authorization", "").partition(" ")
-        if scheme.lower() == "bearer" and token.strip():
-            # Headers are read as Latin-1, and a token's file as UTF-8.
-            text = token.strip().encode("latin-1").decode(errors="replace")
-            return self._role_of(text, address_of(connection))
-        return "nobody"
+        if scheme.lower() != "bearer" or not token.strip():
+            return "nobody"
+        # Headers are read as Latin-1, and a token's file as UTF-8.
+        text = token.strip().encode("latin-1").decode(errors="replace")
+        return self._role_of(text, address_of(connection))
 
     def log_in(self, token: str, address: str) -> tuple[Role, str]:
         """Return role and session for a token of an address; ('nobody', '') for a wrong one."""
-        role = self._role_of(token, address)
-        if role == "nobody":
+        if (role := self._role_of(token, address)) == "nobody":
             return role, ""
-        now_s = self._clock()
+        now_s = self.clock()
         alive = [(key, item) for key, item in self._sessions.items() if item[1] > now_s]
         self._sessions = dict(alive[-_MAX_SESSIONS + 1 :])
         session = secrets.token_urlsafe(32)
@@ -184,26 +167,23 @@ class AccessControl:
         # Both are compared, whichever it is.
         is_operator, is_viewer = (
             wanted is not None and hmac.compare_digest(given, wanted.encode())
-            for wanted in (self._tokens.operator, self._tokens.viewer)
+            for wanted in (self.operator, self.viewer)
         )
         if is_operator:
             return self._granted("operator")
         if is_viewer:
             return "viewer"
-        self._note_guess(address)
-        return "nobody"
-
-    def _note_guess(self, address: str) -> None:
-        """Count a wrong token; each address has its own count, so no stranger spends another's."""
-        fresh = RateLimit(_MAX_GUESSES, _GUESSES_PER_S, self._clock)
+        # Each address has its own count, so no stranger spends another's.
+        fresh = RateLimit(_MAX_GUESSES, _GUESSES_PER_S, self.clock)
         guesses = self._guesses.pop(address, fresh)
         guesses.take()
         self._guesses[address] = guesses
         if len(self._guesses) > _MAX_ADDRESSES:
             del self._guesses[next(iter(self._guesses))]
+        return "nobody"
 
     def _granted(self, role: Role) -> Role:
-        return role if self._may_command else "viewer"
+        return role if self.may_command else "viewer"
 
 
 def address_of(connection: HTTPConnection) -> str:

@@ -25,14 +25,13 @@ from radard.errors import RadardError, UsageError
 from radard.log_file import MARKS, StoredEvent, newest_events, parse_since
 from radard.web.guard import Guard, attached, query_number, refusal
 from radard.web.labels import LABELS, add_label, read_labels
-from radard.web.pictures.clip_process import ClipTimeoutError, read_clip
+from radard.web.pictures.clip_view import ClipTimeoutError, read_clip
 from radard.web.view import View
 from x2radar import wall_clock
 
 _NO_CLIP = "there is no clip of this event"
 _ULID = re.compile(r"[0-9A-HJKMNP-TV-Z]{26}")
 _MAX_EVENTS = 2000  # of an answer: some hundred kilobytes
-
 _SENT_BYTES = 65536  # of a clip at a time
 _MAX_WAITING = 4  # requests for a clip's pictures: each takes seconds
 _FIELDS = ("id", "sensor", "kind", "began", "ended", "peak", "reason", "label", "clip", *MARKS)
@@ -62,11 +61,10 @@ class EventRoutes:
 
     async def _export(self, request: Request) -> Response:
         events = await self._read(partial(self._events, **_filter(request)))
+        text = "".join(json.dumps(e) + "\n" for e in events)
+        name, kind = "events.jsonl", "application/jsonl"
         if request.query_params.get("format") == "csv":
             text, name, kind = _csv(events), "events.csv", "text/csv; charset=utf-8"
-        else:
-            text = "".join(json.dumps(e) + "\n" for e in events)
-            name, kind = "events.jsonl", "application/jsonl"
         return Response(text, media_type=kind, headers=attached(name))
 
     async def _clip(self, request: Request) -> Response:
@@ -74,8 +72,6 @@ class EventRoutes:
             return refusal(404, _NO_CLIP)
         try:
             copy, size = await self._read(_copied, path)
-        except FileNotFoundError:
-            return refusal(404, _NO_CLIP)
         except OSError as err:
             return refusal(503, f"the clip cannot be sent: {err.strerror or err}")
         headers = {**attached(path.name), "Content-Length": str(size)}
@@ -96,8 +92,7 @@ class EventRoutes:
 
     async def _thumbnail(self, request: Request) -> Response:
         clip = await self._read(self._clip_of, request.path_params["id"])
-        path = clip.with_suffix(".png") if clip is not None else None
-        if path is None or not path.is_file():
+        if clip is None or not (path := clip.with_suffix(".png")).is_file():
             return refusal(404, "there is no picture of this event")
         try:
             return JSONResponse(await self._read(_thumbnail, path))
@@ -108,8 +103,7 @@ class EventRoutes:
         event_id, label = body.get("event"), body.get("label")
         if label not in LABELS or not isinstance(event_id, str):
             return refusal(400, f"event and a label of {', '.join(LABELS)} are wanted")
-        event = await self._read(self._event, event_id)
-        if event is None:
+        if (event := await self._read(self._event, event_id)) is None:
             return refusal(404, "this event is not known")
         line = {
             "event": event_id,
@@ -137,17 +131,15 @@ class EventRoutes:
 
     def _event(self, event_id: str) -> dict[str, Any] | None:
         """Return one event; None when it is not known."""
-        if not _ULID.fullmatch(event_id):
-            return None
-        return next(iter(self._events(text=event_id, limit=1)), None)
+        found = self._events(text=event_id, limit=1) if _ULID.fullmatch(event_id) else []
+        return found[0] if found else None
 
     def _clip_of(self, event_id: str) -> Path | None:
         """Return the clip of an event, if it is there and named by the event's own id."""
         event = self._event(event_id)
         path = Path(event["clip"]) if event and event["clip"] else None
-        if path is None or path.name != f"{event_id}.h5" or not path.is_file():
-            return None
-        return path
+        is_own = path is not None and path.name == f"{event_id}.h5" and path.is_file()
+        return path if is_own else None
 
     def _shown(self, event: StoredEvent, labels: Mapping[str, str]) -> dict[str, Any]:
         clip = Path(event.clip) if event.clip else None
@@ -209,10 +201,8 @@ def _csv(events: list[dict[str, Any]]) -> str:
     out = io.StringIO()
     writer = csv.DictWriter(out, _FIELDS, extrasaction="ignore")
     writer.writeheader()
-    writer.writerows({k: _safe_cell(v) for k, v in event.items()} for event in events)
+    for event in events:
+        # A spreadsheet would run what looks like a formula.
+        is_risky = {k: isinstance(v, str) and v[:1] in "=+-@\t" for k, v in event.items()}
+        writer.writerow({k: f"'{v}" if is_risky[k] else v for k, v in event.items()})
     return out.getvalue()
-
-
-def _safe_cell(value: Any) -> Any:
-    """Return a value that a spreadsheet does not run as a formula."""
-    return f"'{value}" if isinstance(value, str) and value[:1] in "=+-@\t" else value

@@ -9,6 +9,7 @@ import asyncio
 import json
 import re
 from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
 from typing import Any, TypeVar
 from urllib.parse import unquote
 
@@ -26,7 +27,6 @@ from x2radar.keys import unrepeated
 MAX_BODY = 4096  # bytes: 32 zones fit
 _BODY_S = 10.0  # for a body that comes over a slow line
 T = TypeVar("T")
-Endpoint = Callable[[Request], Awaitable[Response]]
 Handler = Callable[[dict[str, Any]], Awaitable[Response]]
 _OWN_HEADER = "x-radard"
 _ABSOLUTE = re.compile(rb"https?://([^/@]+)", re.IGNORECASE)
@@ -80,7 +80,8 @@ async def json_body(request: Request) -> dict[str, Any] | JSONResponse:
                 data += chunk
                 if len(data) > MAX_BODY:
                     return refusal(413, "the body is too long")
-        body = json.loads(data, parse_constant=_refuse_constant, object_pairs_hook=unrepeated)
+        # NaN and infinities are no JSON; int() refuses them.
+        body = json.loads(data, parse_constant=int, object_pairs_hook=unrepeated)
     except TimeoutError:
         return refusal(408, "the body does not come")
     except (ValueError, RecursionError, ClientDisconnect):
@@ -88,14 +89,6 @@ async def json_body(request: Request) -> dict[str, Any] | JSONResponse:
     kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     is_right = kind == "application/json" and isinstance(body, dict)
     return body if is_right else refusal(400, "no JSON object")
-
-
-def _refuse_constant(name: str) -> float:
-    raise ValueError(f"{name} is no JSON")
-
-
-class NoRunError(Exception):
-    """The sensor has not begun to run."""
 
 
 class Guard:
@@ -112,7 +105,7 @@ class Guard:
         """Return what a call that waits for a disk returns, made in a thread."""
         return await to_thread.run_sync(call, *arguments, limiter=self._reading)
 
-    def viewing(self, path: str, endpoint: Endpoint) -> Route:
+    def viewing(self, path: str, endpoint: Callable[[Request], Awaitable[Response]]) -> Route:
         """Return a GET route for viewers; a UsageError of it is a bad request."""
 
         async def guarded(request: Request) -> Response:
@@ -149,8 +142,6 @@ class Guard:
                 return body
             try:
                 return await handler(body)
-            except NoRunError:
-                return refusal(503, "there is no run yet")
             except OverflowError:
                 return refusal(400, "a number is too large")
             except ValueError as err:
@@ -159,20 +150,6 @@ class Guard:
                 return refusal(507, str(err))
 
         return Route(path, guarded, methods=["POST"])
-
-
-def _shielded(send: Send) -> Send:
-    """Return a `send` that adds our headers to an answer."""
-
-    async def add(message: Message) -> None:
-        if message["type"] == "http.response.start":
-            out = MutableHeaders(scope=message)
-            out.update(_HEADERS)
-            # The page's own files have a tag, and are asked for again with it.
-            out.setdefault("Cache-Control", "no-cache" if "etag" in out else "no-store")
-        await send(message)
-
-    return add
 
 
 def _to_origin_form(scope: Scope) -> None:
@@ -185,33 +162,39 @@ def _to_origin_form(scope: Scope) -> None:
         scope["path"] = unquote(scope["raw_path"].decode("ascii"))
 
 
+@dataclass(eq=False)
 class SecurityMiddleware:
     """The checks as ASGI middleware around an application."""
 
-    def __init__(self, app: ASGIApp, access: AccessControl) -> None:
-        self._app = app
-        self._access = access
+    app: ASGIApp
+    access: AccessControl
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Let a request pass, or answer it."""
-        if scope["type"] in {"http", "websocket"}:
-            _to_origin_form(scope)
-        if scope["type"] != "http":
-            await self._app(scope, receive, send)
-            return
-        answer = _shielded(send)
-        app = self._fault(scope["method"], Headers(scope=scope)) or self._app
-        await app(scope, receive, answer)
+        """Let a request pass, or answer it; every answer has our headers."""
+
+        async def shielded(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                out = MutableHeaders(scope=message)
+                out.update(_HEADERS)
+                # The page's own files have a tag, and are asked for again with it.
+                out.setdefault("Cache-Control", "no-cache" if "etag" in out else "no-store")
+            await send(message)
+
+        _to_origin_form(scope)
+        app = self.app
+        if scope["type"] == "http":
+            app = self._fault(scope["method"], Headers(scope=scope)) or app
+        await app(scope, receive, shielded)
 
     def _fault(self, method: str, headers: Headers) -> JSONResponse | None:
-        if not self._access.is_right_host(headers):
+        if not self.access.is_right_host(headers):
             told = f"Host is '{headers.get('host', '')}': without tokens, only this machine's own"
             return refusal(421, f"{told} addresses are served; name tokens in the web section")
         if method in _SAFE:
             return None
         if whole_number(headers.get("content-length", "0"), MAX_BODY) is None:
             return refusal(413, "the body is too long")
-        if not self._access.is_same_origin(headers):
+        if not self.access.is_same_origin(headers):
             told = f"the page is of {headers.get('origin', 'another site')}, Host is "
             told += f"'{headers.get('host', '')}': only the dashboard itself may do this, and a"
             return refusal(403, f"{told} proxy before it must hand on the Host that it was given")

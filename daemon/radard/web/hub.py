@@ -22,7 +22,6 @@ from radard.web.auth import AccessControl, RateLimit
 MAX_TEXTS = 400  # minutes of records
 MAX_IN_FLIGHT = 64  # pictures: what a page gets at its opening, and some seconds more
 _BACKLOG = 512  # messages: a minute of pictures for a page that opens
-MAX_MESSAGE = 512  # bytes; the longest that a page sends has thirty
 _MAX_PER_S = 20.0  # messages of a page, which reports pictures four times a second
 _CLOSE_POLICY, _CLOSE_BUSY, _CLOSE_SLOW = 1008, 1013, 4008  # RFC 6455 and IANA; 4000 on are ours
 
@@ -37,7 +36,7 @@ class Viewer:
         self._pictures: deque[bytes] = deque()
         self._n_sent = self._n_drawn = 0
         self._wake = asyncio.Event()
-        self._has_all = asyncio.Event()
+        self.has_all = asyncio.Event()  # whether every text has been sent
 
     def put_text(self, text: str) -> None:
         """Queue a text; a page that lets too many wait is to be closed."""
@@ -45,16 +44,15 @@ class Viewer:
             self.is_overrun = True
         else:
             self._texts.append(text)
-        self._has_all.clear()
+        self.has_all.clear()
         self._wake.set()
 
     def put_picture(self, data: bytes) -> None:
         """Queue a picture, or drop it."""
         in_flight = self._n_sent - self._n_drawn + len(self._pictures)
-        if not self.wants_pictures or in_flight >= MAX_IN_FLIGHT:
-            return
-        self._pictures.append(data)
-        self._wake.set()
+        if self.wants_pictures and in_flight < MAX_IN_FLIGHT:
+            self._pictures.append(data)
+            self._wake.set()
 
     def put_backlog(self, data: list[bytes]) -> None:
         """Queue earlier pictures, which do not count as in flight."""
@@ -74,13 +72,9 @@ class Viewer:
             if self._pictures:
                 self._n_sent += 1
                 return self._pictures.popleft()
-            self._has_all.set()
+            self.has_all.set()
             self._wake.clear()
             await self._wake.wait()
-
-    async def has_all(self) -> None:
-        """Return once every text has been sent."""
-        await self._has_all.wait()
 
 
 class Hub:
@@ -135,7 +129,7 @@ class Hub:
 
     async def has_sent_all(self) -> None:
         """Return once every page has every text."""
-        await asyncio.gather(*(viewer.has_all() for viewer in self._viewers))
+        await asyncio.gather(*(viewer.has_all.wait() for viewer in self._viewers))
 
     def _update_wanted(self) -> None:
         is_wanted = any(viewer.wants_pictures for viewer in self._viewers)
@@ -166,10 +160,8 @@ async def serve(
     viewer = Viewer()
     viewer.put_text(json.dumps(welcome))
     hub.add(viewer)
-    tasks = [
-        asyncio.create_task(_send(socket, viewer)),
-        asyncio.create_task(_listen(socket, viewer, hub)),
-    ]
+    both = _send(socket, viewer), _listen(socket, viewer, hub)
+    tasks = [asyncio.create_task(each) for each in both]
     try:
         await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
     finally:
@@ -195,15 +187,10 @@ async def _listen(socket: WebSocket, viewer: Viewer, hub: Hub) -> None:
     while True:
         try:
             text = await socket.receive_text()
-        except (WebSocketDisconnect, KeyError):
-            return
-        if not rate_limit.take() or len(text) > MAX_MESSAGE:
-            return
-        try:
             message = json.loads(text)
-        except ValueError:
+        except (WebSocketDisconnect, KeyError, ValueError):
             return
-        if not isinstance(message, dict):
+        if not rate_limit.take() or not isinstance(message, dict):
             return
         if isinstance(message.get("pictures"), bool):
             hub.watch(viewer, wants_pictures=message["pictures"])

@@ -74,9 +74,9 @@ class Metrics:
             elif kind == "status":
                 self._set_moment(record["state"])
             elif kind == "hello":
-                about = {"version": record["version"], "model": record["model"] or "none"}
-                about["sensor"] = record.get("sensor", "radar")
-                self._set("radard_build_info", 1, **{k: str(v) for k, v in about.items()})
+                model, sensor = record["model"] or "none", record.get("sensor", "radar")
+                about = {"version": record["version"], "model": model, "sensor": sensor}
+                self._set("radard_build_info", 1, **about)
                 self._set("radard_frame_rate_hertz", record["frame_rate_hz"])
                 self._set("radard_armed", bool(record.get("armed", True)))
 
@@ -200,8 +200,8 @@ def _sink_samples(sinks: Iterable[Sink]) -> Iterator[Sample]:
     seen: Counter[str] = Counter()
     for sink in sinks:
         seen[sink.name] += 1
-        n = seen[sink.name]
-        state, label = sink.state, {"sink": sink.name if n == 1 else f"{sink.name}#{n}"}
+        behind = f"#{n}" if (n := seen[sink.name]) > 1 else ""
+        state, label = sink.state, {"sink": f"{sink.name}{behind}"}
         yield "radard_sink_ok", label, state.is_ok
         yield "radard_sink_waiting_records", label, state.n_waiting
         yield "radard_sink_sent_records_total", label, state.n_sent

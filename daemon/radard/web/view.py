@@ -45,8 +45,10 @@ class History:
                 self._decisions.append((record, state))
             elif kind == "event":
                 first = self._events.pop(record["id"], record)
-                if first is record and record["kind"] == "alarm":
-                    self._keep_cause(record)
+                last = list(self._decisions)[-N_BEFORE - 1 :]
+                is_new = first is record and record["kind"] == "alarm"
+                if is_new and last and last[-1][0]["t_s"] == record["start_t_s"]:
+                    self._causes[record["id"]] = last
                 self._events[record["id"]] = {
                     **record,
                     "began": first.get("began", first["time"]),
@@ -54,24 +56,22 @@ class History:
                     "clip": record["clip"] or first["clip"],
                     "peak": max(record["peak"], first["peak"]),
                 }
-                while len(self._events) > EVENTS:
-                    del self._events[next(iter(self._events))]
+                for kept, most in ((self._events, EVENTS), (self._causes, _MAX_ALARMS)):
+                    if len(kept) > most:
+                        del kept[next(iter(kept))]
             elif kind == "hello":
                 self.hello = record
 
-    def decisions(self, limit: int, *, before_seq: int | None = None) -> list[Record]:
-        """Return the newest decisions, oldest first."""
+    def decisions(self, limit: int, *, before_seq: int = 0) -> list[Record]:
+        """Return the newest decisions, before one if that is named, oldest first."""
         with self._lock:
-            known = [record for record, _ in self._decisions]
-        if before_seq is not None:
-            known = [d for d in known if d["seq"] < before_seq]
+            known = [d for d, _ in self._decisions if not before_seq or d["seq"] < before_seq]
         return known[-limit:] if limit else []
 
     def around(self, seq: int) -> list[Held]:
         """Return a decision and `N_BEFORE` before it, oldest first; empty when it is not known."""
         with self._lock:
-            known = list(self._decisions)
-            causes = list(self._causes.values())
+            known, causes = list(self._decisions), list(self._causes.values())
         at = next((i for i, (record, _) in enumerate(known) if record["seq"] == seq), None)
         if at is not None:
             return known[max(0, at - N_BEFORE) : at + 1]
@@ -82,14 +82,6 @@ class History:
         with self._lock:
             found = self._causes.get(event_id)
         return None if found is None else int(found[-1][0]["seq"])
-
-    def _keep_cause(self, alarm: Record) -> None:
-        """Keep the decisions up to the one that an alarm began with, if there was one."""
-        last = list(self._decisions)[-N_BEFORE - 1 :]
-        if last and last[-1][0]["t_s"] == alarm["start_t_s"]:
-            self._causes[alarm["id"]] = last
-        while len(self._causes) > _MAX_ALARMS:
-            del self._causes[next(iter(self._causes))]
 
     def events(self) -> list[Mapping[str, Any]]:
         """Return events of this run, oldest first, each in its last phase."""
@@ -102,14 +94,14 @@ class View:
 
     app: ASGIApp  # its pages
 
-    def __init__(self, section: WebSection, log: EventLog, post: Post, sensor: str) -> None:
-        self.section, self.log, self.sensor = section, log, sensor
-        self.host: Host | None = None  # the sensor's run, once there is one
+    def __init__(
+        self, section: WebSection, log: EventLog, post: Post, host: Host, sensor: str
+    ) -> None:
+        self.section, self.log, self.host, self.sensor = section, log, host, sensor
         self.history, self.metrics = History(), Metrics(sensor)
-
         self.hub = Hub(lambda is_wanted: self.picture_thread.want(is_wanted=is_wanted))
         self.picture_thread = PictureThread(
-            lambda: self.host.ring() if self.host is not None else None,
+            host.ring,
             lambda axes: post(self.hub.announce, axes),
             lambda data: post(self.hub.show, data),
         )
@@ -118,8 +110,8 @@ class View:
 
     @property
     def config(self) -> Config:
-        """The sensor's configuration that holds; built-in values before there is a sensor."""
-        return self.host.config() if self.host is not None else Config()
+        """The sensor's configuration that holds."""
+        return self.host.config()
 
     @property
     def label_file(self) -> Path:
@@ -128,7 +120,7 @@ class View:
 
     def take(self, record: Record) -> None:
         """Take a record; returns at once."""
-        self.history.take(record, self.host.panel() if self.host is not None else None)
+        self.history.take(record, self.host.panel())
         self.metrics.on_record(record)
         if len(self.hub):
             self._post(self.hub.broadcast, record)
@@ -143,26 +135,23 @@ class View:
         """Return state, panel, zones, settings and playback at this moment."""
         host, config = self.host, self.config
         settings = SavedSettings.model_validate(config, from_attributes=True)
-        held = {"zones": config.zones.model_dump(mode="json"), "settings": settings.model_dump()}
-        if host is None:
-            return {"state": "starting", "reason": "", "panel": {}, **held, "playback": None}
         status, panel, playback = host.health.status, host.panel(), host.playback()
         return {
             "state": status.state,
             "reason": status.reason,
             "panel": panel.as_record(host.mark()) if panel is not None else {},
-            **held,
+            "zones": config.zones.model_dump(mode="json"),
+            "settings": settings.model_dump(),
             "playback": asdict(playback.state) if playback is not None else None,
         }
 
     def refreshed_metrics(self) -> Metrics:
         """Return the counters, with what holds at this moment."""
-        if (host := self.host) is not None:
-            panel = host.panel()
-            self.metrics.refresh(
-                state=host.health.status.state,
-                is_armed=panel is None or panel.armed,
-                driver=host.driver(),
-                drift=panel.clock_drift if panel is not None else None,
-            )
+        panel = self.host.panel()
+        self.metrics.refresh(
+            state=self.host.health.status.state,
+            is_armed=panel is None or panel.armed,
+            driver=self.host.driver(),
+            drift=panel.clock_drift if panel is not None else None,
+        )
         return self.metrics

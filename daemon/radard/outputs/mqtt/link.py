@@ -8,11 +8,10 @@ import contextlib
 import socket
 import threading
 import time
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import paho.mqtt.client as paho
 from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode
@@ -28,11 +27,7 @@ from x2radar.backoff import Backoff
 _CONFIRM_S = 10.0  # far above a round trip, below what a person waits for an alarm
 _POLL_S = 0.1  # how soon a lost connection is noticed
 _SHORT_S = 5.0  # a connection as short as this hints at a second client of this id
-_MAX_UNSENT = 50  # messages of QoS 0: a minute of decisions
-_STANDS_STILL = "the output's own thread stands still"
-_UNSUPPORTED = "Unsupported protocol version"
-_TAKEN_OVER = "Session taken over"
-_NO_RETAIN = "Retain not supported"
+_MAX_UNSENT = 50  # messages in flight beyond which decisions go: a minute of them
 _NO_ANSWER = "no answer; is it an MQTT broker?"
 _HEAD = 12  # bytes of a packet beside topic and payload, at most
 _MIN_SUSPECT = 1024  # no broker limits packets to less; events and states are below it
@@ -50,13 +45,12 @@ class Publication:
     is_retained: bool = True
 
 
-@dataclass(slots=True)
-class _Suspect:
+class _Suspect(NamedTuple):
     """The largest message of a topic that was in flight when a line broke."""
 
-    size: int
-    n: int
-    at_s: float
+    size: int = 0
+    n: int = 0
+    at_s: float = float("-inf")
 
 
 class PacketLimits:
@@ -70,35 +64,26 @@ class PacketLimits:
         self.can_retain = True  # whether the broker keeps messages
         self.max_bytes: int | None = None  # the largest packet that the broker states
 
-    @property
-    def is_idle(self) -> bool:
-        """Whether everything that was sent is confirmed."""
-        self._flying = [each for each in self._flying if not each[2]()]
-        return not self._flying
-
     def takes(self, message: Publication) -> bool:
         """Return whether to send a message."""
-        size, suspect = _size_of(message), self._suspects.get(message.topic)
+        size, suspect = _size_of(message), self._suspects.get(message.topic, _Suspect())
         if self.max_bytes is not None and size > self.max_bytes:
             self.leave_out(message.topic, f"{size} bytes, and the broker takes {self.max_bytes}")
             return False
-        is_bad = suspect is not None and suspect.n >= _BREAKS and size >= suspect.size
-        return not is_bad
+        return suspect.n < _BREAKS or size < suspect.size
 
     def sent(self, message: Publication, is_done: Callable[[], bool]) -> None:
         """Note a message in flight, until `is_done` says that it is confirmed."""
-        self._flying = [each for each in self._flying if not each[2]()]
-        self._flying.append((message.topic, _size_of(message), is_done))
+        self.in_flight().append((message.topic, _size_of(message), is_done))
 
     def broke(self) -> bool:
         """Note that the line broke; return whether a message is to blame."""
-        flying, self._flying = [each for each in self._flying if not each[2]()], []
+        flying, self._flying = self.in_flight(), []
         topic, size, _ = max(flying, key=lambda each: each[1], default=("", 0, None))
         if size < _MIN_SUSPECT:
             return False
-        now_s, before = time.monotonic(), self._suspects.get(topic)
-        is_again = before is not None and now_s - before.at_s < _FORGOTTEN_S
-        n = before.n + 1 if before is not None and is_again else 1
+        now_s, before = time.monotonic(), self._suspects.get(topic, _Suspect())
+        n = before.n + 1 if now_s - before.at_s < _FORGOTTEN_S else 1
         self._suspects[topic] = _Suspect(size, n, now_s)
         if n >= _BREAKS:
             self.leave_out(topic, f"the line broke {n} times while its {size} bytes were sent")
@@ -110,11 +95,15 @@ class PacketLimits:
             self._said.add(topic)
             self._say(f"{topic} is left out: {why}")
 
+    def in_flight(self) -> list[tuple[str, int, Callable[[], bool]]]:
+        """Return topic, size and `is_done` of what is not yet confirmed."""
+        self._flying = [each for each in self._flying if not each[2]()]
+        return self._flying
+
 
 def _size_of(message: Publication) -> int:
-    payload = message.payload
-    n = len(payload.encode() if isinstance(payload, str) else payload)
-    return len(message.topic.encode()) + n + _HEAD
+    texts = (message.topic, message.payload)
+    return sum(len(t.encode() if isinstance(t, str) else t) for t in texts) + _HEAD
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -128,45 +117,31 @@ class Broker:
     username: str | None
 
 
+@dataclass(eq=False)
 class MqttLink:
     """Keep a connection; raises ConfigError if the password or a certificate cannot be read.
 
-    `will` is what the broker publishes when the connection is lost, `subscriptions` are topic
-    filters, with QoS 1. Callables, none of which may wait: `on_up` when connected and subscribed,
-    `on_down` with a reason when not, `on_message` with topic, payload and whether it was retained,
-    `say` with which messages the broker does not take. `is_alive` says whether the publishing
-    thread still runs; if not, the connection is closed without DISCONNECT, so that the broker
-    publishes the last will: the state would be stale.
+    No callable may wait. While `is_alive` says that the publishing thread does not run, the
+    connection is closed without DISCONNECT, so that the broker publishes the last will: the state
+    would be stale.
     """
 
-    def __init__(
-        self,
-        broker: Broker,
-        options: MqttSection,
-        backoff: Backoff,
-        *,
-        will: Publication | None,
-        subscriptions: list[str],
-        on_up: Callable[[], None],
-        on_down: Callable[[str], None],
-        on_message: Callable[[str, bytes, bool], None],
-        is_alive: Callable[[], bool],
-        say: Callable[[str], None] = lambda _text: None,
-    ) -> None:
-        self._broker = broker
-        self._options = options
-        self._backoff = backoff
-        self._will = will
-        self._subscriptions = subscriptions
-        self._on_up = on_up
-        self._on_down = on_down
-        self._on_message = on_message
-        self._is_alive = is_alive
-        self._limits = PacketLimits(say)
-        self._protocol = paho.MQTTv5
+    broker: Broker
+    options: MqttSection
+    backoff: Backoff
+    will: Publication | None  # what the broker publishes when the connection is lost
+    subscriptions: list[str]  # topic filters, with QoS 1
+    on_up: Callable[[], None]  # it is connected and subscribed
+    on_down: Callable[[str], None]  # it is not, for a reason
+    on_message: Callable[[str, bytes, bool], None]  # topic, payload, whether it was retained
+    is_alive: Callable[[], bool]
+    say: Callable[[str], None] = lambda _text: None  # which messages the broker does not take
+
+    def __post_init__(self) -> None:
+        self._limits = PacketLimits(self.say)
+        self._is_5 = True
         self._is_unanswered = False
         self._client: paho.Client | None = None
-        self._unsent: deque[paho.MQTTMessageInfo] = deque()
         self._refused: dict[int, str] = {}
         self._halt = threading.Event()
         self._lost = threading.Event()
@@ -186,7 +161,7 @@ class MqttLink:
     @property
     def is_idle(self) -> bool:
         """Whether there is a connection, and everything that was sent is confirmed."""
-        return self.is_up and self._limits.is_idle
+        return self.is_up and not self._limits.in_flight()
 
     def publish(self, message: Publication) -> bool:
         """Publish without waiting, from one thread; return False if that cannot be done now."""
@@ -195,17 +170,11 @@ class MqttLink:
             return False
         if not self._limits.takes(message):
             return True
-        if message.qos == 0:
-            while self._unsent and _is_over(self._unsent[0]):
-                self._unsent.popleft()
-            if len(self._unsent) >= _MAX_UNSENT:
-                return False
+        if message.qos == 0 and len(self._limits.in_flight()) >= _MAX_UNSENT:
+            return False
         info = self._publish(client, message)
         self._limits.sent(message, partial(self._is_settled, message.topic, info))
-        is_taken = info.rc == MQTTErrorCode.MQTT_ERR_SUCCESS
-        if message.qos == 0 and is_taken:
-            self._unsent.append(info)
-        return is_taken
+        return info.rc == MQTTErrorCode.MQTT_ERR_SUCCESS
 
     def publish_confirmed(self, message: Publication) -> None:
         """Publish and wait for the broker's confirmation; raises DeliveryError without it."""
@@ -238,14 +207,14 @@ class MqttLink:
         client = self._client
         if client is not None:
             client.disconnect()
-        self._lost.wait(timeout_s if client is not None else 0.0)
+            self._lost.wait(timeout_s)
         self._lost.set()
         if self._thread.ident is not None:
             self._thread.join(min(timeout_s, _SHORT_S))
 
     def _run(self) -> None:
         while not self._halt.is_set():
-            if not self._is_alive():
+            if not self.is_alive():
                 self._halt.wait(_POLL_S)
                 continue
             began_s = time.monotonic()
@@ -253,17 +222,20 @@ class MqttLink:
             is_to_blame = self._limits.broke()
             if self._halt.is_set():
                 return
-            if self._is_unanswered and self._other_protocol() == paho.MQTTv311:
-                continue
-            is_short = time.monotonic() - began_s < _SHORT_S and self._is_alive()
-            # MQTT 5 says it, and a rival that waits for long would else be met ever more often.
-            if was_up and not is_to_blame and (is_short or _TAKEN_OVER in self._reason):
-                self._reason += f"; is another client called '{self._broker.client_id}'?"
+            if self._is_unanswered:
+                # A broker that knows MQTT 3.1.1 alone does not answer to 5.
+                self._is_5 = not self._is_5
+                if not self._is_5:
+                    continue
+            is_short = time.monotonic() - began_s < _SHORT_S and self.is_alive()
+            # A rival that waits for long would else be met ever more often.
+            if was_up and not is_to_blame and (is_short or "Session taken over" in self._reason):
+                self._reason += f"; is another client called '{self.broker.client_id}'?"
             elif was_up:
-                self._backoff.reset()
+                self.backoff.reset()
             self._last_reason = self._reason
-            self._on_down(self._reason)
-            self._halt.wait(self._backoff.next_s())
+            self.on_down(self._reason)
+            self._halt.wait(self.backoff.next_s())
 
     def _connect_once(self) -> bool:
         """Connect, and wait until the connection is lost; return whether there was one."""
@@ -272,31 +244,27 @@ class MqttLink:
         client: paho.Client | None = None
         try:
             client = self._new_client()
-            client.connect(self._broker.host, self._broker.port, self._options.keepalive_s)
+            client.connect(self.broker.host, self.broker.port, self.options.keepalive_s)
             self._is_unanswered = True
             client.loop_start()
-            self._wait(client)
+            end_s = time.monotonic() + self.options.keepalive_s  # an answer must come within it
+            while not self._lost.wait(_POLL_S):
+                if self._client is None and time.monotonic() > end_s:
+                    self._lose(client, _NO_ANSWER)
+                if not self.is_alive():
+                    self._lose(client, "the output's own thread stands still")
         except (OSError, ValueError, ConfigError) as err:
             self._reason = f"cannot connect: {explain(err)}"
         was_up, self._client = self._client is not None, None
         if client is not None:
-            _end(client, is_clean=self._is_alive())
+            if self.is_alive():
+                # Without it the broker publishes the last will.
+                client.disconnect()
+            if isinstance(sock := client.socket(), socket.socket):
+                with contextlib.suppress(OSError):
+                    sock.shutdown(socket.SHUT_RDWR)
+            client.loop_stop()
         return was_up
-
-    def _other_protocol(self) -> int:
-        """Change to the other one: a broker that knows MQTT 3.1.1 alone does not answer to 5."""
-        is_5 = self._protocol == paho.MQTTv5
-        self._protocol = paho.MQTTv311 if is_5 else paho.MQTTv5
-        return int(self._protocol)
-
-    def _wait(self, client: paho.Client) -> None:
-        """Wait until the connection is lost; an answer must come within the keep-alive."""
-        end_s = time.monotonic() + self._options.keepalive_s
-        while not self._lost.wait(_POLL_S):
-            if self._client is None and time.monotonic() > end_s:
-                self._lose(client, _NO_ANSWER)
-            if not self._is_alive():
-                self._lose(client, _STANDS_STILL)
 
     def _lose(self, client: paho.Client, reason: str) -> None:
         if client is self._client or self._client is None:
@@ -304,12 +272,12 @@ class MqttLink:
             self._lost.set()
 
     def _new_client(self) -> paho.Client:
-        o, broker = self._options, self._broker
+        o, broker = self.options, self.broker
         client = paho.Client(
             CallbackAPIVersion.VERSION2,
             client_id=broker.client_id,
-            clean_session=True if self._protocol == paho.MQTTv311 else None,
-            protocol=self._protocol,
+            clean_session=None if self._is_5 else True,
+            protocol=paho.MQTTv5 if self._is_5 else paho.MQTTv311,
             reconnect_on_failure=False,
         )
         password = read_secret("mqtt.password", o.password_file, o.password_env)
@@ -321,35 +289,34 @@ class MqttLink:
             context = client_context("mqtt", o.ca_file, o.cert_file, o.key_file)
             context.check_hostname = o.check_hostname
             client.tls_set_context(context)
-        if (will := self._will) is not None:
+        if (will := self.will) is not None:
             client.will_set(will.topic, will.payload, will.qos, self._limits.can_retain)
         client.on_connect = self._connected
         client.on_publish = self._answered
         client.on_subscribe = self._subscribed
         client.on_disconnect = self._disconnected
-        client.on_message = lambda _client, _data, message: self._on_message(
+        client.on_message = lambda _client, _data, message: self.on_message(
             message.topic, bytes(message.payload), message.retain
         )
         return client
 
     def _connected(self, client: paho.Client, _d: Any, _f: Any, code: ReasonCode, p: Any) -> None:
-        if str(code) == _UNSUPPORTED and self._protocol == paho.MQTTv5:
+        if str(code) == "Unsupported protocol version" and self._is_5:
             self._lose(client, _NO_ANSWER)
             return
         self._is_unanswered = False
         self._limits.max_bytes = getattr(p, "MaximumPacketSize", None)
         if code.is_failure:
             # It says so of the last will: the next connection's is one that it takes.
-            self._limits.can_retain &= str(code) != _NO_RETAIN
+            self._limits.can_retain &= str(code) != "Retain not supported"
             self._lose(client, f"the broker refuses: {code}")
             return
         self._limits.can_retain = bool(getattr(p, "RetainAvailable", 1))
         self._refused.clear()
-        if self._subscriptions:
-            client.subscribe([(topic, 1) for topic in self._subscriptions])
-        self._unsent.clear()
+        if self.subscriptions:
+            client.subscribe([(topic, 1) for topic in self.subscriptions])
         self._client = client
-        self._on_up()
+        self.on_up()
 
     def _disconnected(
         self, client: paho.Client, _d: Any, _f: Any, code: ReasonCode, _p: Any
@@ -362,7 +329,7 @@ class MqttLink:
             self._refused[mid] = str(code)
 
     def _subscribed(self, _c: Any, _d: Any, _mid: int, codes: list[ReasonCode], _p: Any) -> None:
-        for topic, code in zip(self._subscriptions, codes, strict=False):
+        for topic, code in zip(self.subscriptions, codes, strict=False):
             if code.is_failure:
                 self._limits.leave_out(topic, f"the broker lets nobody listen there: {code}")
 
@@ -374,9 +341,8 @@ class MqttLink:
         return is_over
 
     def _publish(self, client: paho.Client, message: Publication) -> paho.MQTTMessageInfo:
-        payload, is_kept = message.payload, message.is_retained and self._limits.can_retain
-        payload = payload.encode() if isinstance(payload, str) else payload
-        return client.publish(message.topic, payload, message.qos, is_kept)
+        is_kept = message.is_retained and self._limits.can_retain
+        return client.publish(message.topic, message.payload, message.qos, is_kept)
 
 
 def _is_over(info: paho.MQTTMessageInfo) -> bool:
@@ -386,14 +352,3 @@ def _is_over(info: paho.MQTTMessageInfo) -> bool:
     except (RuntimeError, ValueError):
         # So it says of one for which there was no connection, or no room.
         return True
-
-
-def _end(client: paho.Client, *, is_clean: bool) -> None:
-    """End a client's thread; without `is_clean` the broker publishes the last will."""
-    if is_clean:
-        client.disconnect()
-    sock = client.socket()
-    if isinstance(sock, socket.socket):
-        with contextlib.suppress(OSError):
-            sock.shutdown(socket.SHUT_RDWR)
-    client.loop_stop()

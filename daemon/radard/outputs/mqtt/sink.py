@@ -6,23 +6,25 @@ disarm: the code, if one is set), `panel` (what Home Assistant's alarm panel sen
 After five wrong codes in a row none is taken for a minute.
 """
 
+import contextlib
 import hmac
 import json
 import logging
 import re
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 from radard.alarm.sensitivity import SENSITIVITIES
 from radard.config.credentials import read_secret
+from radard.config.directories import saved_file
+from radard.config.saved import change
 from radard.config.sink_table import MqttSection, SinkOptions
 from radard.errors import UsageError
-from radard.log_cursor import Cursor
-from radard.outputs.alarm_picture import PictureWatch
 from radard.outputs.base import COMMANDS, Record, SinkContext, SinkState, StateKeeper
-from radard.outputs.delivery import Delivery
+from radard.outputs.delivery import Delivery, picture_path
 from radard.outputs.mqtt.link import Broker, MqttLink, Publication
 from radard.outputs.mqtt.topics import MqttTopics
 from radard.outputs.thread_sink import ThreadSink
@@ -40,6 +42,7 @@ _MAX_WRONG = 5  # as keypads of panels have it
 _LOCKED_S = 60.0  # a code of four digits then takes more than a day to guess
 PANEL_COMMANDS = {"ARM_AWAY": "arm", "ARM_HOME": "arm-home", "DISARM": "disarm"}
 """Commands by what Home Assistant's panel sends."""
+_MAX_PICTURE = 4_000_000  # bytes; a picture of the longest clip has a tenth of that
 _HANGS_S = 10.0  # the sink's thread runs every `tick_s`; after so long without it, it hangs
 
 
@@ -81,42 +84,31 @@ def parse_url(url: str, options: MqttSection, sensor: str) -> tuple[Broker, str]
     return broker, prefix
 
 
-def _takes_commands(broker: Broker, options: MqttSection) -> bool:
-    """Return whether commands may come in: any client that can publish there can disarm."""
-    has_password = options.password_file is not None or options.password_env is not None
-    is_authenticated = broker.is_tls and (has_password or options.cert_file is not None)
-    return options.commands == "always" or (options.commands == "auto" and is_authenticated)
-
-
 def code_of(options: MqttSection) -> str:
     """Return the code that disarming takes, empty without one; raises ConfigError."""
     return read_secret("mqtt.code", options.code_file, options.code_env) or ""
 
 
+@dataclass(eq=False)
 class CommandReader:
-    """Read the messages of one sensor's command topics, below `base`."""
+    """Read the messages of one sensor's command topics."""
 
-    def __init__(
-        self, base: str, options: MqttSection, now_s: Callable[[], float] = time.monotonic
-    ) -> None:
-        self._head = f"{base}/command"
-        self.topics = f"{self._head}/+"  # filter of all commands
-        self._options = options
-        self._now_s = now_s
-        self._n_wrong = 0
-        self._locked_until_s = float("-inf")
+    options: MqttSection
+    now_s: Callable[[], float] = time.monotonic
+    _n_wrong: int = 0
+    _locked_until_s: float = float("-inf")
 
     def read(self, topic: str, payload: bytes, *, is_retained: bool) -> tuple[str, str]:
-        """Return command and sensitivity, empty on other topics; or ValueError, ConfigError."""
-        head, _, name = topic.rpartition("/")
-        if head != self._head:
-            return "", ""
+        """Return a command, or 'sensitivity', and its value; or ValueError, ConfigError."""
+        name = topic.rpartition("/")[2]
         shown = repr(name[:_MAX_SHOWN])
         if is_retained:
             msg = f"command {shown} ignored: it was retained; remove it from the broker"
             raise ValueError(msg)
         if name == "sensitivity":
-            return "", self._sensitivity(payload)
+            if (text := payload.decode()) not in (names := SENSITIVITIES["fused"]):
+                raise ValueError(f"command {shown} ignored: it is one of {', '.join(names)}")
+            return name, text
         code = ""
         if name == "panel":
             name, code = panel_command(payload)
@@ -131,28 +123,21 @@ class CommandReader:
             self._check_code(code)
         return name, ""
 
-    def _sensitivity(self, payload: bytes) -> str:
-        names = tuple(SENSITIVITIES["fused"])
-        text = payload.decode()
-        if text not in names:
-            raise ValueError(f"command 'sensitivity' ignored: it is one of {', '.join(names)}")
-        return text
-
     def _check_code(self, given: str) -> None:
-        wanted = code_of(self._options)
+        wanted = code_of(self.options)
         if not wanted:
             if given:
                 msg = "command 'disarm' ignored: its payload must be empty, as no code is set"
                 raise ValueError(msg)
             return
-        if self._now_s() < self._locked_until_s:
+        if self.now_s() < self._locked_until_s:
             raise ValueError("command 'disarm' ignored: too many wrong codes, wait a minute")
         if hmac.compare_digest(given.encode(), wanted.encode()):
             self._n_wrong = 0
             return
         self._n_wrong += 1
         if self._n_wrong >= _MAX_WRONG:
-            self._n_wrong, self._locked_until_s = 0, self._now_s() + _LOCKED_S
+            self._n_wrong, self._locked_until_s = 0, self.now_s() + _LOCKED_S
         raise ValueError("command 'disarm' ignored: a wrong code, or none")
 
 
@@ -184,9 +169,11 @@ class MqttSink(ThreadSink):
         super().__init__(name)
         self._keeper = StateKeeper(name, "not connected yet")
         self._context = context
-        self.cursor: Cursor | None = None  # what it has still to deliver, once at work
-        self._commands = options.mqtt.commands
-        self._takes_commands = takes_commands = _takes_commands(broker, options.mqtt)
+        # Any client that can publish there can disarm.
+        words = (options.mqtt.password_file, options.mqtt.password_env, options.mqtt.cert_file)
+        is_safe, commands = broker.is_tls and words != (None, None, None), options.mqtt.commands
+        takes_commands = commands == "always" or (commands == "auto" and is_safe)
+        self._must_say_so = not takes_commands and commands == "auto"
         code = code_of(options.mqtt)
         self._topics = topics = MqttTopics(
             context.marked_sensor,
@@ -195,15 +182,15 @@ class MqttSink(ThreadSink):
             takes_commands=takes_commands,
             code_form="REMOTE_CODE" if code.isdigit() else "REMOTE_CODE_TEXT" if code else "",
         )
-        self._warned_s, self._n_unsaid = float("-inf"), 0
+        self._warned_s = float("-inf")
         self._must_announce = self._must_describe = False
-        self._owed_s = time.monotonic()
-        self._ticked_s = time.monotonic()
-        o = options.log
+        self._owed_s = self._ticked_s = time.monotonic()
+        self._reader, o = CommandReader(options.mqtt), options.log
         subscriptions = [topics.birth_topic] if options.mqtt.discovery != "off" else []
-        self._reader = CommandReader(topics.base, options.mqtt)
-        subscriptions += [self._reader.topics] if takes_commands else []
-        self._pictures = PictureWatch() if options.mqtt.picture else None
+        subscriptions += [f"{topics.base}/command/+"] if takes_commands else []
+        self._has_pictures = options.mqtt.picture
+        self._picture: Path | None = None  # of the newest alarm
+        self._seen_ns = 0
         self._link = MqttLink(
             broker,
             options.mqtt,
@@ -234,7 +221,7 @@ class MqttSink(ThreadSink):
 
     def _begin(self) -> None:
         self.cursor = self._delivery.start().cursor
-        if not self._takes_commands and self._commands == "auto":
+        if self._must_say_so:
             log.warning(
                 "%s: takes no commands: that needs mqtts:// with a password or a client "
                 "certificate, or mqtt.commands: always (off: without this line)",
@@ -245,8 +232,9 @@ class MqttSink(ThreadSink):
 
     def _take(self, record: Record) -> None:
         self._must_describe |= record["type"] == "hello"
-        if self._pictures is not None:
-            self._pictures.follow(record)
+        path = picture_path(record) if self._has_pictures else None
+        if path is not None and path != self._picture:
+            self._picture, self._seen_ns = path, 0
         self._publish(self._topics.on_record(record, time.monotonic()))
 
     def _tick(self) -> None:
@@ -254,27 +242,34 @@ class MqttSink(ThreadSink):
         if self._must_announce:
             self._must_announce, self._must_describe = False, True
             self._publish(self._topics.announce(now_s))
-            if self._pictures is not None:
-                self._pictures.again()
-        health, panel = self._context.health(), self._context.panel()
-        status = (health.state, health.reason) if health else None
-        room = panel.calibration if panel is not None else None
-        text = ": ".join(filter(None, (room.phase, room.text))) if room is not None else ""
-        self._publish(self._topics.refresh(now_s, status, panel, calibration=text or None))
+            # Who has the picture may have lost it.
+            self._seen_ns = 0
+        if (host := self._context.host) is not None:
+            status = (health := host.health.status).state, health.reason
+            self._publish(self._topics.refresh(now_s, status, host.panel()))
+        if not self.cursor:
+            self._owed_s = now_s
+        # Not for ever: they may be refused.
+        owes_events = 0 < now_s - self._owed_s < _PATIENCE_S
         # Large messages come last, each by itself: a broker may drop the line at them.
-        if self._must_announce or not self._link.is_idle or self._owes_events(now_s):
+        if self._must_announce or not self._link.is_idle or owes_events:
             return
         if self._must_describe:
             self._must_describe = False
             self._publish(self._topics.discovery())
-        elif self._pictures is not None and (png := self._pictures.fresh()) is not None:
+        elif self._picture is not None and (png := self._fresh(self._picture)) is not None:
             self._publish([self._topics.picture(png)])
 
-    def _owes_events(self, now_s: float) -> bool:
-        """Return whether events wait that may yet be taken; not for ever, if they are refused."""
-        if not self.cursor:
-            self._owed_s = now_s
-        return now_s > self._owed_s and now_s - self._owed_s < _PATIENCE_S
+    def _fresh(self, picture: Path) -> bytes | None:
+        """Return a picture if it has changed since the last call."""
+        # Perhaps it is not drawn yet, or was taken away to make room.
+        with contextlib.suppress(OSError):
+            about = picture.stat()
+            if about.st_mtime_ns != self._seen_ns and about.st_size <= _MAX_PICTURE:
+                data = picture.read_bytes()
+                self._seen_ns = about.st_mtime_ns
+                return data
+        return None
 
     def _publish(self, messages: list[Publication]) -> None:
         if not self._link.is_up or self._must_announce:
@@ -301,25 +296,20 @@ class MqttSink(ThreadSink):
                 if payload == b"online":
                     self._announce()
                 return
-            name, sensitivity = self._reader.read(topic, payload, is_retained=is_retained)
-            if sensitivity:
-                log.info("%s: sensitivity %s", self.name, sensitivity)
-                self._context.choose(sensitivity)
-            elif name:
-                log.info("%s: command %s", self.name, name)
-                self._context.command(name)
+            name, value = self._reader.read(topic, payload, is_retained=is_retained)
+            log.info("%s: command %s", self.name, f"{name} {value}".rstrip())
+            if (host := self._context.host) is None:
+                return
+            if name != "sensitivity":
+                host.command(name)
+                return
+            path = saved_file(host.config(), "settings")
+            change(path, "settings", {"alarm": {"sensitivity": value}})
+            host.reload()
         except Exception as err:  # noqa: BLE001 - in the library's thread, which must go on
-            self._warn(str(err))
-
-    def _warn(self, text: str) -> None:
-        """Log what is wrong with a command, once a minute: a sender must not fill the log."""
-        now_s = time.monotonic()
-        if now_s - self._warned_s < _WARN_S:
-            self._n_unsaid += 1
-            return
-        more = f" ({self._n_unsaid} more before it)" if self._n_unsaid else ""
-        log.warning("%s: %s%s", self.name, text, more)
-        self._warned_s, self._n_unsaid = now_s, 0
+            if (now_s := time.monotonic()) - self._warned_s >= _WARN_S:
+                log.warning("%s: %s", self.name, err)
+                self._warned_s = now_s
 
     def _shut(self) -> None:
         self._delivery.close(self._left_s())

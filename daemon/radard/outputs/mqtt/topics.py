@@ -10,7 +10,7 @@ makes an entity unavailable when a daemon hangs and sends no state.
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from radard.alarm.sensitivity import SENSITIVITIES
 from radard.alarm.sensor_state import SensorState
@@ -21,28 +21,26 @@ from radard.outputs.mqtt.link import Publication
 _HOP_S = 1.0  # time from one decision to the next (`radard.pipeline`)
 
 
-@dataclass(frozen=True, slots=True)
-class Entity:
-    """One entity; `expires`: it is unavailable without a fresh state."""
+class Entity(NamedTuple):
+    """One entity of Home Assistant."""
 
     platform: str
     key: str
     config: Mapping[str, Any]
-    expires: bool = False
 
 
-def _entity(platform: str, key: str, name: str, *, expires: bool = False, **more: Any) -> Entity:
-    return Entity(platform, key, {"name": name, **more}, expires)
+def _entity(platform: str, key: str, name: str, **more: Any) -> Entity:
+    return Entity(platform, key, {"name": name, **more})
 
 
 def _flag(key: str, name: str, expression: str, *, topic: str = "state", **more: str) -> Entity:
     more |= {"stat_t": f"~/{topic}", "val_tpl": "{{ 'ON' if " + expression + " else 'OFF' }}"}
-    return _entity("binary_sensor", key, name, expires=topic == "state", **more)
+    return _entity("binary_sensor", key, name, **more)
 
 
 def _value(key: str, name: str, topic: str, expression: str, **more: Any) -> Entity:
     more |= {"stat_t": f"~/{topic}", "val_tpl": f"{{{{ {expression} }}}}"}
-    return _entity("sensor", key, name, expires=True, **more)
+    return _entity("sensor", key, name, **more)
 
 
 def _button(key: str, name: str, **more: Any) -> Entity:
@@ -128,41 +126,30 @@ _WITH_CODE = {"cod_dis_req": True, "cmd_tpl": "{{ {'action': action, 'code': cod
 _ENTITIES = (*_STATE_ENTITIES, _EVENT, _PICTURE, *_DECISION_ENTITIES, *_COMMAND_ENTITIES)
 
 
-def panel_state(panel: SensorState | None, *, is_armed: bool, is_on: bool) -> str:
+def panel_state(now: SensorState, *, is_on: bool) -> str:
     """Return a panel's state as Home Assistant calls it; `is_on` says that an alarm is."""
-    state = panel.panel if panel is not None else ("armed" if is_armed else "disarmed")
-    if is_on or state == "alarm":
-        return "triggered"
-    if state == "armed":
-        return f"armed_{panel.mode if panel is not None else 'away'}"
-    return {"exit": "arming", "entry": "pending"}.get(str(state), "disarmed")
+    names = {"armed": f"armed_{now.mode}", "exit": "arming", "entry": "pending"}
+    return "triggered" if is_on or now.panel == "alarm" else names.get(now.panel, "disarmed")
 
 
+@dataclass(eq=False)
 class MqttTopics:
     """What a sensor's topics hold, all below `prefix`/`sensor`."""
 
-    def __init__(
-        self,
-        sensor: str,
-        prefix: str,
-        options: MqttSection,
-        *,
-        takes_commands: bool,
-        code_form: CodeForm = "",
-    ) -> None:
-        self._code_form = code_form
-        self._sensor = sensor
-        self._takes_commands = takes_commands
-        self._options = options
-        self.base = f"{prefix}/{sensor}"
+    sensor: str
+    prefix: str
+    options: MqttSection
+    takes_commands: bool
+    code_form: CodeForm = ""
+
+    def __post_init__(self) -> None:
+        self.base = f"{self.prefix}/{self.sensor}"
         # The last will: what the broker publishes when the connection is lost.
         self.will = Publication(f"{self.base}/availability", "offline")
-        self.birth_topic = f"{options.discovery_prefix}/status"  # Home Assistant has started
+        self.birth_topic = f"{self.options.discovery_prefix}/status"  # Home Assistant has started
         self._hello: Record | None = None
         self._open: dict[str, str] = {}
-        self._is_armed = True
-        self._panel: SensorState | None = None
-        self._sensitivity: str | None = None
+        self._panel = SensorState()
         self._calibration: str | None = None
         self._label: str | None = "none"
         self._gate = "closed"
@@ -180,8 +167,11 @@ class MqttTopics:
         kind = record["type"]
         if kind == "hello":
             self._hello = record
-            self._is_armed = bool(record.get("armed", self._is_armed))
-            self._sensitivity = record.get("sensitivity")
+            self._panel = SensorState(
+                armed=bool(is_armed := record.get("armed", self._panel.armed)),
+                panel="armed" if is_armed else "disarmed",
+                sensitivity=record.get("sensitivity", self._panel.sensitivity),
+            )
             return []
         if kind == "decision":
             return self._on_decision(record, now_s)
@@ -197,17 +187,13 @@ class MqttTopics:
     def refresh(
         self,
         now_s: float,
-        status: tuple[str, str] | None,
+        status: tuple[str, str],
         panel: SensorState | None,
-        *,
-        calibration: str | None = None,
     ) -> list[Publication]:
-        """Take state and reason (None: as before), panel, progress; return what changed."""
-        self._calibration = calibration
-        self._status = status or self._status
-        self._panel = panel
-        if panel is not None:
-            self._is_armed, self._sensitivity = panel.armed, panel.sensitivity
+        """Take state and reason, and what a stream's panel is; return what changed."""
+        room = panel.calibration if panel is not None else None
+        self._calibration = f"{room.phase}: {room.text}".removesuffix(": ") if room else None
+        self._status, self._panel = status, panel or self._panel
         return self._changes(now_s)
 
     def announce(self, now_s: float) -> list[Publication]:
@@ -226,11 +212,11 @@ class MqttTopics:
         # The state is published every third of its expiry; the next decision would be too late.
         # So is that it is there: a broker may publish the will of a connection that was replaced.
         hop_s = max(_HOP_S, (self._hello or {}).get("hop_s", _HOP_S))
-        if now_s - self._stated_s >= self._options.expire_after_s / 3 - hop_s:
+        if now_s - self._stated_s >= self.options.expire_after_s / 3 - hop_s:
             for name in ("state", "availability"):
                 self._published.pop(name, None)
         messages = self._changes(now_s)
-        if self._options.decisions:
+        if self.options.decisions:
             topic = f"{self.base}/decision"
             messages.append(Publication(topic, _json(record), 0, is_retained=False))
         return messages
@@ -245,20 +231,19 @@ class MqttTopics:
             "tamper": self._open.get("tamper"),
             "calibration": self._calibration,
         }
-        messages = self._if_changed("health", health, health)
+        messages = self._if_changed("health", health)
         # A state from before an outage would be stale.
-        if now_s - self._decided_s < self._options.expire_after_s:
+        if now_s - self._decided_s < self.options.expire_after_s:
             is_on = "alarm" in self._open
             held = {
-                "armed": self._is_armed,
-                "panel": panel_state(self._panel, is_armed=self._is_armed, is_on=is_on),
-                "sensitivity": self._sensitivity,
+                "armed": self._panel.armed,
+                "panel": panel_state(self._panel, is_on=is_on),
+                "sensitivity": self._panel.sensitivity,
                 "alarm": is_on,
                 "label": self._label,
                 "gate": self._gate,
             }
-            state_messages = self._if_changed("state", held, {**held, "t_s": self._t_s})
-            if state_messages:
+            if state_messages := self._if_changed("state", held, t_s=self._t_s):
                 self._stated_s = now_s
             messages += state_messages
         availability = "online" if is_well else "offline"
@@ -269,23 +254,26 @@ class MqttTopics:
             messages.insert(len(messages) if is_well else 0, message)
         return messages
 
-    def _if_changed(
-        self, name: str, held: Mapping[str, Any], whole: Mapping[str, Any]
-    ) -> list[Publication]:
+    def _if_changed(self, name: str, held: Mapping[str, Any], **more: Any) -> list[Publication]:
         text = _json(held)
         if self._published.get(name) == text:
             return []
         self._published[name] = text
-        return [Publication(f"{self.base}/{name}", _json(whole))]
+        return [Publication(f"{self.base}/{name}", _json({**held, **more}))]
 
     def discovery(self) -> list[Publication]:
         """Return what Home Assistant is told, once there was a `hello`; empty payloads remove."""
         if self._hello is None:
             return []
-        o, sensor = self._options, self._sensor
+        o, sensor = self.options, self.sensor
         prefix, form = o.discovery_prefix, o.discovery
         about = self._about(self._hello)
-        configs = {each.key: self._config(each) for each in self._entities()}
+        # A button asks for no code.
+        lacks = {_DISARM.key} if self.code_form else set()
+        lacks |= set() if o.picture else {_PICTURE.key}
+        lacks |= set() if o.decisions else {e.key for e in _DECISION_ENTITIES}
+        lacks |= set() if self.takes_commands else {e.key for e in _COMMAND_ENTITIES}
+        configs = {e.key: self._config(e) for e in _ENTITIES if e.key not in lacks}
         device = Publication(f"{prefix}/device/radard_{sensor}/config", "")
         found = [] if form == "device" else [device]
         for each in _ENTITIES:
@@ -298,28 +286,19 @@ class MqttTopics:
             parts = {e.key: {"p": e.platform, **configs.get(e.key, {})} for e in _ENTITIES}
             found.append(replace(device, payload=json.dumps({**about, "cmps": parts})))
         # What an earlier version or setting left there.
-        return found if self._options.picture else [*found, self.picture(b"")]
-
-    def _entities(self) -> tuple[Entity, ...]:
-        """Return the entities that the sensor has with its options."""
-        # A button asks for no code.
-        lacks = {_DISARM.key} if self._code_form else set()
-        lacks |= set() if self._options.picture else {_PICTURE.key}
-        lacks |= set() if self._options.decisions else {e.key for e in _DECISION_ENTITIES}
-        lacks |= set() if self._takes_commands else {e.key for e in _COMMAND_ENTITIES}
-        return tuple(each for each in _ENTITIES if each.key not in lacks)
+        return found if o.picture else [*found, self.picture(b"")]
 
     def _about(self, hello: Record) -> dict[str, Any]:
         version, module = str(hello.get("version", "unknown")), hello.get("module")
-        device = {"ids": [f"radard_{self._sensor}"], "name": self._sensor, "sw": version}
+        device = {"ids": [f"radard_{self.sensor}"], "name": self.sensor, "sw": version}
         mark = next((mark for mark in ("simulated", "replayed") if hello.get(mark)), None)
         if module:
             # All the modules that the driver knows are of one maker.
             device |= {"mf": "Novelda", "mdl": f"{module} ({mark})" if mark else str(module)}
         elif mark:
             device["mdl"] = mark
-        if self._options.dashboard_url:
-            device["cu"] = self._options.dashboard_url
+        if self.options.dashboard_url:
+            device["cu"] = self.options.dashboard_url
         origin = {"name": "radard", "sw": version}
         return {"dev": device, "o": origin, "avty_t": self.will.topic, "qos": 1}
 
@@ -328,11 +307,12 @@ class MqttTopics:
             key: value.replace("~/", f"{self.base}/", 1) if key.endswith("_t") else value
             for key, value in entity.config.items()
         }
-        config["uniq_id"] = f"radard_{self._sensor}_{entity.key}"
-        if entity is _PANEL and self._code_form:
-            config |= {**_WITH_CODE, "code": self._code_form}
-        if entity.expires:
-            config["exp_aft"] = round(self._options.expire_after_s)
+        config["uniq_id"] = f"radard_{self.sensor}_{entity.key}"
+        if entity is _PANEL and self.code_form:
+            config |= {**_WITH_CODE, "code": self.code_form}
+        if entity.platform.endswith("sensor") and entity.config["stat_t"] != "~/health":
+            # Without a fresh state it is unavailable.
+            config["exp_aft"] = round(self.options.expire_after_s)
         return config
 
     def picture(self, png: bytes) -> Publication:

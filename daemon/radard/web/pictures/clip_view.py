@@ -1,9 +1,12 @@
 """A clip's pictures and decisions for a page: u32 length of the JSON, the JSON, then columns.
 
-It is a program, `python -m radard.web.pictures.clip_view FILE`, for `clip_process`: the answer
-goes to stdout, or one line to stderr why there is none.
+They are made by this file as a program, with limits on time and memory: a damaged HDF5 file can
+keep its reader busy for minutes, without letting go of the interpreter, or ask for gigabytes. In a
+process of its own that costs the page an answer and decisions nothing.
 """
 
+import asyncio
+import contextlib
 import json
 import os
 import resource
@@ -16,17 +19,56 @@ from typing import Any
 import numpy as np
 
 from radard.clips.spectrogram_png import PictureMaker
+from radard.errors import RadardError
 from radard.web.pictures.wire import axes, encode_columns
 from x2radar.errors import RecordingError
 from x2radar.recording.hdf5_reader import Hdf5File
 from x2radar.recording.registry import open_recording
 
+DEADLINE_S = 20.0  # the longest clip, eleven minutes, takes some seconds
 _BLOCK = 32  # frames at once: half a second
 _MAX_S = 660.0  # above the longest clip, clips.longest_s of 600 s and its pre_s
 _MAX_MEMORY = 2 << 30  # bytes of addresses: numpy, h5py and eleven minutes fit
 _MAX_DECISIONS = 10_000  # one a second, of eleven minutes
 _NICE = 10  # decisions come first
 _KEYS = ("t_s", "seq", "gate", "label", "alarm", "fused_p_human", "fused_p_pet", "range_m")
+
+
+class ClipTimeoutError(RadardError):
+    """A clip was not read within `DEADLINE_S`."""
+
+
+async def read_clip(path: Path) -> bytes:
+    """Return `clip_view` of a clip, made in another process; RadardError, ClipTimeoutError."""
+    environ = {
+        "PYTHONPATH": os.pathsep.join(part for part in sys.path if part),
+        # Others' stacks would count as memory, and decisions need the processor.
+        "OPENBLAS_NUM_THREADS": "1",
+        # A clip that is being written must come to its end, whatever reads it.
+        "HDF5_USE_FILE_LOCKING": "FALSE",
+    }
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-P", "-m", "radard.web.pictures.clip_view", str(path)),
+        stdin=asyncio.subprocess.DEVNULL,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+        env=os.environ | environ,
+    )
+    try:
+        async with asyncio.timeout(DEADLINE_S):
+            data, complaint = await process.communicate()
+    except TimeoutError as err:
+        msg = f"it took longer than {DEADLINE_S:g} s; the file may be damaged"
+        raise ClipTimeoutError(msg) from err
+    finally:
+        if process.returncode is None:
+            with contextlib.suppress(ProcessLookupError):
+                process.kill()
+            await process.wait()
+    if process.returncode:
+        lines = complaint.decode(errors="replace").splitlines()
+        raise RadardError(lines[-1] if lines else f"its reader ended with {process.returncode}")
+    return data
 
 
 def clip_view(path: Path) -> bytes:
@@ -49,18 +91,13 @@ def clip_view(path: Path) -> bytes:
 def _decisions(path: Path) -> list[dict[str, Any]]:
     """Return what was decided on the clip, on its own clock; nothing for a bare recording."""
     try:
-        file = Hdf5File(path)
-    except RecordingError:
-        return []
-    try:
-        sets = {key: file.data_set(f"decisions/{key}") for key in _KEYS}
-        if any(each is None or each.ndim != 1 for each in sets.values()):
-            return []
-        columns = {key: file.read(each, slice(_MAX_DECISIONS)) for key, each in sets.items()}
+        with contextlib.closing(Hdf5File(path)) as file:
+            sets = {key: file.data_set(f"decisions/{key}") for key in _KEYS}
+            if any(each is None or each.ndim != 1 for each in sets.values()):
+                return []
+            columns = {key: file.read(each, slice(_MAX_DECISIONS)) for key, each in sets.items()}
     except (RecordingError, OSError):
         return []
-    finally:
-        file.close()
     return [
         {key: _plain(values[i]) for key, values in columns.items()}
         for i in range(min(map(len, columns.values())))

@@ -10,6 +10,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 from radard.dsp.pictures import Spectrograms
@@ -24,23 +25,20 @@ _GAIT_EVERY_S = 0.5  # the gait picture spans two seconds
 _AFTER_FAULT_S = 5.0
 _MAX_BUSY = 0.5  # of a core: decisions come first
 
-Emit = Callable[[bytes], None]
-Announce = Callable[[dict[str, Any]], None]
 
-
+@dataclass(eq=False)
 class PictureThread:
     """Make pictures of a `ring`'s frames; `announce` takes their axes, `emit` messages."""
 
-    def __init__(
-        self, ring: Callable[[], FrameRing | None], announce: Announce, emit: Emit
-    ) -> None:
-        self._ring = ring
-        self._announce = announce
-        self._emit = emit
+    ring: Callable[[], FrameRing | None]
+    announce: Callable[[dict[str, Any]], None]
+    emit: Callable[[bytes], None]
+
+    def __post_init__(self) -> None:
         self._changed = threading.Condition()
         self._n_wishes = self._wish = self._shown_wish = 0
         self._is_ended = self._is_told = False
-        self._thread: threading.Thread | None = None
+        self._thread = threading.Thread(target=self._run, name="pictures", daemon=True)
         self._shown_ring: FrameRing | None = None
         self._spectrograms: Spectrograms | None = None
         self._kept: deque[Recent] = deque()
@@ -50,13 +48,10 @@ class PictureThread:
 
     def start(self) -> None:
         """Begin to keep frames; returns at once."""
-        if self._thread is None:
-            self._thread = threading.Thread(target=self._run, name="pictures", daemon=True)
-            self._thread.start()
+        self._thread.start()
 
     def want(self, *, is_wanted: bool) -> None:
         """Start or stop to make pictures; returns at once."""
-        self.start()
         with self._changed:
             self._n_wishes += is_wanted
             self._wish = self._n_wishes if is_wanted else 0
@@ -93,7 +88,7 @@ class PictureThread:
 
     def _look(self, wish: int) -> None:
         """Keep what has come since; of what a page is still to see, show the next part."""
-        ring = self._ring()
+        ring = self.ring()
         if ring is None:
             return
         if ring is not self._shown_ring:
@@ -116,7 +111,7 @@ class PictureThread:
             self._spectrograms = Spectrograms(ring.axis, ring.frame_rate_hz)
             self._waiting = deque(self._kept)
             self._shown_to, self._begun_at = 0, -1
-            self._announce(axes(self._spectrograms))
+            self.announce(axes(self._spectrograms))
         self._shown_wish = wish
         if self._waiting and self._spectrograms is not None:
             self._show(self._spectrograms, self._waiting.popleft())
@@ -135,18 +130,12 @@ class PictureThread:
             columns = spectrograms.push(recent.frames[at:until], recent.valid[at:until], t_s)
             if columns is None:
                 continue
-            self._emit(
-                encode_columns(
-                    columns, first=self._first, epoch=self._epoch, column_s=spectrograms.column_s
-                )
-            )
+            which = {"first": self._first, "epoch": self._epoch}
+            self.emit(encode_columns(columns, **which, column_s=spectrograms.column_s))
             self._first += len(columns.valid)
             # Of what was before, only the last gait is shown.
             if not self._waiting and abs(columns.t_s - self._gait_s) >= _GAIT_EVERY_S:
                 self._gait_s = columns.t_s
-                picture = spectrograms.gait()
-                if picture is not None:
-                    step = spectrograms.gait_step_hz
-                    self._emit(
-                        encode_gait(picture, epoch=self._epoch, step_hz=step, t_s=columns.t_s)
-                    )
+                if (picture := spectrograms.gait()) is not None:
+                    step = {"step_hz": spectrograms.gait_step_hz, "t_s": columns.t_s}
+                    self.emit(encode_gait(picture, epoch=self._epoch, **step))
