@@ -11,6 +11,7 @@ import pytest
 from tests.device_helpers import (
     HASTY,
     READY,
+    SETTINGS,
     SHORT,
     FarEnd,
     in_thread,
@@ -22,16 +23,10 @@ from tests.device_helpers import (
     wire,
 )
 from tests.waiting import wait_for
+from x2radar import errors
 from x2radar.device.device import X2Radar
 from x2radar.device.link import RETRIES, Deadlines
-from x2radar.errors import (
-    DeviceError,
-    MessageError,
-    ReadTimeout,
-    RestartRequired,
-    SafeModeError,
-    TransportClosed,
-)
+from x2radar.errors import DeviceError, ReadTimeout, TransportClosed
 from x2radar.modules.x2 import RadarSettings
 from x2radar.wire import framing
 from x2radar.wire import messages as msg
@@ -50,14 +45,9 @@ def turns(kind: type[msg.Message], *answers: list[msg.Message]) -> Answer:
 def test_settings_become_commands_in_order() -> None:
     with scripted() as (radar, far):
         radar.open()
-        assert far.commands[:2] == [msg.Reset(), IDLE]
-        assert far.commands[-1] == START
-        assert msg.SetSysInt(SysCfg.FPS, 60) in far.commands
-        assert msg.SetSysInt(SysCfg.FRAME_STITCH, 1) in far.commands
-        assert isinstance(far.commands[-2], msg.SetOutput)
         radar.close()
         far.join()
-    assert far.commands[-1] == IDLE
+    assert wire(*far.commands) == wire(msg.Reset(), *SETTINGS.startup_commands(), IDLE)
 
 
 BUSY = [msg.ErrorReply(ErrorCode.BUSY)]
@@ -71,10 +61,6 @@ FRAME = msg.Data(0, 1, np.zeros(256, np.float32))
 def asleep() -> Answer:
     pings = turns(msg.Ping, NOT_READY, NOT_READY)
     return lambda command: [msg.Ack()] if command == msg.Reset() else pings(command)
-
-
-def frames_for_an_answer() -> Answer:
-    return lambda command: [FRAME] if command == START else obey(command)
 
 
 OPENINGS = {
@@ -98,7 +84,10 @@ OPENINGS = {
         lambda: turns(msg.SetSysInt, [BOOTING, READY, msg.Ack()]),
         {IDLE: 2, START: 1, msg.Reset(): 1},
     ),
-    "where frames come, only an answer was lost": (frames_for_an_answer, {START: 1}),
+    "where frames come, only an answer was lost": (
+        lambda: lambda command: [FRAME] if command == START else obey(command),
+        {START: 1},
+    ),
 }
 
 
@@ -133,12 +122,12 @@ WHY = [
         DeviceError,
         r"not ready 0\.1 s after",
     ),
-    (lambda c: SAFE.get(type(c), [msg.Ack()]), SHORT, SafeModeError, "fail-safe mode"),
-    (lambda c: SAFE.get(type(c), REFUSED), SHORT, SafeModeError, "power it off"),
+    (lambda c: SAFE.get(type(c), [msg.Ack()]), SHORT, errors.SafeModeError, "fail-safe mode"),
+    (lambda c: SAFE.get(type(c), REFUSED), SHORT, errors.SafeModeError, "power it off"),
     (obey_but(msg.SetOutput), Deadlines(reply_s=0.3), DeviceError, "no answer to SetOutput"),
     (obey_but(msg.SetOutput, *BUSY), HASTY, DeviceError, r"refused SetOutput.*\(busy\)"),
     (obey_but(msg.SetSysInt, *REFUSED), SHORT, DeviceError, r"0x21 \(command failed\)"),
-    (obey_but(msg.SetSysInt, *RESTARTING), SHORT, RestartRequired, r"0x22 \(restarting\)"),
+    (obey_but(msg.SetSysInt, *RESTARTING), SHORT, errors.RestartRequired, r"0x22 \(restarting\)"),
     (obey_but(msg.SetSysInt, msg.ErrorReply(0x77)), SHORT, DeviceError, r"0x77 \(unknown\)"),
     (obey_but(msg.SetSysInt, READY, msg.Ack()), SHORT, DeviceError, "again and again"),
 ]
@@ -190,8 +179,11 @@ def test_only_its_own_answer_or_a_refusal_answers_a_command() -> None:
         assert radar.command(msg.LoadProfile(1)) == msg.Ack()
         assert radar.command(msg.Ping()) == msg.Pong(PongCode.NOT_READY)
         assert radar.stats.damaged == 2
-        with pytest.raises(MessageError):
+        with pytest.raises(errors.MessageError):
             radar.command(msg.SetMode(300))
+        radar.close()
+        far.join()
+        # Without a stream the module is told nothing else.
         assert far.commands == list(own)
 
 
@@ -219,15 +211,6 @@ def test_a_module_that_streams_meanwhile_is_configured_and_its_old_frames_are_no
         (frame,) = take(radar, 1)
         assert (frame.counter, frame.index, frame.restarted) == (1, 0, False)
         assert radar.stats.frames == 1
-
-
-def test_opening_without_a_stream_tells_the_module_nothing() -> None:
-    with scripted() as (radar, far):
-        radar.open(stream=False)
-        assert isinstance(radar.command(msg.Ping()), msg.Pong)
-        radar.close()
-        far.join()
-        assert far.commands == [msg.Ping()]
 
 
 @pytest.mark.parametrize("answer", [lambda _: [], lambda _: [msg.Ack()]], ids=["reset", "ready"])
@@ -259,10 +242,8 @@ def test_losses_and_damage_are_stated() -> None:
             (3, 2, 1, False),
             (1, 3, 0, True),
         ]
-        stats = radar.stats
-        assert (stats.frames, stats.lost, stats.repeated, stats.restarts, stats.damaged) == (
-            *(3, 1, 1, 1, 1),
-        )
+        names = ("frames", "lost", "repeated", "restarts", "damaged")
+        assert [getattr(radar.stats, name) for name in names] == [3, 1, 1, 1, 1]
 
 
 @pytest.mark.parametrize(

@@ -9,19 +9,13 @@ import pytest
 
 from tests.device_helpers import SETTINGS, Clock, in_thread, plugged, served
 from tests.sim_helpers import axis_with
+from x2radar import errors
 from x2radar.backoff import Backoff
 from x2radar.device.device import RadarStats, X2Radar
 from x2radar.device.link import Deadlines
 from x2radar.device.reconnect import ReconnectingRadar, StreamEvent
 from x2radar.device.transport import SerialTransport, memory_pair
-from x2radar.errors import (
-    DeviceError,
-    NoPort,
-    PortDenied,
-    PortNotFound,
-    ReadTimeout,
-    TransportClosed,
-)
+from x2radar.errors import DeviceError, NoPort, PortNotFound, ReadTimeout, TransportClosed
 from x2radar.frame import Frame
 from x2radar.sim.module.module import SimulatedModule
 from x2radar.sim.scene.scene import load_scene
@@ -227,7 +221,13 @@ def test_a_device_that_is_lost_soon_again_is_left_alone_longer():
 
 
 def test_at_start_errors_are_raised_or_waited_for_but_what_is_no_port_never():
-    for error in (PortNotFound("no"), PortDenied("no"), GONE, DeviceError("no"), NoPort("f")):
+    for error in (
+        PortNotFound("no"),
+        errors.PortDenied("no"),
+        GONE,
+        DeviceError("no"),
+        NoPort("f"),
+    ):
         is_port = not isinstance(error, NoPort)
         radar, fake, _ = scripted(error, wait=not is_port)
         with pytest.raises(type(error)):
