@@ -22,12 +22,8 @@ from x2train.sets.shards import ShardSet
 
 _SIZE = {"widths": (4, 6, 6, 6), "long_widths": (4, 6, 6, 6), "hidden": 8}
 TINY = MapFitSettings(epochs=20, batch=16, learning_rate=1e-2, **_SIZE)
-STREAM = {
-    "frame_rate_hz": (14.5, 210.0),
-    "bin_length_m": (0.003, 0.054),
-    "carrier_hz": (3.8e9, 8.0e9),
-    "bandwidth_hz": (1.3e9, 2.6e9),
-}
+STREAM = {"frame_rate_hz": (14.5, 210.0), "bin_length_m": (0.003, 0.054)}
+STREAM |= {"carrier_hz": (3.8e9, 8.0e9), "bandwidth_hz": (1.3e9, 2.6e9)}
 INPUTS = tuple(ModelInput(name, feature_shape(name, FEATURES), name) for name in NAMES)
 
 
@@ -54,9 +50,8 @@ def toy(n=96, seed=0):
     """Return windows of three classes that a glance tells apart, four to a passage."""
     rng = np.random.default_rng(seed)
     label = np.arange(n) // 4 % 3
-    maps = {
-        name: rng.integers(0, 60, (n, *feature_shape(name, FEATURES)), np.uint8) for name in MAPS
-    }
+    shapes = {name: feature_shape(name, FEATURES) for name in MAPS}
+    maps = {name: rng.integers(0, 60, (n, *shape), np.uint8) for name, shape in shapes.items()}
     for k, at in enumerate(label):
         maps["velocity_time"][k, 10 + 30 * at : 24 + 30 * at] = 220
         maps["range_time"][k, 30:34] = 200
@@ -98,9 +93,8 @@ def write_tiny(folder, network, *, name="tiny", evidence=None, metrics=None):
     onnx, temperature = _exported(network.net), network.temperature
     bundle = Bundle(onnx=onnx, temperature=temperature, pet_limit=0.8, **own, **same)
     training = {"recipe": "a toy.", "command": "train-export fit"}
-    write_bundle(
-        folder, bundle, training=training, metrics=metrics or {}, gate={}, notes="some notes"
-    )
+    known = {"training": training, "metrics": metrics or {}, "gate": {}, "notes": "some notes"}
+    write_bundle(folder, bundle, **known)
 
 
 def given(bundle, columns):

@@ -103,13 +103,9 @@ def test_another_echo_under_the_same_number_is_a_restart() -> None:
 
 def test_the_axis_is_that_of_the_frame() -> None:
     longer = [1, 2, 3], [3, 4, 5]
-    one, two, other = frames(
-        [
-            baseband(BasebandIq, 1, [1, 2], [3, 4]),
-            baseband(BasebandAp, 2, *longer),
-            baseband(BasebandIq, 3, *longer, bin_length_m=0.05),
-        ]
-    )
+    short = baseband(BasebandIq, 1, [1, 2], [3, 4])
+    others = baseband(BasebandAp, 2, *longer), baseband(BasebandIq, 3, *longer, bin_length_m=0.05)
+    one, two, other = frames([short, *others])
     assert (one.axis.n_range, two.axis.n_range, other.axis.bin_length_m) == (2, 3, 0.05)
     assert (two.index, other.index) == (1, 2)
 

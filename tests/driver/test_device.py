@@ -24,14 +24,8 @@ def in_memory() -> Transport:
 @pytest.mark.parametrize(("output", "dtype"), [("rf", "f4"), ("iq", "c8"), ("ap", "c8")])
 def test_first_frames(kind: str, output: str, dtype: str) -> None:
     settings = RadarSettings(frame_stitch=1, output=output, pulse_generator=6)
-    with (
-        plugged(module()) as far,
-        X2Radar(
-            (lambda: SerialTransport(far.path)) if kind == "pty" else in_memory,
-            settings,
-            name="sim",
-        ) as radar,
-    ):
+    port = lambda: SerialTransport(far.path) if kind == "pty" else in_memory()  # noqa: E731
+    with plugged(module()) as far, X2Radar(port, settings, name="sim") as radar:
         assert radar.stream is None
         frames = take(radar, 20)
         assert radar.stats.damaged == 0

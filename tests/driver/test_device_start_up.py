@@ -8,20 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.device_helpers import (
-    HASTY,
-    READY,
-    SETTINGS,
-    SHORT,
-    FarEnd,
-    in_thread,
-    obey,
-    obey_but,
-    raw,
-    scripted,
-    take,
-    wire,
-)
+from tests import device_helpers as device
+from tests.device_helpers import HASTY, READY, SHORT, obey, obey_but, raw, scripted, take
 from tests.waiting import wait_for
 from x2radar import errors
 from x2radar.device.device import X2Radar
@@ -47,7 +35,8 @@ def test_settings_become_commands_in_order() -> None:
         radar.open()
         radar.close()
         far.join()
-    assert wire(*far.commands) == wire(msg.Reset(), *SETTINGS.startup_commands(), IDLE)
+    told = msg.Reset(), *device.SETTINGS.startup_commands(), IDLE
+    assert device.wire(*far.commands) == device.wire(*told)
 
 
 BUSY = [msg.ErrorReply(ErrorCode.BUSY)]
@@ -194,7 +183,8 @@ def test_the_late_answer_to_a_ping_counts() -> None:
         if isinstance(command, msg.Ping):
             pings.append(command)
             if len(pings) == 1:
-                threading.Timer(0.06, lambda: far.send(wire(msg.Pong(PongCode.READY)))).start()
+                pong = device.wire(msg.Pong(PongCode.READY))
+                threading.Timer(0.06, far.send, [pong]).start()
             return []
         return [msg.Ack()]
 
@@ -223,7 +213,7 @@ def test_closing_from_another_thread_ends_the_opening(answer) -> None:
                 radar.open()
             caught.append(error)
 
-        thread = in_thread(opening)
+        thread = device.in_thread(opening)
         time.sleep(0.05)
         radar.close()
         thread.join(60)
@@ -237,11 +227,8 @@ def test_losses_and_damage_are_stated() -> None:
         damaged[20] ^= 1
         far.send(raw(1) + bytes(damaged) + raw(3) + raw(3) + raw(1))
         frames = take(radar, 3)
-        assert [(f.counter, f.index, f.lost, f.restarted) for f in frames] == [
-            (1, 0, 0, False),
-            (3, 2, 1, False),
-            (1, 3, 0, True),
-        ]
+        told = [(f.counter, f.index, f.lost, f.restarted) for f in frames]
+        assert told == [(1, 0, 0, False), (3, 2, 1, False), (1, 3, 0, True)]
         names = ("frames", "lost", "repeated", "restarts", "damaged")
         assert [getattr(radar.stats, name) for name in names] == [3, 1, 1, 1, 1]
 
@@ -257,8 +244,9 @@ def test_a_module_that_restarts_in_mid_stream_is_told_again_and_its_frames_marke
         before = [next(frames), next(frames)]
         n_told, start = len(far.commands), far.commands[-1]
         # It streams by itself, with settings that it has not been told yet.
-        far.send(wire(*said) + raw(3))
-        in_thread(lambda: (wait_for(lambda: start in far.commands[n_told:]), far.send(raw(3))))
+        far.send(device.wire(*said) + raw(3))
+        is_told = lambda: start in far.commands[n_told:]  # noqa: E731
+        device.in_thread(lambda: (wait_for(is_told), far.send(raw(3))))
         after = next(frames)
         assert msg.Reset() not in far.commands[n_told:]
         assert far.commands[n_told] == msg.SetMode(Mode.IDLE)
@@ -277,10 +265,8 @@ def test_what_is_no_stall_and_what_is() -> None:
         far.send(raw(2))
         time.sleep(1.5 * SHORT.stall_s)
         assert next(frames).counter == 2
-    far = FarEnd(obey)
-    with (
-        X2Radar(lambda: far.near, RadarSettings(frame_rate_hz=10), deadlines=SHORT) as radar,
-        pytest.raises(ReadTimeout, match=r"no frame for 0\.3 s"),
-    ):
+    far = device.FarEnd(obey)
+    radar = X2Radar(lambda: far.near, RadarSettings(frame_rate_hz=10), deadlines=SHORT)
+    with radar, pytest.raises(ReadTimeout, match=r"no frame for 0\.3 s"):
         next(radar.frames())
     far.close()

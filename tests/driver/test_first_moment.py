@@ -18,11 +18,8 @@ from tests.waiting import wait_for
 
 pytestmark = pytest.mark.integration
 RADARD = ("radard", "--port", "sim:empty", "--model", "none", "-o", "null")
-ENDLESS = {
-    "x2radar": ("x2radar", "simulate", "--pty"),
-    "radard": RADARD,
-    "train-export": ("x2train", "dataset", "--out", "set"),
-}
+ENDLESS = {"x2radar": ("x2radar", "simulate", "--pty"), "radard": RADARD}
+ENDLESS["train-export"] = ("x2train", "dataset", "--out", "set")
 
 
 @contextmanager
@@ -124,9 +121,10 @@ def test_before_the_handlers_stand_next_to_nothing_is_loaded(package):
     assert not loaded & {"typing", "re", "threading", "contextlib", "argparse", "x2radar.command"}
 
 
-def shell(argv, redirect, folder, unbuffered=""):
-    """What came of a command in a shell, with its streams as said."""
-    line = f"PYTHONUNBUFFERED={unbuffered} exec {sys.executable} -m {' '.join(argv)} {redirect}"
+def shell(argv, redirect, folder, unbuffered="", limit="unlimited"):
+    """What came of a command in a shell, with its streams and the size of its files as said."""
+    line = f"ulimit -f {limit}; export PYTHONUNBUFFERED={unbuffered}; "
+    line += f"exec {sys.executable} -m {' '.join(argv)} {redirect}"
     given = {"stderr": subprocess.PIPE, "cwd": folder, "timeout": 120}
     return subprocess.run(["/bin/sh", "-c", line], check=False, **given)
 
@@ -178,9 +176,8 @@ def test_a_stdout_that_is_full_is_one_line(argv, unbuffered, tmp_path):
 
 def test_a_system_without_any_place_for_temporary_files_is_no_matter_of_a_simulation(tmp_path):
     """It took one for the name of a folder that it never makes; stdout was blamed."""
-    line = f"ulimit -f 0; exec {sys.executable} -m {' '.join(RADARD)} --speed max --duration 3"
-    given = {"capture_output": True, "cwd": tmp_path, "timeout": 120}
-    done = subprocess.run(["/bin/sh", "-c", line], check=False, **given)
+    argv = (*RADARD, "--speed", "max", "--duration", "3")
+    done = shell(argv, ">/dev/null", tmp_path, limit=0)
     assert done.returncode == 0
     assert b"temporary" not in done.stderr
 

@@ -37,10 +37,8 @@ def encode(data: bytes, packing: Packing = Packing.ESCAPED) -> bytes:
     return b"\x7d" + body + bytes([framing.checksum(body), 0x7E])
 
 
-payloads = st.one_of(
-    st.binary(min_size=1, max_size=40),
-    st.lists(st.sampled_from((*FLAGS, 2, 3)), min_size=1, max_size=24).map(bytes),
-)
+many_flags = st.lists(st.sampled_from((*FLAGS, 2, 3)), min_size=1, max_size=24)
+payloads = st.binary(min_size=1, max_size=40) | many_flags.map(bytes)
 escaped_payloads = payloads.filter(lambda data: data[0] != 0x51)
 any_packet = st.tuples(escaped_payloads, st.sampled_from(Packing)) | st.tuples(
     payloads, st.sampled_from((Packing.LENGTH, Packing.FAST))
@@ -357,13 +355,9 @@ a length packet handed out too early takes no other along:
 """
 """What: bytes of the line in pieces = what is told of each piece, and of how many bytes it waits.
 A packet is shown by its bytes; `ok` is `7d 10 6d 7e`, and its packet."""
-FAULTS = {
-    "lost": Fault.LOST_BYTES,
-    "junk": Fault.JUNK,
-    "crc": Fault.CRC_ERROR,
-    "nothing": Fault.INCOMPLETE_PACKET,
-    "too long": Fault.OUT_OF_BUFFER,
-}
+names = ("lost", "junk", "crc", "nothing", "too long")
+kinds = (Fault.LOST_BYTES, Fault.JUNK, Fault.CRC_ERROR, Fault.INCOMPLETE_PACKET)
+FAULTS = dict(zip(names, (*kinds, Fault.OUT_OF_BUFFER), strict=True))
 ACK = "7d 10 6d 7e"
 
 

@@ -62,11 +62,8 @@ class Socket:
 
     def radar(self, *, backoff=None, **options):
         connect = lambda: SerialTransport(str(self.name))  # noqa: E731
-        return ReconnectingRadar(
-            X2Radar(connect, SETTINGS, deadlines=SHORT, name="x2"),
-            backoff=backoff or Backoff(0.01, 0.05, "x2"),
-            **options,
-        )
+        inner = X2Radar(connect, SETTINGS, deadlines=SHORT, name="x2")
+        return ReconnectingRadar(inner, backoff=backoff or Backoff(0.01, 0.05, "x2"), **options)
 
 
 @pytest.fixture
@@ -188,10 +185,8 @@ def test_any_loss_is_followed_by_a_new_opening():
     safe = DeviceError("restarts again and again")
     radar, fake, _ = scripted([1, GONE], [1, 2, STALL], [1, safe], [1])
     got = list(itertools.islice(radar.items(), 11))
-    assert kinds(got) == [
-        *("frame", "lost", "found", "frame", "frame"),
-        *("lost", "found", "frame", "lost", "found", "frame"),
-    ]
+    again = ["frame", "lost", "found", "frame"]
+    assert kinds(got) == [*again, "frame", "lost", "found", *again]
     assert [f.index for f in got if is_frame(f)] == [0, 1, 2, 3, 4]
     assert fake.opened == ["open", "reopen", "reopen", "reopen"]
 
@@ -221,13 +216,8 @@ def test_a_device_that_is_lost_soon_again_is_left_alone_longer():
 
 
 def test_at_start_errors_are_raised_or_waited_for_but_what_is_no_port_never():
-    for error in (
-        PortNotFound("no"),
-        errors.PortDenied("no"),
-        GONE,
-        DeviceError("no"),
-        NoPort("f"),
-    ):
+    lost = PortNotFound(""), errors.PortDenied(""), GONE, DeviceError("")
+    for error in (*lost, NoPort("")):
         is_port = not isinstance(error, NoPort)
         radar, fake, _ = scripted(error, wait=not is_port)
         with pytest.raises(type(error)):

@@ -10,7 +10,7 @@ from x2radar.commands.decode import describe, read_trace
 from x2radar.wire import framing
 from x2radar.wire import messages as msg
 from x2radar.wire.codec import decode_any, encode
-from x2radar.wire.framing import Packet, PacketDecoder
+from x2radar.wire.framing import PacketDecoder
 from x2radar.wire.wire_ids import Mode, PongCode, Profile, SystemCode
 
 PING = framing.encode(encode(msg.Ping()))
@@ -116,11 +116,9 @@ REAL = Path(__file__).parents[3] / "shared" / "data" / "x2m200_bytetrace.txt"
 
 def messages_of(path: Path) -> list[msg.Message]:
     """Decode a trace, which must be faultless."""
-    out = []
-    for item in PacketDecoder().feed(read_trace(path.read_bytes())):
-        assert isinstance(item, Packet)
-        out.append(decode_any(item.data))
-        assert not isinstance(out[-1], msg.Unknown) or out[-1].name == "RespirationStatus"
+    packets = PacketDecoder().feed(read_trace(path.read_bytes()))
+    out = [decode_any(packet.data) for packet in packets]
+    assert {m.name for m in out if isinstance(m, msg.Unknown)} == {"RespirationStatus"}
     return out
 
 

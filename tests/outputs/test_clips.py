@@ -1,9 +1,11 @@
-"""Clips: the frames around an alarm, kept whole, replayed alike, and never too many."""
+"""Clips: the frames around an alarm, kept whole, replayed alike; which go, and which stay."""
 
+import contextlib
 import fcntl
 import io
 import json
 import os
+import shutil
 import threading
 from pathlib import Path
 
@@ -13,8 +15,10 @@ import numpy as np
 import pytest
 
 from radard.clips.keeper import ClipKeeper
+from radard.clips.room import date_last, limit_size, prepare_folder
 from radard.clips.spectrogram_png import PictureMaker, decode_png, encode_png
 from radard.config.sections import ClipsSection
+from radard.errors import OutputError
 from tests.alarm_helpers import begun_clip
 from tests.processes import ran
 from tests.radar_helpers import BASEBAND, decisions, events, noise, run_radard
@@ -54,16 +58,14 @@ def test_a_clip_replays_to_the_same_decisions(tmp_path, port, seconds):
     # Of a replay no clips are made.
     assert not (tmp_path / "again").exists()
     assert len(again) == len(kept["seq"]) >= 5
-    at_alarm = [d for d in again if round(d["t_s"] + offset_s, 3) == new["t_s"]]
-    assert at_alarm[0]["alarm"]
+    assert next(d for d in again if round(d["t_s"] + offset_s, 3) == new["t_s"])["alarm"]
     for k, made in enumerate(again):
         then = live[int(kept["seq"][k])]
         assert made["t_s"] == pytest.approx(kept["t_s"][k], abs=2e-3)
         assert then["t_s"] == pytest.approx(made["t_s"] + offset_s, abs=2e-3)
         assert kept["label"][k].decode() == then["label"]
-        assert [made[k] for k in ("gate", "label", "alarm")] == [
-            then[k] for k in ("gate", "label", "alarm")
-        ]
+        for name in ("gate", "label", "alarm"):
+            assert made[name] == then[name]
         # Clutter map, noise floor and tracks know of what was before the clip; it does not.
         for name, most in (("p_human", 0.02), ("p_pet", 0.02), ("range_m", 0.05)):
             assert made[name] == pytest.approx(then[name], abs=most)
@@ -336,6 +338,7 @@ import sys, threading, time
 from pathlib import Path
 from h5py._hl.base import phil
 from radard.clips.keeper import ClipKeeper
+from radard.clips.room import date_last, limit_size, prepare_folder
 from radard.config.sections import ClipsSection
 from tests.outputs.test_clips import STREAM
 
@@ -364,3 +367,73 @@ def test_a_clip_that_is_late_does_not_hang_the_end_of_the_process(tmp_path, clos
     """
     done = ran("-c", _LATE, tmp_path, closer)
     assert (done.returncode, done.stdout) == (0, "False\n"), done.stderr
+
+
+def clip_of(folder, k, at_s=None):
+    """The two files of a clip, of a thousand bytes each."""
+    for suffix in ("h5", "png"):
+        path = folder / f"{str(k) * 26}.{suffix}"
+        path.write_bytes(b"x" * 1000)
+        if at_s is not None:
+            os.utime(path, (at_s, at_s))
+    return path
+
+
+def left_in(folder):
+    return "".join(sorted({path.name[0] for path in folder.iterdir()}))
+
+
+def test_retention_takes_the_oldest_clips_and_nothing_else(tmp_path):
+    for k in range(5):
+        clip_of(tmp_path, k, 1000 + k)
+    (tmp_path / "holiday.h5").write_bytes(b"x" * 10_000)
+    limit_size(tmp_path, keep_bytes=6000)
+    assert left_in(tmp_path) == "234h"
+    limit_size(tmp_path, keep_bytes=0)
+    assert left_in(tmp_path) == "4h"
+
+
+@pytest.mark.parametrize(
+    ("free", "floor", "left"), [(5000, 5000, "012"), (5000, 7000, "12"), (0, 6001, "012")]
+)
+def test_nothing_is_deleted_unless_that_makes_the_room(tmp_path, monkeypatch, free, floor, left):
+    for k in range(3):
+        clip_of(tmp_path, k, 1000 + k)
+    whole = 6000 + free
+
+    def usage(folder):
+        used = sum(path.stat().st_size for path in folder.iterdir())
+        return shutil._ntuple_diskusage(whole, used, whole - used)
+
+    monkeypatch.setattr("radard.clips.room.shutil.disk_usage", usage)
+    with contextlib.nullcontext() if left != "012" or free else pytest.raises(OutputError):
+        prepare_folder(tmp_path, free_bytes=floor)
+    assert left_in(tmp_path) == left
+
+
+def test_a_clip_that_a_backup_has_too_makes_no_room_and_stays(tmp_path, monkeypatch):
+    folder = tmp_path / "clips"
+    folder.mkdir()
+    for k in range(3):
+        clip_of(folder, k, 1e9 + k)
+    for path in folder.iterdir():
+        (tmp_path / path.name).hardlink_to(path)
+    full = shutil._ntuple_diskusage(9000, 9000, 0)
+    monkeypatch.setattr("radard.clips.room.shutil.disk_usage", lambda _: full)
+    with pytest.raises(OutputError, match="are free"):
+        prepare_folder(folder, free_bytes=1000)
+    assert left_in(folder) == "012"
+
+
+@pytest.mark.parametrize("grain_ns", [1, 2 * 10**9], ids=["ext4", "FAT"])
+def test_a_clock_that_was_ahead_takes_no_later_clip(tmp_path, grain_ns):
+    """Names tell nothing of the order, and a card may keep times to 2 s."""
+    for k in (9, 8, 7):
+        clip_of(tmp_path, k, 4e9 - 2 * k)
+    for k in (6, 5, 4):
+        date_last(clip_of(tmp_path, k))
+        for path in tmp_path.iterdir():
+            kept_ns = path.stat().st_mtime_ns // grain_ns * grain_ns
+            os.utime(path, ns=(kept_ns, kept_ns))
+        limit_size(tmp_path, keep_bytes=6000)
+    assert left_in(tmp_path) == "456"
