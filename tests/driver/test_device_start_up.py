@@ -104,13 +104,9 @@ def test_silent_module() -> None:
 REFUSED = [msg.ErrorReply(ErrorCode.COMMAND_FAILED)]
 SAFE = {msg.Ping: [msg.Pong(PongCode.SAFE_MODE)]}
 SLOW = Deadlines(ready_s=0.1, ping_every_s=0.02)
+MUTE = lambda c: [] if c == msg.Ping() else [msg.Ack()]  # noqa: E731
 WHY = [
-    (
-        lambda c: [] if c == msg.Ping() else [msg.Ack()],
-        SLOW,
-        DeviceError,
-        r"not ready 0\.1 s after",
-    ),
+    (MUTE, SLOW, DeviceError, r"not ready 0\.1 s after"),
     (lambda c: SAFE.get(type(c), [msg.Ack()]), SHORT, errors.SafeModeError, "fail-safe mode"),
     (lambda c: SAFE.get(type(c), REFUSED), SHORT, errors.SafeModeError, "power it off"),
     (obey_but(msg.SetOutput), Deadlines(reply_s=0.3), DeviceError, "no answer to SetOutput"),

@@ -246,10 +246,8 @@ TOOL = ("x2radar", "x2radar")
 def test_a_missing_extra_is_one_line_that_names_it(tmp_path, program, line, missing, extra):
     module, prog = program
     make(tmp_path / "in.h5")
-    code = (
-        f"import sys; sys.modules[{missing!r}] = None; sys.argv = {[prog, *line.split()]!r}; "
-        f"from {module}.__main__ import main; sys.exit(main())"
-    )
+    code = f"import sys; sys.modules[{missing!r}] = None; sys.argv = {[prog, *line.split()]!r}; "
+    code += f"from {module}.__main__ import main; sys.exit(main())"
     done = ran("-c", code, cwd=tmp_path)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (1, "", 1)
     assert done.stderr.startswith(f"{prog}: ")
@@ -260,9 +258,6 @@ def test_a_missing_extra_is_one_line_that_names_it(tmp_path, program, line, miss
 
 @integration
 def test_a_module_of_our_own_that_is_missing_is_a_fault():
-    code = (
-        "import sys; sys.modules['radard.config.options'] = None; sys.argv = ['radard']; "
-        "from radard.__main__ import main; main()"
-    )
-    done = ran("-c", code)
+    code = "import sys; sys.modules['radard.config.options'] = None; sys.argv = ['radard']; "
+    done = ran("-c", code + "from radard.__main__ import main; main()")
     assert "internal error: ModuleNotFoundError" in done.stderr

@@ -150,11 +150,10 @@ def test_numbers_of_any_length(client, caplog, path):
     assert "Traceback" not in caplog.text
 
 
-LARGE = (LONG[:4000], "-" + LONG[:4000], "1e999", "1e308")
-ODD = ("NaN", "Infinity", '"\\ud800"')
+NUMBERS = (LONG[:4000], "-" + LONG[:4000], "1e999", "1e308", "NaN", "Infinity", '"\\ud800"')
 
 
-@pytest.mark.parametrize("number", LARGE + ODD)
+@pytest.mark.parametrize("number", NUMBERS)
 def test_numbers_of_any_length_in_json(make, caplog, number):
     client = make(tokens=(None, TOKEN))
     client.run.player = Playback(10.0, None)
