@@ -216,8 +216,8 @@ def test_a_device_that_is_lost_soon_again_is_left_alone_longer():
 
 
 def test_at_start_errors_are_raised_or_waited_for_but_what_is_no_port_never():
-    lost = PortNotFound(""), errors.PortDenied(""), GONE, DeviceError("")
-    for error in (*lost, NoPort("")):
+    lost = PortNotFound("no"), errors.PortDenied("no"), GONE, DeviceError("no")
+    for error in (*lost, NoPort("f")):
         is_port = not isinstance(error, NoPort)
         radar, fake, _ = scripted(error, wait=not is_port)
         with pytest.raises(type(error)):
