@@ -36,8 +36,8 @@ os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
 
 _LOG = "outputs/test_log outputs/test_log_model"
 MODULES = {
-    "framing": ("x2radar/wire/framing", "driver/test_framing driver/test_framing_faults"),
-    "codec": ("x2radar/wire/codec", "driver/test_codec driver/test_codec_properties"),
+    "framing": ("x2radar/wire/framing", "driver/test_framing"),
+    "codec": ("x2radar/wire/codec", "driver/test_codec"),
     "link": ("x2radar/device/link", "driver/test_device driver/test_device_start_up"),
     "ring": ("daemon/radard/stream/ring", "detect/test_ring detect/test_ring_model"),
     "gate": ("daemon/radard/detect/gate", "detect/test_gate"),

@@ -29,9 +29,8 @@ class Tab:
 
     def __init__(self, browser, running, *, width=1280, height=900, scheme="light"):
         self.running = running
-        self.page = browser.new_page(
-            viewport={"width": width, "height": height}, color_scheme=scheme
-        )
+        size = {"width": width, "height": height}
+        self.page = browser.new_page(viewport=size, color_scheme=scheme)
         self.page.set_default_timeout(60_000)
         self.complaints = []
         self.page.on("pageerror", lambda error: self.complaints.append(str(error)))

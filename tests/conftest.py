@@ -19,13 +19,8 @@ from tests.busy_machine import allow_for_it
 # Before numpy is there: threads of its algebra wait in loops, for cores that other tests need.
 os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
 
-settings.register_profile(
-    "fixed",
-    derandomize=True,
-    deadline=None,
-    database=None,
-    suppress_health_check=[HealthCheck.too_slow],
-)
+_known = {"derandomize": True, "deadline": None, "database": None}
+settings.register_profile("fixed", suppress_health_check=[HealthCheck.too_slow], **_known)
 settings.load_profile("fixed")
 
 

@@ -12,7 +12,7 @@ from radard.web.api import Api
 from radard.web.auth import AccessControl
 from radard.web.sink import WebSink
 from radard.web.view import View
-from tests.host_helpers import FakeHost
+from tests.sink_helpers import FakeHost
 from tests.web_helpers import HEADERS, Answer, Client
 
 
@@ -37,15 +37,13 @@ class AppClient(Client):
         scope |= {"path": unquote(path), "raw_path": path.encode(), "query_string": query.encode()}
         scope |= {"client": ("127.0.0.1", 50_000), "server": ("127.0.0.1", self.port)}
         scope["headers"] = [(k.lower().encode(), v.encode("latin-1")) for k, v in sent.items()]
-        messages = [
-            {"type": "http.request", "body": chunk, "more_body": k < len(chunks) - 1}
-            for k, chunk in enumerate(chunks)
-        ]
+        last = len(chunks) - 1
+        messages = [{"body": chunk, "more_body": k < last} for k, chunk in enumerate(chunks)]
         start, body = {}, []
 
         async def receive():
             if messages:
-                return messages.pop(0)
+                return {"type": "http.request", **messages.pop(0)}
             return await asyncio.Future()
 
         async def keep(message):

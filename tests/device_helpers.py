@@ -59,9 +59,7 @@ def served(far: Transport, module: SimulatedModule, speed: float | None = None) 
 
 
 @contextmanager
-def plugged(
-    module: SimulatedModule | None = None, speed: float | None = None
-) -> Iterator[PtyTransport]:
+def plugged(module: SimulatedModule | None = None, speed=None) -> Iterator[PtyTransport]:
     """A pseudo-terminal with a simulated module at its far end: of an empty room, if not named."""
     far = PtyTransport()
     with served(far, module or SimulatedModule(load_scene("empty")), speed):

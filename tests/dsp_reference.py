@@ -11,12 +11,8 @@ from x2radar.frame import FastTimeAxis
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 
 X2 = axis_with("baseband", 96, 8 * 0.003656, 0.6)
-P4XX = axis_with(
-    "baseband", 480, 9.149e-3, 2.62, carrier_hz=4.0e9, bandwidth_hz=1.7e9, sample_rate_hz=0.0
-)
-X4 = axis_with(
-    "baseband", 91, 51.4e-3, 0.4, carrier_hz=7.29e9, bandwidth_hz=1.4e9, sample_rate_hz=0.0
-)
+P4XX = axis_with("baseband", 480, 9.149e-3, 2.62, 4.0e9, 1.7e9, 0.0)
+X4 = axis_with("baseband", 91, 51.4e-3, 0.4, 7.29e9, 1.4e9, 0.0)
 
 
 def error(ours: np.ndarray, reference: np.ndarray) -> float:
@@ -25,18 +21,15 @@ def error(ours: np.ndarray, reference: np.ndarray) -> float:
     return float(np.linalg.norm((ours - reference) / scale) / np.linalg.norm(reference / scale))
 
 
-def point(
-    axis: FastTimeAxis, rate_hz: float, n_slow: int, *, velocity_mps: float, middle_m: float
-) -> np.ndarray:
+def point(axis: FastTimeAxis, rate_hz, n_slow, *, velocity_mps, middle_m) -> np.ndarray:
     """A matched-filtered point that passes `middle_m` in mid-record, complex64."""
     t_s = (np.arange(n_slow) - (n_slow - 1) / 2) / rate_hz
     range_m = middle_m - velocity_mps * t_s
     sigma_s = np.sqrt(np.log(10)) / (np.pi * axis.bandwidth_hz) * np.sqrt(2)
     late_s = 2 * (axis.range_m - range_m[:, None]) / SPEED_OF_LIGHT_MPS
     turns = 2 * range_m[:, None] * axis.carrier_hz / SPEED_OF_LIGHT_MPS
-    return (np.exp(-0.5 * (late_s / sigma_s) ** 2) * np.exp(-2j * np.pi * turns)).astype(
-        np.complex64
-    )
+    echo = np.exp(-0.5 * (late_s / sigma_s) ** 2) * np.exp(-2j * np.pi * turns)
+    return echo.astype(np.complex64)
 
 
 def under_clutter(moving: np.ndarray, clutter_db: float, seed: int = 7) -> np.ndarray:
@@ -59,13 +52,11 @@ def micro_doppler_direct(frames, n_cpi, taper=None):
     return np.stack(columns, axis=1)
 
 
-def velocity_transform_direct(
-    spectra, frequency_hz, frame_rate_hz, *, velocity_mps, taper, stride
-):
+def velocity_transform_direct(spectra, frequency_hz, rate_hz, *, velocity_mps, taper, stride):
     """Return P(v, t0), shape (n_velocity, n_columns), of spectra, shape (n_slow, n_freq)."""
     x = np.asarray(spectra, np.complex128)
     n_cpi = len(taper)
-    time_s = (np.arange(n_cpi) - (n_cpi - 1) / 2) / frame_rate_hz
+    time_s = (np.arange(n_cpi) - (n_cpi - 1) / 2) / rate_hz
     columns = []
     for i in range(0, len(x) - n_cpi + 1, stride):
         cpi = x[i : i + n_cpi] - x[i]

@@ -176,9 +176,8 @@ def judged(rows, stream, axis, *, model="accurate"):
 def spans(events, *kinds):
     """From when to when something of these kinds was on."""
     ends = {e.id: e.t_s for e in events if e.phase == "end"}
-    return [
-        (e.t_s, ends.get(e.id, np.inf)) for e in events if e.kind in kinds and e.phase == "new"
-    ]
+    new = [e for e in events if e.kind in kinds and e.phase == "new"]
+    return [(e.t_s, ends.get(e.id, np.inf)) for e in new]
 
 
 def announced(events, *kinds, n_walks):

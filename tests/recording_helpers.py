@@ -71,10 +71,8 @@ def record_scene(path, scene, *, n, lost=()):
 def content(reader):
     """All samples, counters and times of a reader."""
     blocks = list(reader.blocks())
-    return tuple(
-        np.concatenate([getattr(block, name) for block in blocks])
-        for name in ("samples", "counter", "t_s")
-    )
+    names = ("samples", "counter", "t_s")
+    return tuple(np.concatenate([getattr(block, name) for block in blocks]) for name in names)
 
 
 def refused(path, words=None, **how):

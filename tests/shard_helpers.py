@@ -49,11 +49,8 @@ class Draws:
         rng = np.random.default_rng([self.seed, number])
         rows = number % 3
         matrix = rng.standard_normal((40, 40)).astype(np.float32)
-        return {
-            "x": (matrix @ matrix)[:rows],
-            "name": np.array([f"element {number}"]),
-            "n": np.array([rows]),
-        }
+        names = {"name": np.array([f"element {number}"]), "n": np.array([rows])}
+        return {"x": (matrix @ matrix)[:rows], **names}
 
     def made(self):
         """Return the elements that were begun, in order, and the processes."""

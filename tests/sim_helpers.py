@@ -44,14 +44,8 @@ def silence(n, axis=RF):
 
 def affected(axis=RF, *, n=400, seed=0, echo=None, sizes=None, **effects):
     """Frames about the idle line with some effects on, in blocks of the given sizes."""
-    ours = Receiver(
-        RadarSettings(),
-        axis,
-        LinkBudget(),
-        np.random.default_rng(seed),
-        effects=ReceiverEffects(**effects),
-        seed=seed,
-    )
+    rng, known = np.random.default_rng(seed), ReceiverEffects(**effects)
+    ours = Receiver(RadarSettings(), axis, LinkBudget(), rng, effects=known, seed=seed)
     echo = silence(n, axis) if echo is None else echo
     cut = np.cumsum(sizes or [len(echo)])
     parts = np.split(echo, cut)[: cut.size]

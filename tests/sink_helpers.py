@@ -16,13 +16,13 @@ import paho.mqtt.client as paho
 import pytest
 from paho.mqtt.enums import CallbackAPIVersion
 
+from radard.config.config import Config
 from radard.config.sink_table import LogSection, SinkOptions
 from radard.health.health import Health
 from radard.log import EventLog
 from radard.outputs.base import SinkContext
 from radard.outputs.registry import make_output, start_sink
 from tests import alarm_helpers
-from tests.host_helpers import FakeHost
 from tests.waiting import free_port
 
 MQTT_MARKS = [
@@ -39,9 +39,7 @@ def ulid(n: int) -> str:
     return f"{n:026d}"
 
 
-def event(
-    n: int = 1, *, kind: str = "alarm", phase: str = "new", t_s: float | None = None
-) -> dict:
+def event(n=1, *, kind="alarm", phase="new", t_s: float | None = None) -> dict:
     """An event record."""
     record = {"type": "event", "id": ulid(n), "phase": phase, "kind": kind}
     record |= {"t_s": float(n) if t_s is None else t_s, "start_t_s": float(n)}
@@ -70,6 +68,26 @@ def hello(**changes) -> dict:
 def status(state: str, reason: str = "") -> dict:
     """A status record."""
     return {"type": "status", "state": state, "reason": reason}
+
+
+class FakeHost:
+    """A `radard.outputs.base.Host` that notes what is asked of it."""
+
+    def __init__(self, sensor="radar", *, config=None, state=None, sinks=()):
+        self.sensor, self.health = sensor, Health()
+        self.asked, self.n_reloads = [], 0
+        self.held = Config() if config is None else config
+        self.state, self.player, self.the_ring, self.all_sinks = state, None, None, sinks
+        self.command = self.asked.append
+        self.config = lambda: self.held
+        self.panel = lambda: self.state
+        self.ring = lambda: self.the_ring
+        self.playback = lambda: self.player
+        self.sinks = lambda: self.all_sinks
+        self.driver, self.test_alarm, self.mark = dict, tuple, str
+
+    def reload(self):
+        self.n_reloads += 1
 
 
 def well_host() -> FakeHost:
@@ -136,13 +154,9 @@ class MqttBroker:
             plugins = {f"{kinds}FileAuthPlugin": {"password_file": str(words)}}
         plugins |= self._plugins
         config = {"listeners": {"default": listener}, "plugins": plugins}
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "tests.mqtt_broker", json.dumps(config)],
-            cwd=Path(__file__).parents[1],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-        )
+        command = [sys.executable, "-m", "tests.mqtt_broker", json.dumps(config)]
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+        self.process = subprocess.Popen(command, cwd=Path(__file__).parents[1], **pipes)
         assert self.process.stdout.readline() == b"serves\n"
 
 
@@ -277,10 +291,12 @@ class WebServer:
             context.load_cert_chain(*cert)
             self._server.socket = context.wrap_socket(self._server.socket, server_side=True)
         self.port = self._server.server_address[1]
-        self._thread = threading.Thread(
-            target=self._server.serve_forever, kwargs={"poll_interval": 0.01}, daemon=True
-        )
+        serve = lambda: self._server.serve_forever(0.01)  # noqa: E731
+        self._thread = threading.Thread(target=serve, daemon=True)
         self._thread.start()
+
+    def ids(self):
+        return [json.loads(body)["id"] for _, _, body in list(self.posts)]
 
     def close(self):
         self._server.shutdown()
@@ -293,12 +309,9 @@ def make_cert(folder: Path) -> tuple[Path, Path]:
     if not shutil.which("openssl"):
         pytest.skip("no openssl to make a certificate with")
     cert, key = folder / "cert.pem", folder / "key.pem"
-    command = (
-        "openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -days 2 "
-        "-subj /CN=localhost -addext subjectAltName=DNS:localhost,IP:127.0.0.1"
-    )
-    subprocess.run(
-        [*command.split(), "-keyout", str(key), "-out", str(cert)], check=True, capture_output=True
-    )
+    command = "openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -days 2"
+    command += " -subj /CN=localhost -addext subjectAltName=DNS:localhost,IP:127.0.0.1"
+    files = ["-keyout", str(key), "-out", str(cert)]
+    subprocess.run([*command.split(), *files], check=True, capture_output=True)
     key.chmod(0o644)
     return cert, key

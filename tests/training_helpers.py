@@ -50,9 +50,8 @@ def toy(n=96, seed=0):
     """Return windows of three classes that a glance tells apart, four to a passage."""
     rng = np.random.default_rng(seed)
     label = np.arange(n) // 4 % 3
-    maps = {
-        name: rng.integers(0, 60, (n, *feature_shape(name, FEATURES)), np.uint8) for name in MAPS
-    }
+    shapes = {name: feature_shape(name, FEATURES) for name in MAPS}
+    maps = {name: rng.integers(0, 60, (n, *shape), np.uint8) for name, shape in shapes.items()}
     for k, at in enumerate(label):
         maps["velocity_time"][k, 10 + 30 * at : 24 + 30 * at] = 220
         maps["range_time"][k, 30:34] = 200
@@ -88,9 +87,8 @@ def write_tiny(folder, network, *, name="tiny", evidence=None, metrics=None):
     onnx, temperature = _exported(network.net), network.temperature
     bundle = Bundle(onnx=onnx, temperature=temperature, pet_limit=0.8, **own, **same)
     training = {"recipe": "a toy.", "command": "train-export fit"}
-    write_bundle(
-        folder, bundle, training=training, metrics=metrics or {}, gate={}, notes="some notes"
-    )
+    known = {"training": training, "metrics": metrics or {}, "gate": {}, "notes": "some notes"}
+    write_bundle(folder, bundle, **known)
 
 
 def given(bundle, columns):

@@ -56,12 +56,9 @@ class Running:
         dirs = dict.fromkeys(("STATE", "RUNTIME"), str(folder))
         own = {f"RADARD_SERVICE__{name}_DIR": at for name, at in dirs.items()} | (environ or {})
         self._log = (self.folder / "log").open("w+")
-        self.process = processes.started(
-            *("-m", "radard", *arguments, "-o", self.base),
-            env=processes.environ(**own),
-            stdout=subprocess.DEVNULL,
-            stderr=self._log,
-        )
+        said = {"stdout": subprocess.DEVNULL, "stderr": self._log}
+        argv = ("-m", "radard", *arguments, "-o", self.base)
+        self.process = processes.started(*argv, env=processes.environ(**own), **said)
 
     @property
     def log(self):
@@ -77,6 +74,20 @@ class Running:
         """POST as the page does; return status code and body."""
         sent = HEADERS if headers is None else headers
         return ask(self.base + path, data=json.dumps(body).encode(), headers=sent)
+
+    def status(self):
+        return self.get("/api/v1/status")[1]
+
+    def ended_alarm(self, key):
+        """Arm, and acknowledge until an alarm that has this is over; return its id."""
+        self.post("/api/v1/command", {"command": "arm"})
+
+        def found():
+            self.post("/api/v1/command", {"command": "ack"})
+            events = self.get("/api/v1/events?kind=alarm")[1]["events"]
+            return next((e["id"] for e in events if e[key] and e["phase"] == "end"), None)
+
+        return self.wait(found)
 
     def wait(self, what, timeout_s=180.0):
         """Return what `what()` returns once that is true; a refused connection is false."""

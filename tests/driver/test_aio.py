@@ -21,18 +21,13 @@ def readers():
     return [t for t in threading.enumerate() if t.name == "x2radar-reader"]
 
 
-async def take(stream, n):
-    got = []
+async def take(stream, n, got=None):
+    got = [] if got is None else got
     async for frame in stream:
         got.append(frame)
         if len(got) == n:
             break
     return got
-
-
-async def everything(stream, got):
-    while True:
-        got.append(await anext(stream))
 
 
 def test_the_same_frames_as_without_asyncio():
@@ -70,7 +65,7 @@ def test_a_loss_is_raised_once_then_the_stream_is_over(faults, error):
         stream = AsyncRadar(faulty(faults, deadlines=Deadlines(reply_s=60, stall_s=1)))
         async with stream:
             with pytest.raises(error):
-                await everything(stream, got)
+                await take(stream, -1, got)
             assert [f.index for f in got] == list(range(len(got)))
             assert len(got) > 10
             assert await take(stream, 1) == []
@@ -88,13 +83,9 @@ def test_errors_of_opening_come_where_it_is_opened():
         asyncio.run(main(AsyncRadar(faulty("error_reply:1"))))
     with pytest.raises(PortNotFound):
         asyncio.run(main(x2radar.open_async("/dev/ttyNOTHING")))
-
     # One that was not opened says so.
-    async def main():
-        return await anext(AsyncRadar(faulty()))
-
     with pytest.raises(TransportClosed, match="async with"):
-        asyncio.run(main())
+        asyncio.run(take(AsyncRadar(faulty()), 1))
 
 
 @pytest.mark.integration

@@ -86,12 +86,10 @@ def test_a_file_without_an_end_is_refused(tmp_path):
     """As a recording that was named by mistake: all of it was read first."""
     path = tmp_path / "a.yaml"
     path.symlink_to("/dev/zero")
-    for kind, read in (
-        (ConfigError, load_config),
-        (SceneError, lambda file: load_scene(str(file))),
-    ):
-        with pytest.raises(kind, match="longer than the"):
-            read(path)
+    with pytest.raises(ConfigError, match="longer than the"):
+        load_config(path)
+    with pytest.raises(SceneError, match="longer than the"):
+        load_scene(str(path))
 
 
 @given(st.text(alphabet="ab:{}[]&*!-#'\"\n 1<>|%~", max_size=60))
@@ -103,12 +101,8 @@ def test_any_text_is_read_or_refused(text):
 def test_messages_stay_short_whatever_they_quote(tmp_path):
     """Found by fuzzing: a message was as long as the file made it."""
     path = tmp_path / "a.yaml"
-    for text in (
-        BOMB,
-        "output: " + "[" * 500 + "x" * 500 + "]" * 500,
-        "".join(f"key{k}: 1\n" for k in range(3000)),
-        "k" * 5000 + ": 1\n",
-    ):
+    long = "output: " + "[" * 500 + "x" * 500 + "]" * 500
+    for text in (BOMB, long, "".join(f"key{k}: 1\n" for k in range(3000)), "k" * 5000 + ": 1\n"):
         path.write_text(text)
         with pytest.raises(ConfigError) as config:
             load_config(path, environ={})

@@ -24,14 +24,8 @@ def in_memory() -> Transport:
 @pytest.mark.parametrize(("output", "dtype"), [("rf", "f4"), ("iq", "c8"), ("ap", "c8")])
 def test_first_frames(kind: str, output: str, dtype: str) -> None:
     settings = RadarSettings(frame_stitch=1, output=output, pulse_generator=6)
-    with (
-        plugged(module()) as far,
-        X2Radar(
-            (lambda: SerialTransport(far.path)) if kind == "pty" else in_memory,
-            settings,
-            name="sim",
-        ) as radar,
-    ):
+    port = lambda: SerialTransport(far.path) if kind == "pty" else in_memory()  # noqa: E731
+    with plugged(module()) as far, X2Radar(port, settings, name="sim") as radar:
         assert radar.stream is None
         frames = take(radar, 20)
         assert radar.stats.damaged == 0
@@ -99,24 +93,18 @@ def test_port_on_usb_that_does_not_come_back() -> None:
     port.close()
 
 
-class GoneAfterReset(OnUsb):
-    """A port that vanishes before the reset's answer is through, and once more, late."""
+def test_port_on_usb_that_vanishes_early_and_late() -> None:
+    """Before the reset's answer is through, and once more, late."""
+    port = UsbPort(n_failures=0)
 
-    def __init__(self, inner: Transport) -> None:
-        super().__init__(inner)
-        self.read = self._gone
-
-    def _gone(self, _timeout_s: float) -> bytes:
+    def gone(_timeout_s: float) -> bytes:
         msg = "gone"
         raise TransportClosed(msg)
 
-
-def test_port_on_usb_that_vanishes_early_and_late() -> None:
-    port = UsbPort(n_failures=0)
-
     def connect() -> Transport:
-        inner = port.connect()
-        return GoneAfterReset(inner) if port.n_connects < 3 else inner
+        near = port.connect()
+        near.read = gone if port.n_connects < 3 else near.read
+        return near
 
     with X2Radar(connect, SETTINGS, deadlines=SHORT) as radar:
         assert port.n_connects == 3

@@ -8,30 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.device_helpers import (
-    HASTY,
-    READY,
-    SHORT,
-    FarEnd,
-    in_thread,
-    obey,
-    obey_but,
-    raw,
-    scripted,
-    take,
-    wire,
-)
+from tests import device_helpers as device
+from tests.device_helpers import HASTY, READY, SHORT, obey, obey_but, raw, scripted, take
 from tests.waiting import wait_for
+from x2radar import errors
 from x2radar.device.device import X2Radar
 from x2radar.device.link import RETRIES, Deadlines
-from x2radar.errors import (
-    DeviceError,
-    MessageError,
-    ReadTimeout,
-    RestartRequired,
-    SafeModeError,
-    TransportClosed,
-)
+from x2radar.errors import DeviceError, ReadTimeout, TransportClosed
 from x2radar.modules.x2 import RadarSettings
 from x2radar.wire import framing
 from x2radar.wire import messages as msg
@@ -50,14 +33,10 @@ def turns(kind: type[msg.Message], *answers: list[msg.Message]) -> Answer:
 def test_settings_become_commands_in_order() -> None:
     with scripted() as (radar, far):
         radar.open()
-        assert far.commands[:2] == [msg.Reset(), IDLE]
-        assert far.commands[-1] == START
-        assert msg.SetSysInt(SysCfg.FPS, 60) in far.commands
-        assert msg.SetSysInt(SysCfg.FRAME_STITCH, 1) in far.commands
-        assert isinstance(far.commands[-2], msg.SetOutput)
         radar.close()
         far.join()
-    assert far.commands[-1] == IDLE
+    told = msg.Reset(), *device.SETTINGS.startup_commands(), IDLE
+    assert device.wire(*far.commands) == device.wire(*told)
 
 
 BUSY = [msg.ErrorReply(ErrorCode.BUSY)]
@@ -71,10 +50,6 @@ FRAME = msg.Data(0, 1, np.zeros(256, np.float32))
 def asleep() -> Answer:
     pings = turns(msg.Ping, NOT_READY, NOT_READY)
     return lambda command: [msg.Ack()] if command == msg.Reset() else pings(command)
-
-
-def frames_for_an_answer() -> Answer:
-    return lambda command: [FRAME] if command == START else obey(command)
 
 
 OPENINGS = {
@@ -98,7 +73,10 @@ OPENINGS = {
         lambda: turns(msg.SetSysInt, [BOOTING, READY, msg.Ack()]),
         {IDLE: 2, START: 1, msg.Reset(): 1},
     ),
-    "where frames come, only an answer was lost": (frames_for_an_answer, {START: 1}),
+    "where frames come, only an answer was lost": (
+        lambda: lambda command: [FRAME] if command == START else obey(command),
+        {START: 1},
+    ),
 }
 
 
@@ -126,19 +104,15 @@ def test_silent_module() -> None:
 REFUSED = [msg.ErrorReply(ErrorCode.COMMAND_FAILED)]
 SAFE = {msg.Ping: [msg.Pong(PongCode.SAFE_MODE)]}
 SLOW = Deadlines(ready_s=0.1, ping_every_s=0.02)
+MUTE = lambda c: [] if c == msg.Ping() else [msg.Ack()]  # noqa: E731
 WHY = [
-    (
-        lambda c: [] if c == msg.Ping() else [msg.Ack()],
-        SLOW,
-        DeviceError,
-        r"not ready 0\.1 s after",
-    ),
-    (lambda c: SAFE.get(type(c), [msg.Ack()]), SHORT, SafeModeError, "fail-safe mode"),
-    (lambda c: SAFE.get(type(c), REFUSED), SHORT, SafeModeError, "power it off"),
+    (MUTE, SLOW, DeviceError, r"not ready 0\.1 s after"),
+    (lambda c: SAFE.get(type(c), [msg.Ack()]), SHORT, errors.SafeModeError, "fail-safe mode"),
+    (lambda c: SAFE.get(type(c), REFUSED), SHORT, errors.SafeModeError, "power it off"),
     (obey_but(msg.SetOutput), Deadlines(reply_s=0.3), DeviceError, "no answer to SetOutput"),
     (obey_but(msg.SetOutput, *BUSY), HASTY, DeviceError, r"refused SetOutput.*\(busy\)"),
     (obey_but(msg.SetSysInt, *REFUSED), SHORT, DeviceError, r"0x21 \(command failed\)"),
-    (obey_but(msg.SetSysInt, *RESTARTING), SHORT, RestartRequired, r"0x22 \(restarting\)"),
+    (obey_but(msg.SetSysInt, *RESTARTING), SHORT, errors.RestartRequired, r"0x22 \(restarting\)"),
     (obey_but(msg.SetSysInt, msg.ErrorReply(0x77)), SHORT, DeviceError, r"0x77 \(unknown\)"),
     (obey_but(msg.SetSysInt, READY, msg.Ack()), SHORT, DeviceError, "again and again"),
 ]
@@ -190,8 +164,11 @@ def test_only_its_own_answer_or_a_refusal_answers_a_command() -> None:
         assert radar.command(msg.LoadProfile(1)) == msg.Ack()
         assert radar.command(msg.Ping()) == msg.Pong(PongCode.NOT_READY)
         assert radar.stats.damaged == 2
-        with pytest.raises(MessageError):
+        with pytest.raises(errors.MessageError):
             radar.command(msg.SetMode(300))
+        radar.close()
+        far.join()
+        # Without a stream the module is told nothing else.
         assert far.commands == list(own)
 
 
@@ -202,7 +179,8 @@ def test_the_late_answer_to_a_ping_counts() -> None:
         if isinstance(command, msg.Ping):
             pings.append(command)
             if len(pings) == 1:
-                threading.Timer(0.06, lambda: far.send(wire(msg.Pong(PongCode.READY)))).start()
+                pong = device.wire(msg.Pong(PongCode.READY))
+                threading.Timer(0.06, far.send, [pong]).start()
             return []
         return [msg.Ack()]
 
@@ -221,15 +199,6 @@ def test_a_module_that_streams_meanwhile_is_configured_and_its_old_frames_are_no
         assert radar.stats.frames == 1
 
 
-def test_opening_without_a_stream_tells_the_module_nothing() -> None:
-    with scripted() as (radar, far):
-        radar.open(stream=False)
-        assert isinstance(radar.command(msg.Ping()), msg.Pong)
-        radar.close()
-        far.join()
-        assert far.commands == [msg.Ping()]
-
-
 @pytest.mark.parametrize("answer", [lambda _: [], lambda _: [msg.Ack()]], ids=["reset", "ready"])
 def test_closing_from_another_thread_ends_the_opening(answer) -> None:
     with scripted(answer, Deadlines(reply_s=60, ready_s=60)) as (radar, _):
@@ -240,7 +209,7 @@ def test_closing_from_another_thread_ends_the_opening(answer) -> None:
                 radar.open()
             caught.append(error)
 
-        thread = in_thread(opening)
+        thread = device.in_thread(opening)
         time.sleep(0.05)
         radar.close()
         thread.join(60)
@@ -254,15 +223,10 @@ def test_losses_and_damage_are_stated() -> None:
         damaged[20] ^= 1
         far.send(raw(1) + bytes(damaged) + raw(3) + raw(3) + raw(1))
         frames = take(radar, 3)
-        assert [(f.counter, f.index, f.lost, f.restarted) for f in frames] == [
-            (1, 0, 0, False),
-            (3, 2, 1, False),
-            (1, 3, 0, True),
-        ]
-        stats = radar.stats
-        assert (stats.frames, stats.lost, stats.repeated, stats.restarts, stats.damaged) == (
-            *(3, 1, 1, 1, 1),
-        )
+        told = [(f.counter, f.index, f.lost, f.restarted) for f in frames]
+        assert told == [(1, 0, 0, False), (3, 2, 1, False), (1, 3, 0, True)]
+        names = ("frames", "lost", "repeated", "restarts", "damaged")
+        assert [getattr(radar.stats, name) for name in names] == [3, 1, 1, 1, 1]
 
 
 @pytest.mark.parametrize(
@@ -276,8 +240,9 @@ def test_a_module_that_restarts_in_mid_stream_is_told_again_and_its_frames_marke
         before = [next(frames), next(frames)]
         n_told, start = len(far.commands), far.commands[-1]
         # It streams by itself, with settings that it has not been told yet.
-        far.send(wire(*said) + raw(3))
-        in_thread(lambda: (wait_for(lambda: start in far.commands[n_told:]), far.send(raw(3))))
+        far.send(device.wire(*said) + raw(3))
+        is_told = lambda: start in far.commands[n_told:]  # noqa: E731
+        device.in_thread(lambda: (wait_for(is_told), far.send(raw(3))))
         after = next(frames)
         assert msg.Reset() not in far.commands[n_told:]
         assert far.commands[n_told] == msg.SetMode(Mode.IDLE)
@@ -296,10 +261,8 @@ def test_what_is_no_stall_and_what_is() -> None:
         far.send(raw(2))
         time.sleep(1.5 * SHORT.stall_s)
         assert next(frames).counter == 2
-    far = FarEnd(obey)
-    with (
-        X2Radar(lambda: far.near, RadarSettings(frame_rate_hz=10), deadlines=SHORT) as radar,
-        pytest.raises(ReadTimeout, match=r"no frame for 0\.3 s"),
-    ):
+    far = device.FarEnd(obey)
+    radar = X2Radar(lambda: far.near, RadarSettings(frame_rate_hz=10), deadlines=SHORT)
+    with radar, pytest.raises(ReadTimeout, match=r"no frame for 0\.3 s"):
         next(radar.frames())
     far.close()

@@ -87,8 +87,7 @@ def test_selftest_says_what_is_wrong(tmp_path, monkeypatch, capsys):
     port = "sim:empty?fault=drop_frames:0.2,spike:0.1,junk:0.1"
     assert main(["selftest", "--port", port, "--duration", "1.5"]) == 0
     text = capsys.readouterr().out
-    assert "FAIL" in text
-    assert "frames lost" in text
     assert re.search(r"WARN spikes +[1-9]\d* samples", text)
-    assert "damaged stretches" in text
+    for words in ("FAIL", "frames lost", "damaged stretches"):
+        assert words in text
     assert RecordingReader(next(tmp_path.glob("x2radar-selftest-*.h5"))).n_frames

@@ -6,19 +6,13 @@ import subprocess
 import pytest
 
 from radard import cli as radard_cli
+from tests.recording_helpers import run
 from x2radar import cli as x2radar_cli
 from x2radar import manual
 from x2radar.command import Parser, nearest
 from x2train import cli as training_cli
 
 MAINS = {"radard": radard_cli.main, "x2radar": x2radar_cli.main, "train-export": training_cli.main}
-
-
-def said(capsys, name, *argv):
-    with pytest.raises(SystemExit) as ended:
-        MAINS[name](list(argv))
-    assert ended.value.code == 0
-    return capsys.readouterr().out
 
 
 @pytest.fixture(scope="module")
@@ -57,16 +51,18 @@ def test_bash_completes(words, wanted, trees, tmp_path):
         f"COMP_WORDS=({line}); COMP_CWORD={len(words) - 1}; $function; "
         'printf "%s\\n" "${COMPREPLY[@]}"'
     )
-    done = subprocess.run(
-        [shutil.which("bash"), "-c", code], capture_output=True, text=True, check=True
-    )
-    assert set(done.stdout.split()) == wanted
+    said = subprocess.check_output([shutil.which("bash"), "-c", code], text=True)
+    assert set(said.split()) == wanted
 
 
 def test_commands_print_both(capsys):
-    assert said(capsys, "x2radar", "--print-man").startswith(".TH X2RADAR 1")
-    assert "complete -" in said(capsys, "x2radar", "--print-completion", "bash")
-    assert ".SS radard calibrate" in said(capsys, "radard", "--print-man")
+    for main, argv, words in (
+        (x2radar_cli.main, ["--print-man"], ".TH X2RADAR 1"),
+        (x2radar_cli.main, ["--print-completion", "bash"], "complete -"),
+        (radard_cli.main, ["--print-man"], ".SS radard calibrate"),
+    ):
+        code, out, _ = run(capsys, *argv, main=main)
+        assert (code, words in out) == (0, True)
 
 
 @pytest.mark.parametrize(
@@ -85,12 +81,8 @@ def test_commands_print_both(capsys):
     ],
 )
 def test_the_nearest_word_is_named(name, argv, wanted, capsys):
-    with pytest.raises(SystemExit) as ended:
-        MAINS[name](argv)
-    assert ended.value.code == 2
-    err = capsys.readouterr().err
-    assert wanted in err
-    assert err.count("\n") == 1
+    code, _, err = run(capsys, *argv, main=MAINS[name])
+    assert (code, wanted in err, err.count("\n")) == (2, True, 1)
 
 
 def test_options_may_be_cut_short_and_what_follows_two_dashes_is_none():

@@ -1,5 +1,6 @@
 import time
 from itertools import islice
+from urllib.parse import quote
 
 import pytest
 from hypothesis import given
@@ -19,11 +20,7 @@ from x2radar.sim.module.stream import EchoStream
         ("/dev/ttyS1?rate=200", Port("live", "/dev/ttyS1", {"rate": "200"})),
         ("sim:human", Port("sim", "human", {})),
         ("sim:human?seed=1&kind=rf", Port("sim", "human", {"seed": "1", "kind": "rf"})),
-        ("sim:a%20b%3F%26.yaml?seed=3", Port("sim", "a b?&.yaml", {"seed": "3"})),
-        (
-            "replay:night.h5?start=12&loop=1",
-            Port("replay", "night.h5", {"start": "12", "loop": "1"}),
-        ),
+        ("replay:a.h5?start=12&loop=1", Port("replay", "a.h5", {"start": "12", "loop": "1"})),
         ("sim:x?fault=a:1,b:2", Port("sim", "x", {"fault": "a:1,b:2"})),
         ("auto?rate=20", Port("auto", "auto", {"rate": "20"})),
         ("socket://[::1]:7000", Port("live", "socket://[::1]:7000", {})),
@@ -77,31 +74,25 @@ def test_any_text_is_a_port_or_a_settings_error(text):
     assert spec.target
 
 
-@given(st.text(min_size=1, max_size=30), st.text(max_size=30))
+# A lone surrogate has no encoding.
+TEXTS = st.text(st.characters(exclude_categories=["Cs"]), max_size=30)
+
+
+@given(TEXTS.filter(bool), TEXTS)
 def test_percent_encoding_carries_any_text(target, value):
-    from urllib.parse import quote
-
-    try:
-        text = f"sim:{quote(target, safe='')}?seed={quote(value, safe='')}"
-    except UnicodeEncodeError:
-        return  # a lone surrogate has no encoding
+    text = f"sim:{quote(target, safe='')}?seed={quote(value, safe='')}"
     assert parse_port(text) == Port("sim", target, {"seed": value})
-
-
-def test_unknown_keys_name_the_known_ones():
-    spec = parse_port("sim:human?speed=2")
-    known = "device, fault, kind, rate, run, seed"
-    with pytest.raises(SettingsError, match=f"port key 'speed': unknown; known are {known}"):
-        spec.check_keys()
-    with pytest.raises(SettingsError, match="'speed': unknown"):
-        make_radar(spec)
-    with pytest.raises(SettingsError, match="'seed': unknown; known are device, kind, rate"):
-        make_radar(parse_port("/dev/ttyACM0?seed=1"))
 
 
 @pytest.mark.parametrize(
     ("port", "error", "wanted"),
     [
+        (
+            "sim:human?speed=2",
+            SettingsError,
+            "'speed': unknown; known are device, fault, kind, r",
+        ),
+        ("/dev/ttyACM0?seed=1", SettingsError, "'seed': unknown; known are device, kind, rate"),
         ("sim:human?rate=fast", SettingsError, "port key 'rate': 'fast' is not a number"),
         ("sim:human?rate=0", SettingsError, "frame_rate_hz = 0.0"),
         ("sim:human?rate=nan", SettingsError, "'nan' is not a number"),

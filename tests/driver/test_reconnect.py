@@ -9,19 +9,13 @@ import pytest
 
 from tests.device_helpers import SETTINGS, Clock, in_thread, plugged, served
 from tests.sim_helpers import axis_with
+from x2radar import errors
 from x2radar.backoff import Backoff
 from x2radar.device.device import RadarStats, X2Radar
 from x2radar.device.link import Deadlines
 from x2radar.device.reconnect import ReconnectingRadar, StreamEvent
 from x2radar.device.transport import SerialTransport, memory_pair
-from x2radar.errors import (
-    DeviceError,
-    NoPort,
-    PortDenied,
-    PortNotFound,
-    ReadTimeout,
-    TransportClosed,
-)
+from x2radar.errors import DeviceError, NoPort, PortNotFound, ReadTimeout, TransportClosed
 from x2radar.frame import Frame
 from x2radar.sim.module.module import SimulatedModule
 from x2radar.sim.scene.scene import load_scene
@@ -68,11 +62,8 @@ class Socket:
 
     def radar(self, *, backoff=None, **options):
         connect = lambda: SerialTransport(str(self.name))  # noqa: E731
-        return ReconnectingRadar(
-            X2Radar(connect, SETTINGS, deadlines=SHORT, name="x2"),
-            backoff=backoff or Backoff(0.01, 0.05, "x2"),
-            **options,
-        )
+        inner = X2Radar(connect, SETTINGS, deadlines=SHORT, name="x2")
+        return ReconnectingRadar(inner, backoff=backoff or Backoff(0.01, 0.05, "x2"), **options)
 
 
 @pytest.fixture
@@ -194,10 +185,8 @@ def test_any_loss_is_followed_by_a_new_opening():
     safe = DeviceError("restarts again and again")
     radar, fake, _ = scripted([1, GONE], [1, 2, STALL], [1, safe], [1])
     got = list(itertools.islice(radar.items(), 11))
-    assert kinds(got) == [
-        *("frame", "lost", "found", "frame", "frame"),
-        *("lost", "found", "frame", "lost", "found", "frame"),
-    ]
+    again = ["frame", "lost", "found", "frame"]
+    assert kinds(got) == [*again, "frame", "lost", "found", *again]
     assert [f.index for f in got if is_frame(f)] == [0, 1, 2, 3, 4]
     assert fake.opened == ["open", "reopen", "reopen", "reopen"]
 
@@ -227,7 +216,8 @@ def test_a_device_that_is_lost_soon_again_is_left_alone_longer():
 
 
 def test_at_start_errors_are_raised_or_waited_for_but_what_is_no_port_never():
-    for error in (PortNotFound("no"), PortDenied("no"), GONE, DeviceError("no"), NoPort("f")):
+    lost = PortNotFound("no"), errors.PortDenied("no"), GONE, DeviceError("no")
+    for error in (*lost, NoPort("f")):
         is_port = not isinstance(error, NoPort)
         radar, fake, _ = scripted(error, wait=not is_port)
         with pytest.raises(type(error)):

@@ -39,11 +39,8 @@ def test_defaults_are_the_radar_of_the_thesis_and_pulses_a_table():
 
 # Room for the largest values of most fields: a slow frame, few thresholds.
 FEW = {"iterations": 1, "pulses_per_step": 1, "dac_min": 0}
-ROOM = {
-    RadarSettings: {**FEW, "frame_rate_hz": 1, "frame_stitch": 1, "dac_step": 1024},
-    X4Settings: {**FEW, "frame_rate_hz": 0.01, "dac_max": 2047},
-    ProfileSettings: {},
-}
+ROOM = {RadarSettings: {**FEW, "frame_rate_hz": 1, "frame_stitch": 1, "dac_step": 1024}}
+ROOM |= {X4Settings: {**FEW, "frame_rate_hz": 0.01, "dac_max": 2047}, ProfileSettings: {}}
 FIELDS = [(cls, field.name, field.metadata["key"]) for cls in ROOM for field in fields(cls)]
 
 
@@ -149,10 +146,8 @@ def test_axis_and_highest_frame_rate_of_an_x4():
 def test_frames_of_an_x4_off_the_wire():
     rng = np.random.default_rng(1)
     echoes = rng.standard_normal((3, 2, 91)).astype(np.float32)
-    messages = [
-        decode_response(encode(msg.Data(ContentId.RAW_FRAME, n, echo.ravel())))
-        for n, echo in enumerate(echoes)
-    ]
+    raw = [msg.Data(ContentId.RAW_FRAME, n, echo.ravel()) for n, echo in enumerate(echoes)]
+    messages = [decode_response(encode(each)) for each in raw]
     assembler = FrameAssembler(X4Settings())
     frames = [assembler.frame(message, 0.0) for message in messages]
     for frame, (i, q) in zip(frames, echoes, strict=True):
@@ -175,10 +170,9 @@ def test_commands_of_an_x2(output, value):
     first, *between, last = s.startup_commands()
     assert (first, last) == (msg.SetMode(Mode.IDLE), msg.SetMode(Mode.MANUAL))
     assert between[-1] == msg.SetOutput(OutputRef.BASEBAND, value)
-    assert msg.SetSysInt(SysCfg.FPS, 20) in between
     assert msg.SetSysFloat(SysCfg.SAMPLE_DELAY, s.sample_delay_s) in between
-    assert msg.SetSysInt(SysCfg.PG_SELECT, 6) in between
-    assert msg.SetSysInt(SysCfg.FRAME_STITCH, 2) in between
+    for key, number in ((SysCfg.FPS, 20), (SysCfg.PG_SELECT, 6), (SysCfg.FRAME_STITCH, 2)):
+        assert msg.SetSysInt(key, number) in between
 
 
 def test_commands_of_an_x4():

@@ -6,7 +6,6 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -43,31 +42,23 @@ class SocketEnd:
         self._socket.close()
 
 
-@contextmanager
-def memory_ends() -> Iterator[Ends]:
-    yield memory_pair()
-
-
-@contextmanager
-def pty_ends() -> Iterator[Ends]:
+def pty_ends() -> Ends:
     far = PtyTransport()
-    yield SerialTransport(far.path), far
+    return SerialTransport(far.path), far
 
 
-@contextmanager
-def socket_ends() -> Iterator[Ends]:
+def socket_ends() -> Ends:
     with socket.create_server(("127.0.0.1", 0)) as server:
         near = SerialTransport(f"socket://127.0.0.1:{server.getsockname()[1]}")
-        connection, _ = server.accept()
-        yield near, SocketEnd(connection)
+        return near, SocketEnd(server.accept()[0])
 
 
-@pytest.fixture(params=[memory_ends, pty_ends, socket_ends], ids=["memory", "pty", "socket"])
+@pytest.fixture(params=[memory_pair, pty_ends, socket_ends])
 def ends(request: pytest.FixtureRequest) -> Iterator[Ends]:
-    with request.param() as (near, far):
-        yield near, far
-        near.close()
-        far.close()
+    near, far = request.param()
+    yield near, far
+    near.close()
+    far.close()
 
 
 def read_all(end: Transport, n_bytes: int) -> bytes:
@@ -104,7 +95,6 @@ def test_data_both_ways_or_nothing_in_time(ends: Ends) -> None:
     assert read_all(far, 256) == ALL_BYTES
     far.write(ALL_BYTES[::-1])
     assert read_all(near, 256) == ALL_BYTES[::-1]
-    near, far = ends
     started_s = time.monotonic()
     assert near.read(0.05) == b""
     assert 0.04 < time.monotonic() - started_s < 2
@@ -153,14 +143,14 @@ def test_use_after_close(ends: Ends) -> None:
         near.write(b"x")
 
 
-@pytest.mark.parametrize("make", [memory_ends, socket_ends], ids=["memory", "socket"])
+@pytest.mark.parametrize("make", [memory_pair, socket_ends])
 @pytest.mark.parametrize("last", [b"x", b"last words" * 100])
 def test_what_was_sent_before_the_end_is_read(make: Callable, last: bytes) -> None:
-    with make() as (near, far):
-        far.write(last)
-        far.close()
-        assert read_until_closed(near) == last
-        near.close()
+    near, far = make()
+    far.write(last)
+    far.close()
+    assert read_until_closed(near) == last
+    near.close()
 
 
 def test_only_a_port_on_usb_is_usb(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

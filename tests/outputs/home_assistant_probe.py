@@ -18,10 +18,6 @@ LATER = {"discovery_keys": {}, "subentries_data": ()}
 """What entries need besides in later releases."""
 
 
-def _asked(config_entries):
-    return inspect.signature(config_entries.ConfigEntry).parameters
-
-
 async def started(folder, port):
     """Start a core with MQTT and nothing that needs the world."""
     from homeassistant import bootstrap, config_entries, core, loader
@@ -42,6 +38,7 @@ async def started(folder, port):
     )
     for name in ("homeassistant", "persistent_notification"):
         assert await async_setup_component(hass, name, {})
+    known = inspect.signature(config_entries.ConfigEntry).parameters
     entry = config_entries.ConfigEntry(
         version=1,
         minor_version=1,
@@ -51,7 +48,7 @@ async def started(folder, port):
         source=config_entries.SOURCE_USER,
         options={},
         unique_id=None,
-        **{name: empty for name, empty in LATER.items() if name in _asked(config_entries)},
+        **{name: empty for name, empty in LATER.items() if name in known},
     )
     await hass.config_entries.async_add(entry)
     await hass.async_start()
@@ -61,10 +58,10 @@ async def started(folder, port):
 async def answer(hass, wanted):
     """Return the answer to one line."""
     if "states" in wanted:
-        return {
-            state.entity_id: {"state": state.state, **_plain(state.attributes)}
-            for state in hass.states.async_all()
-        }
+        found = hass.states.async_all()
+        return {each.entity_id: {"state": each.state, **_plain(each.attributes)} for each in found}
+    if "calls" in wanted:
+        return hass.data.get("probe_calls", [])
     if "version" in wanted:
         from homeassistant.const import MAJOR_VERSION, MINOR_VERSION
 
@@ -98,10 +95,8 @@ async def automated(hass, path, given):
     folder = Path(hass.config.path("blueprints/automation/radard"))
     folder.mkdir(parents=True, exist_ok=True)
     (folder / Path(path).name).write_text(Path(path).read_text())
-    automation = {
-        "alias": "picture",
-        "use_blueprint": {"path": f"radard/{Path(path).name}", "input": given},
-    }
+    used = {"path": f"radard/{Path(path).name}", "input": given}
+    automation = {"alias": "picture", "use_blueprint": used}
     return await async_setup_component(hass, "automation", {"automation": [automation]})
 
 
@@ -116,11 +111,7 @@ async def main():
     while line := await loop.run_in_executor(None, sys.stdin.readline):
         wanted = json.loads(line)
         try:
-            if "calls" in wanted:
-                found = hass.data.get("probe_calls", [])
-            else:
-                found = await answer(hass, wanted)
-            sys.stdout.write(json.dumps({"ok": found}) + "\n")
+            sys.stdout.write(json.dumps({"ok": await answer(hass, wanted)}) + "\n")
         except Exception as err:  # noqa: BLE001 - told to the test
             sys.stdout.write(json.dumps({"error": repr(err)}) + "\n")
         sys.stdout.flush()

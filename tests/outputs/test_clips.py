@@ -1,4 +1,4 @@
-"""Clips: the frames around an alarm, kept whole, replayed alike, and never too many."""
+"""Clips: the frames around an alarm, kept whole, replayed alike; which go, and which stay."""
 
 import contextlib
 import fcntl
@@ -58,16 +58,14 @@ def test_a_clip_replays_to_the_same_decisions(tmp_path, port, seconds):
     # Of a replay no clips are made.
     assert not (tmp_path / "again").exists()
     assert len(again) == len(kept["seq"]) >= 5
-    at_alarm = [d for d in again if round(d["t_s"] + offset_s, 3) == new["t_s"]]
-    assert at_alarm[0]["alarm"]
+    assert next(d for d in again if round(d["t_s"] + offset_s, 3) == new["t_s"])["alarm"]
     for k, made in enumerate(again):
         then = live[int(kept["seq"][k])]
         assert made["t_s"] == pytest.approx(kept["t_s"][k], abs=2e-3)
         assert then["t_s"] == pytest.approx(made["t_s"] + offset_s, abs=2e-3)
         assert kept["label"][k].decode() == then["label"]
-        assert [made[k] for k in ("gate", "label", "alarm")] == [
-            then[k] for k in ("gate", "label", "alarm")
-        ]
+        for name in ("gate", "label", "alarm"):
+            assert made[name] == then[name]
         # Clutter map, noise floor and tracks know of what was before the clip; it does not.
         for name, most in (("p_human", 0.02), ("p_pet", 0.02), ("range_m", 0.05)):
             assert made[name] == pytest.approx(then[name], abs=most)
@@ -338,6 +336,7 @@ import sys, threading, time
 from pathlib import Path
 from h5py._hl.base import phil
 from radard.clips.keeper import ClipKeeper
+from radard.clips.room import date_last, limit_size, prepare_folder
 from radard.config.sections import ClipsSection
 from tests.outputs.test_clips import STREAM
 
@@ -417,9 +416,8 @@ def test_a_clip_that_a_backup_has_too_makes_no_room_and_stays(tmp_path, monkeypa
         clip_of(folder, k, 1e9 + k)
     for path in folder.iterdir():
         (tmp_path / path.name).hardlink_to(path)
-    monkeypatch.setattr(
-        "radard.clips.room.shutil.disk_usage", lambda _: shutil._ntuple_diskusage(9000, 9000, 0)
-    )
+    full = shutil._ntuple_diskusage(9000, 9000, 0)
+    monkeypatch.setattr("radard.clips.room.shutil.disk_usage", lambda _: full)
     with pytest.raises(OutputError, match="are free"):
         prepare_folder(folder, free_bytes=1000)
     assert left_in(folder) == "012"

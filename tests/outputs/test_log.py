@@ -57,9 +57,7 @@ def filled(log, n=3):
 
 
 @pytest.mark.parametrize("was_there", [True, False])
-def test_an_output_that_is_new_or_was_absent_for_a_run_begins_with_what_comes_next(
-    opened, was_there
-):
+def test_an_output_that_is_new_or_was_absent_begins_with_what_comes_next(opened, was_there):
     if was_there:
         ids(opened().cursor("a", everything))
     filled(opened())
@@ -176,9 +174,7 @@ def test_a_disk_that_hangs_delays_an_event_by_half_a_second_at_most(opened, log,
     assert ids(opened().cursor("a", everything)) == [ulid(1)]
 
 
-def test_what_was_put_before_the_file_could_be_read_comes_behind_what_it_holds(
-    opened, log, path, monkeypatch
-):
+def test_what_came_before_the_file_could_be_read_comes_behind_what_it_holds(opened, log, path):
     log.cursor("a", everything)
     filled(log, 2)
     log.keep("panel", "armed")
@@ -251,11 +247,8 @@ def test_whatever_part_of_the_file_is_taken_away_nothing_is_lost(path, opened, l
     assert [e.id for e in opened().events()] == [ulid(k) for k in range(1, 5)]
 
 
-def test_a_file_that_goes_while_it_is_looked_at_is_written_whole_again(
-    path, opened, log, monkeypatch
-):
+def test_a_file_that_goes_while_it_is_checked_is_written_again(path, opened, log, monkeypatch):
     filled(log)
-
     whole = log_module.check_pages
 
     def check(_path):
@@ -330,8 +323,8 @@ def test_phases_become_one_event_in_memory_in_the_file_and_in_sql_alike(path, lo
     assert newest_events(log.events(), kinds=("tamper",)) == [second]
     assert newest_events(fold_events([began]), since_s=2e9) == []
     assert (first.lasted_s, second.lasted_s) == (8.0, None)
+    columns = "id, sensor, kind, phase, start_t_s, end_t_s, peak, reason, clip, mark"
     with closing(sqlite3.connect(path)) as db:
-        columns = "id, sensor, kind, phase, start_t_s, end_t_s, peak, reason, clip, mark"
         rows = db.execute(f"SELECT {columns} FROM events").fetchall()  # noqa: S608
         (state,) = db.execute("SELECT time_s, state, sensor FROM statuses").fetchall()
     assert rows == [tuple(getattr(e, c) for c in columns.split(", ")) for e in log.events()]

@@ -11,7 +11,7 @@ import shutil
 import sqlite3
 import tempfile
 import time
-from contextlib import closing
+from contextlib import ExitStack, closing
 from pathlib import Path
 from unittest.mock import patch
 
@@ -64,13 +64,9 @@ class LogMachine(RuleBasedStateMachine):
     @initialize()
     def begin(self):
         Disk.is_full = False
-        self._patches = [
-            patch.object(log_module, "open_log_file", Disk),
-            patch.object(log_module, "_CHECK_S", 0.0),
-            patch.object(log_module, "_WAIT_S", 5.0),
-        ]
-        for each in self._patches:
-            each.start()
+        self._patches = ExitStack()
+        for name, value in (("open_log_file", Disk), ("_CHECK_S", 0.0), ("_WAIT_S", 5.0)):
+            self._patches.enter_context(patch.object(log_module, name, value))
         where = MEMORY if MEMORY.is_dir() else None
         self.folder = Path(tempfile.mkdtemp(prefix="log", dir=where))
         self.path = self.folder / "0.db"
@@ -137,13 +133,12 @@ class LogMachine(RuleBasedStateMachine):
     @rule()
     def kill(self):
         """Only what the file holds goes on; the process of before writes no more into it."""
-        before, self.path = self.path, self.next_path()
+        self.n_files += 1
+        before, self.path = self.path, self.folder / f"{self.n_files}.db"
         if before.exists():
             try:
-                with (
-                    closing(sqlite3.connect(before)) as old,
-                    closing(sqlite3.connect(self.path)) as new,
-                ):
+                new = sqlite3.connect(self.path)
+                with closing(sqlite3.connect(before)) as old, closing(new):
                     old.backup(new)
             except sqlite3.DatabaseError:
                 # Damage that nothing has read yet.
@@ -153,10 +148,6 @@ class LogMachine(RuleBasedStateMachine):
         self.log.close()
         self.may_repeat = True
         self.open()
-
-    def next_path(self):
-        self.n_files += 1
-        return self.folder / f"{self.n_files}.db"
 
     def lose_what_memory_holds(self):
         """A run that ends while no disk takes anything may lose events, and has said so."""
@@ -225,9 +216,7 @@ class LogMachine(RuleBasedStateMachine):
     @rule(by_s=st.floats(-1e9, 1e9))
     def set_the_clock(self, by_s):
         real_s = time.time_ns() / 1e9
-        patched = patch.object(log_module.time, "time", lambda: real_s + by_s)
-        patched.start()
-        self._patches.append(patched)
+        self._patches.enter_context(patch.object(log_module.time, "time", lambda: real_s + by_s))
 
     def teardown(self):
         if not hasattr(self, "log"):
@@ -243,8 +232,7 @@ class LogMachine(RuleBasedStateMachine):
             assert len(set(self.keys.values())) == len(self.keys)
         finally:
             self.log.close()
-            for each in reversed(self._patches):
-                each.stop()
+            self._patches.close()
             shutil.rmtree(self.folder)
 
 

@@ -11,15 +11,7 @@ from radard.config.sink_table import MqttSection, SinkOptions
 from radard.outputs.base import DeliveryError
 from radard.outputs.mqtt.link import Broker, MqttLink, Publication
 from radard.outputs.registry import tried
-from tests.sink_helpers import (
-    MQTT_MARKS,
-    QUICK,
-    decision,
-    event,
-    hello,
-    open_sink,
-    read_packet,
-)
+from tests.sink_helpers import MQTT_MARKS, QUICK, decision, event, hello, open_sink, read_packet
 from tests.waiting import wait_for
 from x2radar.backoff import Backoff
 

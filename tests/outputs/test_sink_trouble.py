@@ -109,11 +109,8 @@ def test_a_sink_that_stands_still_degrades_and_delays_nothing(
 
 def test_a_replay_says_the_same_whatever_its_outputs_do(tmp_path, launch, quick):
     out = tmp_path / "out.jsonl"
-    daemon = launch(
-        sensor={"port": "sim:empty", "speed": "max"},
-        output=[f"mqtt://127.0.0.1:{free_port()}", f"json:{out}"],
-        log=OUTBOX,
-    )
+    outputs = [f"mqtt://127.0.0.1:{free_port()}", f"json:{out}"]
+    daemon = launch(sensor={"port": "sim:empty", "speed": "max"}, output=outputs, log=OUTBOX)
     wait_for(lambda: report(tmp_path).get("seq", 0) > 100)
     time.sleep(0.5)
     assert daemon.stop() == 0

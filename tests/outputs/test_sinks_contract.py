@@ -6,13 +6,13 @@ import os
 import socket
 import sqlite3
 import sys
-import threading
 
 import pytest
 
 from radard.config.sink_table import SinkOptions
 from radard.outputs import jsonl, store
 from tests import sink_helpers as far
+from tests.device_helpers import in_thread
 from tests.sink_helpers import QUICK, Listener, WebServer, decision, event, hello, ulid
 from tests.waiting import free_port, wait_for
 from x2radar.backoff import Backoff
@@ -57,8 +57,7 @@ class File(FarEnd):
             return []
         # The last line may be being written.
         whole = self._file.read_text().rpartition("\n")[0]
-        records = [json.loads(line) for line in whole.splitlines()]
-        return [r["id"] for r in records if r["type"] == "event"]
+        return [r["id"] for r in map(json.loads, whole.splitlines()) if r["type"] == "event"]
 
 
 class Store(FarEnd):
@@ -75,8 +74,8 @@ class Store(FarEnd):
         self._other.execute("ROLLBACK")
 
     def events(self):
-        rows = self._other.execute("SELECT id FROM events ORDER BY start_s").fetchall()
-        return [row[0] for row in rows]
+        rows = self._other.execute("SELECT id FROM events ORDER BY start_s")
+        return [id_ for (id_,) in rows]
 
     def close(self):
         self._other.close()
@@ -112,7 +111,7 @@ class Hook(FarEnd):
         self._server = WebServer(self._port)
 
     def events(self):
-        return [json.loads(body)["id"] for _, _, body in list(self._server.posts)]
+        return self._server.ids()
 
     def close(self):
         if self._server:
@@ -134,9 +133,8 @@ class Program(FarEnd):
         self._flag, self._out = folder / "works", folder / "ids"
         self._out.touch()
         script = folder / "hook"
-        script.write_text(
-            f'#!/bin/sh\n[ -e {self._flag} ] || exit 1\necho "$RADAR_EVENT_ID" >> {self._out}\n'
-        )
+        said = f'echo "$RADAR_EVENT_ID" >> {self._out}'
+        script.write_text(f"#!/bin/sh\n[ -e {self._flag} ] || exit 1\n{said}\n")
         script.chmod(0o755)
         self.url = f"exec:{script}"
 
@@ -191,8 +189,7 @@ def opened(far_end, tmp_path):
 
 
 def in_time(function, *arguments):
-    thread = threading.Thread(target=function, args=arguments, daemon=True)
-    thread.start()
+    thread = in_thread(function, *arguments)
     thread.join(60)
     assert not thread.is_alive()
 
@@ -270,15 +267,13 @@ def test_a_reader_that_pauses_costs_decisions_and_no_events(url, pipe):
 
     in_time(flood)
     assert wait_for(lambda: sink.state.n_dropped) > 1000
-    end = threading.Thread(target=sink.close, args=(8.0,))
-    end.start()
+    end = in_thread(sink.close, 8.0)
     text = b""
     while b"human at 7.0 m" not in text:
         text += reader.read(65_536)
     end.join(60)
     assert not end.is_alive()
-    kept = n + 2 - sink.state.n_dropped
-    assert sink.state.n_sent == kept
+    assert sink.state.n_sent == n + 2 - sink.state.n_dropped
 
 
 @pytest.mark.parametrize("can_wait", [True, False])

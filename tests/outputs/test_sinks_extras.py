@@ -32,9 +32,7 @@ def posted(server, n=1):
 
 
 @pytest.mark.parametrize("is_late", [False, True])
-def test_an_alarm_in_words_with_its_picture_which_may_be_drawn_a_little_later(
-    server, sink, tmp_path, is_late
-):
+def test_an_alarm_in_words_with_a_picture_that_may_come_later(server, sink, tmp_path, is_late):
     made, picture = sink(), tmp_path / "clip.png"
     if not is_late:
         picture.write_bytes(b"\x89PNG picture")
@@ -135,20 +133,16 @@ INVALID = CLOSED | {"gate": "invalid", "power_db": None, "threshold_db": None}
 def test_pylsl_receives_decisions_and_events(tmp_path, monkeypatch, is_named):
     config = tmp_path / "lsl_api.cfg"
     session = uuid.uuid4().hex
-    config.write_text(
-        f"[lab]\nSessionID = {session}\n[multicast]\nResolveScope = machine\n[log]\nlevel = -1\n"
-    )
+    lines = ("[lab]", f"SessionID = {session}", "[multicast]", "ResolveScope = machine")
+    config.write_text("\n".join((*lines, "[log]", "level = -1\n")))
     monkeypatch.setenv("LSLAPICFG", str(config))
     records = [status("online"), OPEN, CLOSED, INVALID, event()]
     output = "lsl:lab" if is_named else "lsl:"
     done = ran("-c", _PROGRAM, output, json.dumps(records))
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
-    assert told["labels"] == list(CHANNELS)
-    assert told["types"] == ["Radar", "Markers"]
-    assert told["rate"] == 1.0
-    assert told["state"] == "ok"
-    assert json.loads(told["event"]) == event()
+    assert (told["labels"], told["types"]) == (list(CHANNELS), ["Radar", "Markers"])
+    assert (told["rate"], told["state"], json.loads(told["event"])) == (1.0, "ok", event())
     first, second, third = told["samples"]
     assert first == [1.0, 1.0, *[0.125] * 6, -40.5, -30.25, 2.5]
     assert second[:2] == [0.0, 0.0]

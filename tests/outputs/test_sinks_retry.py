@@ -7,12 +7,12 @@ import re
 import socket
 import ssl
 import sys
-import threading
 
 import pytest
 
 from radard.errors import ConfigError, OutputError, UsageError
 from radard.outputs.webhook import sign
+from tests.device_helpers import in_thread
 from tests.sink_helpers import QUICK, WebServer, decision, event, hello, make_cert, status, ulid
 from tests.waiting import free_port, wait_for
 from x2radar.errors import MissingExtra
@@ -95,18 +95,13 @@ def test_an_event_that_is_refused_is_given_up_for_those_behind_it_an_alarm_when_
 
 
 @pytest.mark.parametrize("has_disk", [True, False])
-def test_an_alarm_that_is_refused_is_not_given_up_and_stops_nobody(
-    server, hook, tmp_path, has_disk
-):
-    def n_tried(n):
-        return sum(json.loads(body)["id"] == ulid(n) for _, _, body in server.posts)
-
+def test_a_refused_alarm_is_not_given_up_and_stops_nobody(server, hook, tmp_path, has_disk):
     server.code = 400
     sink = hook(state_dir=tmp_path if has_disk else None)
     sink.write(event(1))
     sink.write(event(2))
     # Each is tried again after the other.
-    wait_for(lambda: min(n_tried(1), n_tried(2)) > QUICK.attempts)
+    wait_for(lambda: min(server.ids().count(ulid(n)) for n in (1, 2)) > QUICK.attempts)
     assert sink.state.n_dropped == 0
     server.code = 204
     wait_for(lambda: sink.state.n_sent == 2)
@@ -152,9 +147,7 @@ def test_a_program_gets_the_event_on_stdin_and_in_its_environment(opened, tmp_pa
         ("time.sleep(60)", 0.3, "killed after 0.3 s"),
     ],
 )
-def test_a_program_that_fails_is_run_again_and_then_given_up(
-    opened, tmp_path, text, timeout_s, words
-):
+def test_a_program_that_fails_runs_again_and_is_given_up(opened, tmp_path, text, timeout_s, words):
     sink = opened(program(tmp_path, text), exec={"timeout_s": timeout_s})
     sink.write(event(1, kind="fault"))
     wait_for(lambda: sink.state.n_dropped == 1)
@@ -276,16 +269,11 @@ def test_a_log_server_that_nobody_signed_gets_nothing(opened, tmp_path):
     context, heard = tls_of(*make_cert(tmp_path)), []
 
     def serve():
-        with (
-            contextlib.suppress(OSError),
-            listener.accept()[0] as plain,
-            context.wrap_socket(plain, server_side=True) as far,
-        ):
-            heard.append(far.recv(4096))
+        with contextlib.suppress(OSError), listener.accept()[0] as plain:
+            heard.append(context.wrap_socket(plain, server_side=True).recv(4096))
 
     with socket.create_server(("127.0.0.1", 0)) as listener:
-        thread = threading.Thread(target=serve)
-        thread.start()
+        thread = in_thread(serve)
         sink = opened(f"syslog:tls://localhost:{listener.getsockname()[1]}")
         sink.write(event(1))
         wait_for(lambda: "certificate is not accepted" in sink.state.reason)
@@ -294,19 +282,12 @@ def test_a_log_server_that_nobody_signed_gets_nothing(opened, tmp_path):
     assert heard == []
 
 
-@pytest.mark.parametrize(
-    ("url", "key"),
-    [
-        ("syslog:tls://h", "ca_file"),
-        ("syslog:tls://h", "cert_file"),
-        ("mqtt://me@h", "password_file"),
-        ("mqtt://h", "code_file"),
-    ],
-)
-def test_files_that_cannot_be_read_are_told_at_once(opened, url, key, tmp_path):
-    name = url.partition(":")[0]
-    with pytest.raises(ConfigError, match=rf"{name}\.{key}: .*none"):
-        opened(url, **{name: {key: tmp_path / "none"}})
+def test_files_that_cannot_be_read_are_told_at_once(opened, tmp_path):
+    for key in ("syslog.ca_file", "syslog.cert_file", "mqtt.password_file", "mqtt.code_file"):
+        name, _, word = key.partition(".")
+        url = "syslog:tls://h" if name == "syslog" else "mqtt://me@h"
+        with pytest.raises(ConfigError, match=rf"{key}: .*none"):
+            opened(url, **{name: {word: tmp_path / "none"}})
 
 
 def test_syslog_over_udp_with_severity(opened):
@@ -352,10 +333,7 @@ BAD = ["u@h", ":secret@h", "u:secret@h\n", "h?x=1", "h#x"]
         ("webhook:http://u:secret@h\n/", ConfigError, "no host has"),
         ("webhook:@/nowhere/url", ConfigError, "No such file"),
         *((f"syslog:udp://{rest}", UsageError, "use syslog:") for rest in BAD),
-        *(
-            (f"http://{rest}", UsageError, "use http://127.0.0.1:8434")
-            for rest in [*BAD, "h/x", "h;x"]
-        ),
+        *((f"http://{rest}", UsageError, "use http://127.0") for rest in [*BAD, "h/x", "h;x"]),
         ("mqtt://h/a\udcff", UsageError, "what no topic may"),
         ("mqtt://", UsageError, "no host"),
         ("mqtt://u:secret@h", UsageError, "no password in the URL"),
@@ -370,26 +348,18 @@ BAD = ["u@h", ":secret@h", "u:secret@h\n", "h?x=1", "h#x"]
     ],
 )
 def test_bad_outputs_give_one_clear_line(opened, url, error, words):
-    with pytest.raises(error) as caught:
+    with pytest.raises(error, match=re.escape(words)) as caught:
         opened(url)
-    assert words in str(caught.value)
-    assert "secret" not in str(caught.value)
-    assert "\n" not in str(caught.value)
+    assert not re.search(r"secret|\n", str(caught.value))
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["webhook:http://[::1]:80", "webhook:http://h\u00f6.example", "mqtt://[::1]:1883/radard"],
-)
-def test_a_server_is_named_as_it_was(opened, name):
-    assert opened(name).name == name
+def test_a_server_is_named_as_it_was(opened):
+    for name in ("webhook:http://[::1]:80", "webhook:http://h\u00f6.a", "mqtt://[::1]:83/radard"):
+        assert opened(name).name == name
 
 
-@pytest.mark.parametrize(
-    ("url", "package", "extra"),
-    [("apprise:json://h", "apprise", "notify"), ("lsl:x", "pylsl", "lsl")],
-)
-def test_without_its_package_an_output_names_the_extra(opened, url, package, extra, monkeypatch):
-    monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(MissingExtra, match=rf"needs {package}.*\[{extra}\]"):
-        opened(url)
+def test_without_its_package_an_output_names_the_extra(opened, monkeypatch):
+    for url, package, extra in (("apprise:a://h", "apprise", "notify"), ("lsl:x", "pylsl", "lsl")):
+        monkeypatch.setitem(sys.modules, package, None)
+        with pytest.raises(MissingExtra, match=rf"needs {package}.*\[{extra}\]"):
+            opened(url)

@@ -20,10 +20,9 @@ from radard.log import EventLog
 from radard.run import control
 from radard.run.control import ask, control_path, range_time
 from tests.daemon_helpers import told
-from tests.host_helpers import FakeHost
 from tests.processes import environ, started
 from tests.radar_helpers import copy_ring, events, faults, frames_of, noise, records_in, walker
-from tests.sink_helpers import WebServer
+from tests.sink_helpers import FakeHost, WebServer
 from tests.waiting import free_port, wait_for
 from tests.web_helpers import HEADERS
 from tests.web_helpers import ask as web_ask

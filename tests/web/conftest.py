@@ -19,9 +19,8 @@ def client(make):
 
 @pytest.fixture(scope="session")
 def browser():
-    playwright = pytest.importorskip(
-        "playwright.sync_api", reason="no playwright: pip install '.[browser]'"
-    )
+    why = "no playwright: pip install '.[browser]'"
+    playwright = pytest.importorskip("playwright.sync_api", reason=why)
     with playwright.sync_playwright() as p:
         made = p.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
         yield made
@@ -32,14 +31,10 @@ def browser():
 def radard(tmp_path_factory):
     """A daemon before which somebody walks, fast, with a model that alarms."""
     folder = tmp_path_factory.mktemp("radard")
-    environ = {
-        "RADARD_ALARM__LATCH_S": "600",
-        "RADARD_ALARM__REFRACTORY_S": "0",
-        "RADARD_ALARM__SENSITIVITY": "high",
-    }
-    running = Running(
-        folder, "--port", "sim:human?seed=1", "-o", f"store:{folder}/radard.db", environ=environ
-    )
+    given = {"LATCH_S": "600", "REFRACTORY_S": "0", "SENSITIVITY": "high"}
+    environ = {f"RADARD_ALARM__{name}": value for name, value in given.items()}
+    argv = ("--port", "sim:human?seed=1", "-o", f"store:{folder}/radard.db")
+    running = Running(folder, *argv, environ=environ)
     running.wait_online()
     yield running
     running.end()

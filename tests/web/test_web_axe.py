@@ -8,45 +8,26 @@ import pytest
 from tests.browser_helpers import MARKS, PANELS, Tab
 
 # Where .ci/run has npm put it.
-AXE = Path(
-    os.environ.get("AXE")
-    or Path(__file__).parents[2] / ".venv/axe/node_modules/axe-core/axe.min.js"
-)
-pytestmark = [
-    *MARKS,
-    pytest.mark.skipif(
-        not AXE.is_file(), reason="no axe-core: npm install --prefix .venv/axe axe-core"
-    ),
-]
+USUAL = Path(__file__).parents[2] / ".venv/axe/node_modules/axe-core/axe.min.js"
+AXE = Path(os.environ.get("AXE") or USUAL)
+WHY = "no axe-core: npm install --prefix .venv/axe axe-core"
+pytestmark = [*MARKS, pytest.mark.skipif(not AXE.is_file(), reason=WHY)]
 SIZES = {"desk": (1280, 900), "tablet": (820, 1180), "phone": (390, 844)}
 
 
 def faults(one):
     """What axe-core finds on a page as it stands, by rule and element."""
     one.page.evaluate(AXE.read_text("utf-8"))
-    found = one.page.evaluate(
-        "axe.run(document, { resultTypes: ['violations'] }).then(r => r.violations)"
-    )
-    return [
-        f"{rule['id']}: {node['html'][:160]} {node['failureSummary']}"
-        for rule in found
-        for node in rule["nodes"]
-    ]
+    script = "axe.run(document, { resultTypes: ['violations'] }).then(r => r.violations)"
+    found = [(rule["id"], node) for rule in one.page.evaluate(script) for node in rule["nodes"]]
+    return [f"{id_}: {node['html'][:160]} {node['failureSummary']}" for id_, node in found]
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("size", SIZES)
 def test_every_page(tab, radard, scheme, size):
     width, height = SIZES[size]
-    radard.post("/api/v1/command", {"command": "arm"})
-
-    def alarm():
-        events = radard.get("/api/v1/events?kind=alarm")[1]["events"]
-        return next((e["id"] for e in events if e["has_picture"]), None)
-
-    event_id = radard.wait(
-        lambda: (radard.post("/api/v1/command", {"command": "ack"}) and None) or alarm()
-    )
+    event_id = radard.ended_alarm("has_picture")
     one = tab(width=width, height=height, scheme=scheme)
     for page in ("live", "why", f"events/{event_id}", "setup"):
         one.open(page)

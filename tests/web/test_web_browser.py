@@ -54,21 +54,14 @@ def test_alarm_arrives_and_is_acknowledged(one, radard):
     assert one.page.inner_text("#arm") == "Disarmed"
     one.page.click("#arm")
     one.until("document.querySelector('#arm').getAttribute('aria-pressed') === 'true'")
-
-    def alarm_is_on():
-        return radard.get("/api/v1/status")[1]["panel"]["panel"] == "alarm"
-
-    radard.wait(alarm_is_on)
+    radard.wait(lambda: radard.status()["panel"]["panel"] == "alarm")
     one.page.wait_for_selector(".banner.alarm[role=alert]")
     assert "person" in one.page.inner_text(".banner.alarm .text")
     with one.page.expect_response("**/api/v1/command") as answered:
         one.page.get_by_role("button", name="Acknowledge").click()
     assert answered.value.status == 202
-    radard.wait(
-        lambda: any(
-            e["phase"] == "end" for e in radard.get("/api/v1/events?kind=alarm")[1]["events"]
-        )
-    )
+    events = lambda: radard.get("/api/v1/events?kind=alarm")[1]["events"]  # noqa: E731
+    radard.wait(lambda: any(each["phase"] == "end" for each in events()))
 
 
 def test_arming_by_keyboard_alone(one):
@@ -104,14 +97,7 @@ def test_a_decision_says_why_and_freezes_its_pictures(one, radard):
 
 
 def test_events_are_filtered_replayed_and_labelled(tab, radard):
-    def with_clip():
-        found = radard.get("/api/v1/events?kind=alarm")[1]["events"]
-        return next((e["id"] for e in found if e["has_clip"] and e["phase"] == "end"), None)
-
-    radard.post("/api/v1/command", {"command": "arm"})
-    event_id = radard.wait(
-        lambda: (radard.post("/api/v1/command", {"command": "ack"}) and None) or with_clip()
-    )
+    event_id = radard.ended_alarm("has_clip")
     one = tab().open("events")
     one.page.locator(f"[data-event='{event_id}']").click()
     one.page.get_by_role("button", name="Pet", exact=True).click()
@@ -137,9 +123,6 @@ def test_events_are_filtered_replayed_and_labelled(tab, radard):
 
 
 def test_zones_are_dragged_saved_and_hold(tab, radard):
-    def zones():
-        return radard.get("/api/v1/status")[1]["zones"]
-
     one, other = tab().open("setup"), tab().open("setup")
     save = one.page.get_by_role("button", name="Save the zones")
     assert save.is_disabled()
@@ -164,14 +147,14 @@ def test_zones_are_dragged_saved_and_hold(tab, radard):
     assert after < before - 0.2
     save.click()
     one.until("document.querySelector('#page').textContent.includes('follows them from now on')")
-    (span,) = zones()["exclude"]
+    (span,) = radard.status()["zones"]["exclude"]
     assert span[0] == after
     assert f"[{after:.3f}, " in (radard.folder / "radar.sim.zones.yaml").read_text()
     # Pages that look on see it, and what is not being edited there follows.
     other.until("document.querySelectorAll('.zonerow').length === 1")
     assert save.is_disabled()
     one.page.get_by_role("button", name="Forget what was saved").click()
-    radard.wait(lambda: zones() == {"include": [], "exclude": [], "away": []})
+    radard.wait(lambda: radard.status()["zones"] == {"include": [], "exclude": [], "away": []})
     one.until("document.querySelectorAll('.zonerow').length === 0")
 
 

@@ -55,11 +55,8 @@ def test_days_are_counted_and_pictures_have_axes(tab, radard):
     first = one.page.locator(".event").first
     assert "something that may be a person at 2.2 m" in first.inner_text()
     one.until("document.querySelector('.thumb img')?.naturalWidth === 30")
-    assert first.locator(".thumb").inner_text().split() == [
-        *("+0.7", "m/s", "\N{MINUS SIGN}0.7"),
-        *("3.4", "m", "0.6"),
-        *("0", "s", "17"),
-    ]
+    words = "+0.7 m/s \N{MINUS SIGN}0.7 3.4 m 0.6 0 s 17"
+    assert first.locator(".thumb").inner_text().split() == words.split()
     one.page.select_option("select[name=kind]", "fault")
     one.until("document.querySelectorAll('.event').length === 1")
 

@@ -36,7 +36,7 @@ def test_settings_are_chosen_saved_and_hold(empty, tab):
     save.click()
     one.until("document.querySelector('#page').textContent.includes('holds from now on')")
     wanted = {"sensitivity": "low", "entry_delay_s": 12.5, "exit_delay_s": 30}
-    assert empty.get("/api/v1/status")[1]["settings"]["alarm"] == wanted
+    assert empty.status()["settings"]["alarm"] == wanted
     # Pages that look on follow.
     other.until("document.querySelector('input[value=low]').checked")
     # How it hangs: a number, and back to not known.
@@ -45,11 +45,7 @@ def test_settings_are_chosen_saved_and_hold(empty, tab):
     for text, value in (("2.2", 2.2), ("", None)):
         height.fill(text)
         mounting.get_by_role("button", name="Save").click()
-        empty.wait(
-            lambda value=value: (
-                empty.get("/api/v1/status")[1]["settings"]["mount"]["height_m"] == value
-            )
-        )
+        empty.wait(lambda at=value: empty.status()["settings"]["mount"]["height_m"] == at)
     one.page.get_by_role("button", name="Forget these settings").click()
     one.until("document.querySelector('input[value=normal]').checked")
     assert not (empty.folder / "radar.sim.settings.yaml").exists()
@@ -67,21 +63,15 @@ def test_a_test_alarm_shows_what_each_output_answered(empty, tab):
     assert one.page.locator(".labels").count() == 0
 
 
-def far(d, k):
-    """A decision a long way ahead, so that none of the daemon's own is newer."""
-    return {**d, "seq": 100_000 + k, "t_s": 100_000.0 + k}
-
-
 def walk(steps):
     """Decisions of a walk: a range with whether it is taken for a person, or None: unseen."""
     found = []
     for k, step in enumerate(steps):
-        if step is None:
-            found.append(far(decision(), k))
-            continue
-        range_m, is_person = step
-        record = open_decision(human=0.9 if is_person else 0.05, range_m=range_m)
-        found.append(far(record, k))
+        range_m, is_person = step or (None, False)
+        seen = open_decision(human=0.9 if is_person else 0.05, range_m=range_m)
+        # A long way ahead, so that none of the daemon's own is newer.
+        ahead = {"seq": 100_000 + k, "t_s": 100_000.0 + k}
+        found.append((seen if step else decision()) | ahead)
     return found
 
 
@@ -122,9 +112,9 @@ def test_a_walk_test_passes_or_fails(empty, tab):
 def test_a_walk_test_disarms_and_arms_again(empty, tab):
     one = tab(empty).open("setup")
     one.page.get_by_role("button", name="Disarm for the test").click()
-    empty.wait(lambda: empty.get("/api/v1/status")[1]["panel"]["armed"] is False)
+    empty.wait(lambda: empty.status()["panel"]["armed"] is False)
     one.page.get_by_role("button", name="Arm again").click()
-    empty.wait(lambda: empty.get("/api/v1/status")[1]["panel"]["armed"] is True)
+    empty.wait(lambda: empty.status()["panel"]["armed"] is True)
 
 
 def test_zones_are_suggested_from_the_calibration(empty, tab):
@@ -139,7 +129,7 @@ def test_zones_are_suggested_from_the_calibration(empty, tab):
     one.until("document.querySelector('pre').textContent.includes('exclude: [[1.30, 1.80]]')")
     assert "At 1.3 to 1.8 m something moved in the empty room" in one.page.inner_text("#page")
     # Nothing is saved until it is looked at.
-    assert empty.get("/api/v1/status")[1]["zones"]["exclude"] == []
+    assert empty.status()["zones"]["exclude"] == []
 
 
 def test_at_home_is_offered_where_it_differs(empty, tab):
@@ -163,11 +153,9 @@ def test_the_shell_opens_while_the_daemon_is_away(browser, empty):
     paths = """async () => {
         const cache = await caches.open('radard-shell');
         return (await cache.keys()).map(k => new URL(k.url).pathname).sort(); }"""
-    shell = {"/"} | {
-        f"/static/{path.relative_to(STATIC)}"
-        for path in STATIC.rglob("*")
-        if path.suffix in {".js", ".css", ".svg"} and path.name not in {"sw.js", "login.js"}
-    }
+    kinds, apart = {".js", ".css", ".svg"}, {"sw.js", "login.js"}
+    files = [p for p in STATIC.rglob("*") if p.suffix in kinds and p.name not in apart]
+    shell = {"/"} | {f"/static/{path.relative_to(STATIC)}" for path in files}
     # All of it is asked for at once, not one module after the other.
     page = (STATIC / "index.html").read_text("utf-8")
     assert {path for path in shell if f'"{path[1:]}"' not in page} == {"/"}
@@ -206,7 +194,7 @@ def test_an_alarm_notifies_the_browser(browser, radard):
     page.get_by_role("button", name="Show notifications here").click()
     page.wait_for_selector("button[aria-pressed=true] >> text=Notifications are on")
     assert radard.post("/api/v1/command", {"command": "disarm"})[0] == 202
-    radard.wait(lambda: not radard.get("/api/v1/status")[1]["panel"]["alarm_id"])
+    radard.wait(lambda: not radard.status()["panel"]["alarm_id"])
     radard.wait(lambda: radard.post("/api/v1/test-alarm", {})[0] == 200)
     seen = """async () => (await (await navigator.serviceWorker.ready).getNotifications())
         .map(n => [n.title, n.body])"""

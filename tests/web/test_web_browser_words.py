@@ -12,7 +12,7 @@ def test_a_simulated_module_does_not_look_real(one, radard):
     one.until("document.querySelector('#badge').textContent === 'Simulated'")
     assert one.page.is_visible("#badge")
     header = one.page.inner_text("header")
-    assert radard.get("/api/v1/status")[1]["hello"]["model"] in header
+    assert radard.status()["hello"]["model"] in header
     assert "sim:" not in one.page.content()
     radard.post("/api/v1/command", {"command": "arm"})
     one.page.wait_for_selector(".banner.alarm")
@@ -109,10 +109,8 @@ def test_nothing_is_well_while_no_frames_come(one):
         }""",
         {"panel": "armed", "armed": True, "open": {}},
     )
-    assert (banner, told) == (
-        "Nobody is watchingno answer",
-        "Last known; nobody is watching",
-    )
+    words = ("Nobody is watchingno answer", "Last known; nobody is watching")
+    assert (banner, told) == words
     assert is_dim
 
 

@@ -219,9 +219,7 @@ def test_a_proxy_may_name_the_usual_port(client, origin, host, code):
 
 
 @pytest.mark.integration
-def test_a_health_check_without_a_host_is_answered_and_bytes_that_are_no_http_are_no_news(
-    make, caplog
-):
+def test_a_health_check_without_a_host_is_answered_and_what_is_no_http_is_no_news(make, caplog):
     """As of load balancers, by HTTP/1.0; a stranger's bytes filled the log, a line each."""
     client = make(served=True)
     for sent, code in ((b"GET / HTTP/1.0", b" 200 "), (b"\x16\x03\x01", b" 400 ")):
@@ -266,9 +264,8 @@ def test_only_the_pages_own_files_are_served_and_every_answer_shields_the_page(c
         answer = client.get(path)
         assert (answer.status_code == 404) is (path in OUTSIDE)
         policy = answer.headers["content-security-policy"]
-        assert "default-src 'none'" in policy
+        assert {"default-src 'none'", "frame-ancestors 'none'"} <= set(policy.split("; "))
         assert "unsafe" not in policy
-        assert "frame-ancestors 'none'" in policy
         assert answer.headers["x-content-type-options"] == "nosniff"
         assert "server" not in answer.headers
 
@@ -307,9 +304,8 @@ def test_a_session_in_a_cookie_that_scripts_cannot_read(make):
     assert post(client, "/api/v1/login", {"token": "not the right one"}).status_code == 401
     answer = post(client, "/api/v1/login", {"token": VIEWER})
     cookie = answer.headers["set-cookie"].lower()
-    assert "httponly" in cookie
-    assert "samesite=strict" in cookie
-    assert VIEWER not in cookie
+    told = [words in cookie for words in ("httponly", "samesite=strict", VIEWER)]
+    assert told == [True, True, False]
     assert client.get("/api/v1/status").json()["role"] == "viewer"
     with client.socket() as page:
         assert json.loads(page.recv(60))["role"] == "viewer"
@@ -318,10 +314,8 @@ def test_a_session_in_a_cookie_that_scripts_cannot_read(make):
 
 
 def test_no_secret_is_shown(make, caplog):
-    client = make(
-        tokens=(VIEWER, OPERATOR),
-        output=["mqtt://user:hunter2@broker", "webhook:https://h/s3cret"],
-    )
+    output = ["mqtt://user:hunter2@broker", "webhook:https://h/s3cret"]
+    client = make(tokens=(VIEWER, OPERATOR), output=output)
     for path in ("/", "/api/v1/status", "/api/v1/config", "/metrics"):
         text = client.get(path, headers=bearer(OPERATOR)).text
         for secret in (VIEWER, OPERATOR, "hunter2", "s3cret"):
@@ -357,11 +351,9 @@ def test_export(client):
     client.tell(event(reason="=cmd|' /C calc'!A0", simulated=True))
     csv = client.get("/api/v1/events/export?format=csv")
     assert "attachment" in csv.headers["content-disposition"]
-    assert "'=cmd" in csv.text
     (row,) = DictReader(csv.text.splitlines())
-    assert (row["simulated"], row["replayed"]) == ("True", "")
-    line = json.loads(client.get("/api/v1/events/export?format=jsonl").text)
-    assert line["id"] == ULID
+    assert (row["reason"][:5], row["simulated"], row["replayed"]) == ("'=cmd", "True", "")
+    assert json.loads(client.get("/api/v1/events/export?format=jsonl").text)["id"] == ULID
 
 
 def test_labels_become_lines(client, tmp_path):
@@ -401,13 +393,11 @@ def test_a_clip_that_changes_while_it_is_sent_comes_as_it_was(make, tmp_path):
     clip.write_bytes(as_it_was)
     client.tell(event(clip=str(clip)))
     line = http.client.HTTPConnection("127.0.0.1", client.port, timeout=60)
-    try:
+    with contextlib.closing(line):
         line.request("GET", f"/api/v1/events/{ULID}/clip", headers={"Host": client.host})
         answer = line.getresponse()
         os.truncate(clip, 1000)
         assert answer.read() == as_it_was
-    finally:
-        line.close()
     clip.unlink()
     clip.mkdir()
     assert client.get(f"/api/v1/events/{ULID}/clip").status_code == 404
@@ -423,9 +413,8 @@ def test_a_page_is_welcomed_with_what_there_is_and_those_beyond_the_limit_are_se
         with client.socket() as second, pytest.raises(ConnectionClosed) as err:
             second.recv(60)
         assert err.value.rcvd.code == 1013
-    assert welcome["type"] == "welcome"
-    assert [d["seq"] for d in welcome["decisions"]] == [1]
-    assert [e["id"] for e in welcome["events"]] == [ULID]
+    (decided,), (seen,) = welcome["decisions"], welcome["events"]
+    assert (welcome["type"], decided["seq"], seen["id"]) == ("welcome", 1, ULID)
 
 
 @pytest.mark.integration

@@ -14,6 +14,7 @@ from starlette.routing import Route
 from radard.stream.playback import Playback
 from radard.web import server
 from tests.dashboard_helpers import all_routes, post
+from tests.device_helpers import in_thread
 from tests.waiting import wait_for
 from tests.web_helpers import HEADERS, event
 
@@ -51,10 +52,8 @@ def is_closed(line, within_s=60.0):
     try:
         while line.recv(4096):
             pass
-    except TimeoutError:
-        return False
-    except OSError:
-        return True
+    except OSError as err:
+        return not isinstance(err, TimeoutError)
     return True
 
 
@@ -91,10 +90,9 @@ def test_busy_connections_leave_room_for_this_machine(make, half_open, strangers
     monkeypatch.setattr(server, "_MAX_CONNECTIONS", 12)
     monkeypatch.setattr(server, "_KEPT_FOR_LOOPBACK", 4)
     client = make(served=True)
-    begun = b"POST /api/v1/login HTTP/1.1\r\nHost: x\r\nX-Radard: 1\r\nContent-Length: 9\r\n"
-    begun = begun.replace(b"Host: x", f"Host: {client.host}".encode())
+    begun = f"Host: {client.host}\r\nX-Radard: 1\r\nContent-Length: 9\r\n\r\n"
     # Their bodies do not come: these are being answered, none is idle.
-    half_open(8, client.port, STRANGER, begun + b"\r\n")
+    half_open(8, client.port, STRANGER, f"POST /api/v1/login HTTP/1.1\r\n{begun}".encode())
     assert client.get("/healthz").status_code == 503
     (refused,) = half_open(1, client.port, STRANGER)[-1:]
     assert is_closed(refused)
@@ -119,11 +117,10 @@ def test_every_requests_header_has_its_time(make, half_open, monkeypatch):
                 while not stop.wait(0.05):
                     line.sendall(b"G")
 
-        dripping = threading.Thread(target=drip)
-        dripping.start()
+        dripping = in_thread(drip)
         assert is_closed(line)
         stop.set()
-        dripping.join()
+        dripping.join(60)
 
 
 @pytest.mark.integration
@@ -142,8 +139,6 @@ def test_a_page_stays_connected_beyond_the_time_for_a_header(make, monkeypatch):
 
 
 LONG = "9" * 5000
-
-
 PATHS = [f"decisions{place}{LONG}" for place in ("?limit=", "?before_seq=", "/")]
 PATHS += ["decisions/-1", "decisions/%C2%B2", f"events?limit={LONG}", f"events?since={LONG}d"]
 PATHS += ["events?since=" + "9" * 190 + "w", "events?since=0001-01-01"]
@@ -155,11 +150,10 @@ def test_numbers_of_any_length(client, caplog, path):
     assert "Traceback" not in caplog.text
 
 
-LARGE = (LONG[:4000], "-" + LONG[:4000], "1e999", "1e308")
-ODD = ("NaN", "Infinity", '"\\ud800"')
+NUMBERS = (LONG[:4000], "-" + LONG[:4000], "1e999", "1e308", "NaN", "Infinity", '"\\ud800"')
 
 
-@pytest.mark.parametrize("number", LARGE + ODD)
+@pytest.mark.parametrize("number", NUMBERS)
 def test_numbers_of_any_length_in_json(make, caplog, number):
     client = make(tokens=(None, TOKEN))
     client.run.player = Playback(10.0, None)

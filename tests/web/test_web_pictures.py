@@ -36,9 +36,8 @@ def joined(found, name):
 
 def test_a_walker_is_where_and_as_fast_as_it_is():
     n_slow = 240
-    frames = noise(n_slow, seed=1) + walker(
-        n_slow, RATE_HZ, speed_mps=0.5, start_m=2.3, level=30.0
-    )
+    frames = noise(n_slow, seed=1)
+    frames += walker(n_slow, RATE_HZ, speed_mps=0.5, start_m=2.3, level=30.0)
     spectrograms, found = made(frames)
     _, quiet = made(noise(n_slow, seed=1))
     by_name = {p.name: p for p in spectrograms.pictures}
@@ -101,15 +100,9 @@ def test_bytes_hold_what_the_page_reads():
     kind, n_pictures, n, first, epoch, column_s, t_s = HEAD.unpack_from(data)
     assert (kind, n_pictures, n, first, epoch) == (1, 3, len(columns.valid), 9, 3)
     assert (column_s, t_s) == (pytest.approx(spectrograms.column_s), columns.t_s)
-    at = HEAD.size
-    assert list(data[at : at + n]) == columns.valid.astype(int).tolist()
-    at += n
-    for name in TIMED:
-        values = columns.values[name]
-        part = np.frombuffer(data, np.uint8, values.size, at).reshape(n, -1).T
-        np.testing.assert_array_equal(part, values)
-        at += values.size
-    assert at == len(data)
+    values = [columns.values[name].T.ravel() for name in TIMED]
+    told = np.frombuffer(data, np.uint8, offset=HEAD.size)
+    np.testing.assert_array_equal(told, np.concatenate([columns.valid, *values]))
     gait = encode_gait(np.arange(6, dtype=np.uint8).reshape(2, 3), epoch=1, step_hz=0.5, t_s=4.0)
     assert HEAD.unpack_from(gait) == (2, 0, 3, 2, 1, 0.5, 4.0)
     assert list(gait[HEAD.size :]) == [0, 3, 1, 4, 2, 5]
@@ -122,25 +115,15 @@ def fed_ring():
     return ring
 
 
-class Told:
-    """What a picture thread has emitted."""
-
-    def __init__(self):
-        self.axes, self.data = [], []
-
-    def wait(self, n):
-        return wait_for(lambda: len(self.data) >= n)
-
-
 @pytest.fixture
 def picture_thread():
-    """A function that makes picture threads of a ring, and what they have told."""
+    """A function that makes picture threads of a ring: with axes and columns that they told."""
     made = []
 
     def build(ring):
-        told = Told()
-        made.append(PictureThread(ring, told.axes.append, told.data.append))
-        return made[-1], told
+        axes, data = [], []
+        made.append(PictureThread(ring, axes.append, data.append))
+        return made[-1], axes, data
 
     yield build
     for each in made:
@@ -149,25 +132,24 @@ def picture_thread():
 
 def test_a_page_gets_the_last_half_minute_and_nobody_gets_pictures(picture_thread):
     ring = fed_ring()
-    one, told = picture_thread(lambda: ring)
+    one, axes, data = picture_thread(lambda: ring)
     for k, frame in enumerate(frames_of(noise(45 * 60, seed=9))):
         ring.push(frame)
         if k % 60 == 59:
             # As its thread does, a second of stream at a time.
             one._look(0)
-    assert (told.axes, told.data) == ([], [])
+    assert (axes, data) == ([], [])
     one.start()
     one.want(is_wanted=True)
-    told.wait(30)
-    kinds, n, t_s = zip(
-        *((h[0], h[2], h[6]) for h in map(HEAD.unpack_from, told.data)), strict=True
-    )
-    assert len(told.axes) == 1
+    wait_for(lambda: len(data) >= 30)
+    heads = [HEAD.unpack_from(each) for each in data]
+    kinds, n, t_s = zip(*((h[0], h[2], h[6]) for h in heads), strict=True)
+    assert len(axes) == 1
     assert t_s[-1] == pytest.approx(45, abs=2)
     assert sum(n[i] for i, kind in enumerate(kinds) if kind == 1) == pytest.approx(30 * 15, abs=20)
     one.want(is_wanted=False)
     one.want(is_wanted=True)
-    wait_for(lambda: len(told.axes) == 2)
+    wait_for(lambda: len(axes) == 2)
     ring.end()
 
 
@@ -179,7 +161,7 @@ def test_a_picture_thread_survives_what_goes_wrong(picture_thread, monkeypatch, 
             raise faults.pop()
         return ring
 
-    one, told = picture_thread(broken)
+    one, _, data = picture_thread(broken)
     monkeypatch.setattr("radard.web.pictures.picture_thread._AFTER_FAULT_S", 0.0)
     # Another test's late thread may set up logging again, and take away what the root logger has.
     caplog.set_level(logging.ERROR, "radard")
@@ -188,6 +170,6 @@ def test_a_picture_thread_survives_what_goes_wrong(picture_thread, monkeypatch, 
     one.start()
     for frame in frames_of(noise(300, seed=9)):
         ring.push(frame)
-    told.wait(1)
+    wait_for(lambda: data)
     ring.end()
     assert "a picture could not be made" in caplog.text

@@ -31,7 +31,7 @@ def test_a_page_gets_decisions_and_pictures_of_a_live_stream(launched):
     page.close()
     assert [m["type"] for m in texts["welcome"]] == ["welcome"]
     assert len(texts["axes"]) == 1
-    status = running.get("/api/v1/status")[1]
+    status = running.status()
     assert status["hello"]["port"] == "sim:human?seed=1"
 
 
@@ -63,9 +63,8 @@ def test_decisions_are_the_same_with_a_dashboard_and_pages(launched, tmp_path):
     argv = ("--port", f"replay:{recording}")
     _, alone, _ = run_radard(*argv, "--speed", "max", "-o", "json")
     environ = {"RADARD_CLIPS__ENABLED": "false"}
-    running = launched(
-        *argv, "--speed", "3", "-o", f"json:{tmp_path / 'o.jsonl'}", environ=environ
-    )
+    out = f"json:{tmp_path / 'o.jsonl'}"
+    running = launched(*argv, "--speed", "3", "-o", out, environ=environ)
     pages = []
     for _ in range(5):
         page = wait(Client(running.port).socket)
@@ -88,10 +87,9 @@ def test_a_replay_is_paused_moved_and_let_go(launched, tmp_path):
         return running.post("/api/v1/playback", {"action": action, "value": value})
 
     assert play("pause")[0] == 202
-    running.wait(lambda: running.get("/api/v1/status")[1]["reason"] == "the replay is paused")
-    held = running.get("/api/v1/status")[1]
-    assert held["playback"]["length_s"] == 60.0
-    assert held["panel"]["open"] == {}
+    running.wait(lambda: running.status()["reason"] == "the replay is paused")
+    held = running.status()
+    assert (held["playback"]["length_s"], held["panel"]["open"]) == (60.0, {})
     assert play("seek", 50.0)[0] == 202
     assert play("seek", 61.0)[0] == 400
     assert play("speed", "fast")[0] == 400

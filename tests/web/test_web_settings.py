@@ -1,10 +1,7 @@
 """Settings and zones from the dashboard: saved, taken up at once, there after a restart."""
 
 import gzip
-import json
-import threading
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +15,7 @@ from radard.config.saved import change, forget
 from radard.detect.calibration import Calibration, restless_spans
 from radard.errors import ConfigError, OutputError
 from tests.dashboard_helpers import post
+from tests.device_helpers import in_thread
 from tests.waiting import wait_for
 from tests.web_helpers import ULID, decision, event
 
@@ -45,30 +43,24 @@ def test_changes_from_two_threads_at_once_are_all_kept(tmp_path):
             change(path, "settings", {section: {key: value}})
 
     pages = ("alarm", "entry_delay_s", range(1, 41)), ("alarm", "sensitivity", ["high"] * 40)
-    others = [threading.Thread(target=set_often, args=each) for each in pages]
-    for each in others:
-        each.start()
+    others = [in_thread(set_often, *each) for each in pages]
     set_often("mount", "height_m", [n / 10 for n in range(1, 41)])
     for each in others:
-        each.join()
+        each.join(60)
     text = path.read_text()
     for line in ("entry_delay_s: 40.000", 'sensitivity: "high"', "height_m: 4.000"):
         assert line in text
 
 
-def test_what_is_forgotten_while_another_page_saves_is_not_written_again(
-    tmp_path, gate, monkeypatch
-):
+def test_what_is_forgotten_while_another_page_saves_stays_so(tmp_path, gate, monkeypatch):
     path = tmp_path / "radar.settings.yaml"
     change(path, "settings", {"alarm": {"sensitivity": "high"}})
     gate.before(monkeypatch, saved_module, "write_atomically")
     gate.shut()
     sections = {"mount": {"height_m": 2.0}}
-    saves = threading.Thread(target=change, args=(path, "settings", sections))
-    forgets = threading.Thread(target=forget, args=(path,))
-    saves.start()
+    saves = in_thread(change, path, "settings", sections)
     wait_for(lambda: gate.n_before)
-    forgets.start()
+    forgets = in_thread(forget, path)
     forgets.join(0.3)
     gate.open()
     saves.join(60)
@@ -89,10 +81,7 @@ def test_what_is_forgotten_while_another_page_saves_is_not_written_again(
         ({"include": [[1, 1.001]], "exclude": []}, "at least 0.01 m"),
         ({"include": [[1, "x"]], "exclude": []}, "zones.include.0.1"),
         ({"include": [[k, k + 1] for k in range(33)], "exclude": []}, "more than 32"),
-        (
-            {"include": [[True, 2]], "exclude": []},
-            "zones.include.0.0: input should be a valid num",
-        ),
+        ({"include": [[True, 2]], "exclude": []}, "zones.include.0.0: input should be a valid"),
         ({"alarm": {"entry_delay_s": True}}, "alarm.entry_delay_s: input should be a valid num"),
         ({"mount": {"height_m": "5 m"}}, "mount.height_m: input should be a valid num"),
     ],
@@ -137,8 +126,7 @@ def test_an_alarm_links_to_the_decision_it_began_with(client):
         client.tell(decision(seq, float(seq)))
     (found,) = client.get("/api/v1/events").json()["events"]
     assert found["why"] == 4
-    why = client.get("/api/v1/decisions/4").json()
-    assert why["decision"]["seq"] == 4
+    assert client.get("/api/v1/decisions/4").json()["decision"]["seq"] == 4
     assert client.get("/api/v1/decisions/5").status_code == 404
     other = "01J0000000000000000000000B"
     client.tell(event(other, start_t_s=9.0, t_s=9.0))
@@ -154,13 +142,13 @@ def test_a_thumbnail_with_its_axes(client, tmp_path):
     assert client.get(path).status_code == 404
     assert client.get("/api/v1/events").json()["events"][0]["has_picture"] is False
     axes = {"velocity_mps": [-0.7, 0.7], "range_m": [0.6, 3.4], "length_s": 12.0}
-    picture = np.zeros((40, 60, 3), np.uint8)
-    Path(clip).with_suffix(".png").write_bytes(encode_png(picture, axes))
+    png = clip.with_suffix(".png")
+    png.write_bytes(encode_png(np.zeros((40, 60, 3), np.uint8), axes))
     assert client.get("/api/v1/events").json()["events"][0]["has_picture"] is True
     answer = client.get(path).json()
     assert answer["axes"] == axes
     assert answer["png"].startswith("data:image/png;base64,iVBOR")
-    Path(clip).with_suffix(".png").write_bytes(b"no picture")
+    png.write_bytes(b"no picture")
     assert client.get(path).status_code == 422
 
 
@@ -185,10 +173,6 @@ def run(launched, tmp_path):
     return lambda: launched(*argv).wait_online()
 
 
-def zones_now(running):
-    return running.get("/api/v1/status")[1]["zones"]
-
-
 def save_zones(path, include, exclude):
     change(path, "zones", {"zones": {"include": include, "exclude": exclude}})
 
@@ -198,17 +182,19 @@ def test_saved_zones_hold_at_once_and_after_a_restart(run, tmp_path):
     running = run()
     wanted = {"include": [], "exclude": [[1.2, 1.9], [3.0, 4.25]], "away": [[0.5, 0.8]]}
     assert running.post("/api/v1/zones", wanted)[0] == 202
-    running.wait(lambda: zones_now(running) == wanted)
-    assert running.get("/api/v1/status")[1]["has_saved_zones"] is True
-    before = running.get("/api/v1/status")[1]["panel"]["seq"]
-    running.wait(lambda: running.get("/api/v1/status")[1]["panel"]["seq"] > before)
+    running.wait(lambda: running.status()["zones"] == wanted)
+    assert running.status()["has_saved_zones"] is True
+    before = running.status()["panel"]["seq"]
+    running.wait(lambda: running.status()["panel"]["seq"] > before)
     assert running.end() == 0
     again = run()
-    assert zones_now(again) == wanted
+    assert again.status()["zones"] == wanted
     # What is in the file of the configuration holds again once they are forgotten.
     assert again.post("/api/v1/zones", {"forget": True})[0] == 202
-    again.wait(lambda: zones_now(again) == {"include": [[0.5, 5.0]], "exclude": [], "away": []})
-    assert again.get("/api/v1/status")[1]["has_saved_zones"] is False
+    again.wait(
+        lambda: again.status()["zones"] == {"include": [[0.5, 5.0]], "exclude": [], "away": []}
+    )
+    assert again.status()["has_saved_zones"] is False
     assert not (tmp_path / "radar.sim.zones.yaml").exists()
 
 
@@ -230,7 +216,7 @@ def test_zones_are_saved_although_an_output_cannot_be_made_again_and_it_goes_on(
     file.write_text("mqtt: {username: u, password_file: /nowhere/words}\n")
     wanted = {"include": [], "exclude": [[1.2, 1.9]], "away": []}
     assert running.post("/api/v1/zones", wanted)[0] == 202
-    running.wait(lambda: zones_now(running) == wanted)
+    running.wait(lambda: running.status()["zones"] == wanted)
     running.wait(lambda: b"mqtt.password_file" in last("health"))
     assert last("availability") == b"online"
 
@@ -304,8 +290,4 @@ def test_numbers_come_back_as_they_were(tmp_path):
     save_zones(path, [(0.0, 0.011), (0.1, 999.0)], [(1.2345, 2)])
     (tmp_path / "c.yaml").write_text("{}")
     zones = load(tmp_path).config.zones
-    assert json.loads(zones.model_dump_json()) == {
-        "include": [[0.0, 0.011], [0.1, 999.0]],
-        "exclude": [[1.234, 2.0]],
-        "away": [],
-    }
+    assert (zones.include, zones.exclude) == (((0.0, 0.011), (0.1, 999.0)), ((1.234, 2.0),))
