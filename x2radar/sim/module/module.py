@@ -14,7 +14,7 @@ import numpy as np
 
 from x2radar.errors import MessageError
 from x2radar.modules.base import ModuleSettings
-from x2radar.sim.module.faults import Dice, FaultPlan, Line, ModuleFaults
+from x2radar.sim.module.faults import FaultPlan, Line, ModuleFaults
 from x2radar.sim.module.firmware import Firmware, X2Firmware
 from x2radar.sim.module.stream import EchoStream
 from x2radar.sim.scene.scene import Scene
@@ -45,8 +45,7 @@ class SimulatedModule:
         self._seed = seed
         self._firmware: Firmware = firmware or X2Firmware()
         self._decoder = PacketDecoder()
-        dice = Dice(faults or {}, seed)
-        self._faults, self._line = ModuleFaults(dice), Line(dice)
+        self._faults, self._line = ModuleFaults(faults or {}, seed), Line(faults or {}, seed)
         self._now_s = 0.0
         self._commands: deque[tuple[float, msg.Message]] = deque()
         self._resume: ModuleSettings | None = None
