@@ -11,9 +11,9 @@ does the gridded tier. Their weights follow from two exponentials by a recurrenc
 exp(-b (d + j)^2 / 2) is a geometric sequence with a geometric correction (Greengard & Lee 2004:
 fast Gaussian gridding; recalled). Only arrays of one number an echo are held, to stay in a cache.
 
-The gridded tier splits a Gaussian into the convolution of two narrower ones. Echoes are spread with
-the first on a grid as coarse as the band allows, about 0.8 sigma instead of 12 bins a sigma; the
-second is a matrix, the same for every block of bins. So an echo touches 9 points instead of 90
+The gridded tier splits a Gaussian into the convolution of two narrower ones. Echoes are spread
+with the first on a grid as coarse as the band allows, about 0.8 sigma instead of 12 bins a sigma;
+the second is a matrix, the same for every block of bins. So an echo touches 9 points instead of 90
 bins, and the bins cost a product that runs at the speed of BLAS (the split of the fast Gauss
 transform and of Gaussian-gridding non-uniform FFTs: Dutt & Rokhlin 1993, Greengard & Lee 2004;
 recalled). The matrix is not the analytic second Gaussian but the least-squares one, which makes up

@@ -199,9 +199,8 @@ class Line(_Dice):
 
     def frame_lateness_s(self, counter: int, frame_rate_hz: float) -> float:
         """Return how late a frame leaves, in seconds."""
-        return (
-            _LATE_FRAMES.get(counter % 20, 0.0) / frame_rate_hz if "bursts" in self._plan else 0.0
-        )
+        late = _LATE_FRAMES.get(counter % 20, 0.0) if "bursts" in self._plan else 0.0
+        return late / frame_rate_hz
 
     def _held_s(self, due_s: float) -> float:
         if lump_s := self._plan.get("merge"):

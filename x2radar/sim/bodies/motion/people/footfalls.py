@@ -17,8 +17,13 @@ import numpy as np
 
 from x2radar.sim.bodies.path.feet import Footprints, StridePhase
 from x2radar.sim.bodies.path.path import Path
-from x2radar.sim.bodies.skeleton.people import PersonBuild
-from x2radar.sim.bodies.skeleton.skeleton import STRETCHED_TO, direction, hang, two_links
+from x2radar.sim.bodies.skeleton.skeleton import (
+    STRETCHED_TO,
+    PersonBuild,
+    direction,
+    hang,
+    two_links,
+)
 from x2radar.sim.bodies.wander import Wander
 from x2radar.sim.points import UP, Array, Ends, Pose
 
