@@ -17,7 +17,7 @@ import numpy as np
 from x2radar.errors import SceneError
 from x2radar.sim.bodies.body import Body, BodyPlan
 from x2radar.sim.bodies.motion.recorded import RecordedMotion
-from x2radar.sim.bodies.path.courses import COURSES, draw_course
+from x2radar.sim.bodies.path.path import COURSES, draw_course
 from x2radar.sim.points import Label
 from x2train.motion.clips import Clip, read_clips
 from x2train.motion.performance import perform

@@ -12,7 +12,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.sim.bodies.path.courses import bends
+from x2radar.sim.bodies.path.path import bends
 from x2train.motion.clips import Clip
 
 Array = NDArray[np.float64]

@@ -19,8 +19,7 @@ from x2radar.sim.bodies.motion.people.gait import (
     PersonStyle,
     draw_crawling,
 )
-from x2radar.sim.bodies.path.courses import draw_course
-from x2radar.sim.bodies.path.path import Path
+from x2radar.sim.bodies.path.path import Path, draw_course
 from x2radar.sim.bodies.skeleton.skeleton import PERSON, PersonBuild
 from x2radar.sim.bodies.skins import TotalRcs
 from x2radar.sim.points import Array, Motion

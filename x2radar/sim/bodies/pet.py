@@ -21,8 +21,7 @@ from x2radar.sim.bodies.motion.quadrupeds.gait import (
     froude,
 )
 from x2radar.sim.bodies.motion.quadrupeds.hung import Action, draw_manner, hung
-from x2radar.sim.bodies.path.courses import apart, draw_course, off_wall
-from x2radar.sim.bodies.path.path import Agility, Path
+from x2radar.sim.bodies.path.path import Agility, Path, apart, draw_course, off_wall
 from x2radar.sim.bodies.skeleton.skeleton import QUADRUPED, QuadrupedBuild
 from x2radar.sim.bodies.skeleton.species import SPECIES, Species
 from x2radar.sim.bodies.skins import TotalRcs

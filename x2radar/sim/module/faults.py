@@ -132,10 +132,7 @@ class ModuleFaults(_Dice):
         self.announces_ready = not (self.not_ready_s or plan.get("safe_mode"))
 
     def frame(self, samples: np.ndarray) -> tuple[np.ndarray, int, bool, bool]:
-        """Return a frame as the module makes it, and how often it is sent.
-
-        And whether the counter begins again, and the module restarts.
-        """
+        """Return a frame, how often it is sent, and whether counter and module begin again."""
         falls = self._falls
         restarts_counter, reboots = falls("counter_restart"), falls("reboot")
         n_copies = 1 + falls("duplicate")

@@ -82,7 +82,9 @@ class SurfaceSkin(Skin):
         n_trunk: int = 1,
         gain: EchoGain | None = None,
     ) -> None:
-        n, broadside = len(half_m), _broadside_m2(half_m)
+        # Seen along the shortest half-length.
+        area_m2 = (half_m.prod(axis=1) / half_m.min(axis=1) ** 2) ** 2
+        n, broadside = len(half_m), SKIN_REFLECTION * np.pi * area_m2
         self.half_m, self.n_trunk = half_m, n_trunk
         # Least cross section, before `scale`; how much the trunk takes from a part right behind
         # it; what each echoes against theory.
@@ -181,13 +183,6 @@ class SurfaceSkin(Skin):
         miss2 = place2 - ahead * np.abs(ahead) / ray2
         behind = smooth_step((ahead / np.sqrt(ray2) - 0.2) / 0.8)
         return behind * (1.0 - smooth_step((miss2 - 0.5) / 1.2))
-
-
-def _broadside_m2(half_m: Array) -> Array:
-    """Return the cross sections of ellipsoids seen along their shortest half-lengths."""
-    return np.asarray(
-        SKIN_REFLECTION * np.pi * (half_m.prod(axis=1) / half_m.min(axis=1) ** 2) ** 2
-    )
 
 
 def _first(x: Array) -> Array:

@@ -348,10 +348,7 @@ def _reach(
 
 
 def draw_crawling(rng: np.random.Generator, path: Path, b: PersonBuild, traits: Traits) -> Motion:
-    """Draw somebody who crawls, knees with opposite hands (Patrick et al. 2009, recalled).
-
-    The middle of the trunk goes along the path.
-    """
+    """Draw somebody who crawls, knees with opposite hands (Patrick et al. 2009, recalled)."""
     z, share = traits
     width = (0.10 + 0.05 * share[0]) * b.stature_m / 1.75
     reach, cadence = 0.45 * b.trunk_m, 1 + 0.08 * z[6]

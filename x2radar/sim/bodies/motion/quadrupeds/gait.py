@@ -84,10 +84,7 @@ def draw_going(
     footwork: str,
     species: Species,
 ) -> Action:
-    """Draw how an animal walks, trots or canters along a path in a style of `PET_STYLES`.
-
-    It stands where it stops.
-    """
+    """Draw how an animal goes along a path in a style of `PET_STYLES`; it stands where it stops."""
     work, h = FOOTWORK[footwork], build.hip_m
     low = 0.72 if style == "stalk" else STANDING * rng.uniform(0.96, 1.0)
     longer = float(np.exp(np.clip(rng.normal(0.0, 0.06), -0.15, 0.15)))
@@ -228,10 +225,7 @@ def _draw_scratch(
 
 
 def draw_romping(rng: np.random.Generator, build: QuadrupedBuild, path: Path) -> Action:
-    """Draw an animal that plays on the spot: turns, hops, bows, and shakes itself.
-
-    It shakes at 4 to 5 Hz (Dickerson et al. 2012, recalled).
-    """
+    """Draw one that turns, hops, bows, shakes itself at 4 to 5 Hz (Dickerson 2012, recalled)."""
     s, _ = _standing(rng, build, "play", path)
     u, h, lively = rng.random(6), build.hip_m, float(np.exp(rng.uniform(-0.7, 0.7)))
     limits = (0.6 * h, 0.6 * h, 2.0, 0.12)
