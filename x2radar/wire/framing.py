@@ -113,7 +113,7 @@ def unescape(body: bytes) -> bytes:
 
 
 def encode(data: bytes) -> bytes:
-    """Return `data` as one escaped packet; ProtocolError if empty, too long, or another packing."""
+    """Return `data` as one escaped packet; ProtocolError if empty, too long or of another kind."""
     packet = _START + escape(data + bytes([checksum(data)])) + _END
     if not data or len(packet) > MAX_PACKET:
         msg = f"a packet takes up to {MAX_PACKET} bytes and is not empty: {len(data)} bytes given"

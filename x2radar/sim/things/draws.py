@@ -116,7 +116,7 @@ Mount = Callable[[Array], Array]
 
 
 def draw_mount(rng: np.random.Generator, raw: Values | None = None, where: str = "mount") -> Mount:
-    """Return a hum, sway and shocks of the mount; what `raw` leaves out is drawn; or SceneError."""
+    """Return hum, sway and shocks of a mount; what `raw` leaves out is drawn; or SceneError."""
     said = values_of(rng, DRAWS, raw, where)
     direction = rng.standard_normal((3, 3))
     direction = direction / np.linalg.norm(direction, axis=1, keepdims=True)

@@ -177,11 +177,7 @@ def _leg(
 
 def _moved(place: Array) -> NDArray[np.bool_]:
     """Return which steps bring the foot to another place than the last one kept."""
-    keep = np.ones(len(place) - 1, dtype=bool)
-    step = np.abs(np.diff(place, axis=0))
-    if (np.hypot(step[:, 0], step[:, 1]) + step[:, 2] > _SAME_PLACE_M + _SAME_HEADING).all():
-        return keep
-    last = place[0]
+    keep, last = np.ones(len(place) - 1, dtype=bool), place[0]
     for k, there in enumerate(place[1:]):
         step = np.abs(there - last)
         keep[k] = np.hypot(step[0], step[1]) > _SAME_PLACE_M or step[2] > _SAME_HEADING

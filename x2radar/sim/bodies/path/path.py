@@ -369,7 +369,7 @@ def draw_course(
 
 
 def off_wall(points: Waypoints) -> Waypoints:
-    """Return a course moved as a whole until it, with any usual corners, is off the radar's wall."""
+    """Return a course moved as a whole until it is off the radar's wall, usual corners too."""
     least_m = min(y for _, y in points)
     for radius_m in _TURN_RADII_M if len(points) > 2 else ():
         at, course = bends(points, radius_m)

@@ -20,7 +20,7 @@ import numpy as np
 
 from x2radar.keys import Key
 from x2radar.sim.bodies.skeleton.species import Species
-from x2radar.sim.bodies.skins.base import THEORY, EchoGain
+from x2radar.sim.bodies.skins import THEORY, EchoGain
 from x2radar.sim.points import Array, Ends
 
 

@@ -84,7 +84,7 @@ def draw_going(
     footwork: str,
     species: Species,
 ) -> Action:
-    """Draw how an animal goes along a path in a style of `PET_STYLES`; it stands where it stops."""
+    """Draw how an animal goes along a path in a style of `PET_STYLES`; it stands at stops."""
     work, h = FOOTWORK[footwork], build.hip_m
     low = 0.72 if style == "stalk" else STANDING * rng.uniform(0.96, 1.0)
     longer = float(np.exp(np.clip(rng.normal(0.0, 0.06), -0.15, 0.15)))
