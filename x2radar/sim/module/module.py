@@ -53,7 +53,6 @@ class SimulatedModule:
         self._is_awake = True
         self._ready_due_s = self._faults.not_ready_s or _FOREVER_S
         self._stop()
-        self.n_skipped = 0
 
     @property
     def next_due_s(self) -> float:
@@ -155,9 +154,7 @@ class SimulatedModule:
                 self._resume = stream.settings
             self._stop()
             self._reset_due_s = self._now_s
-        elif until_s - due_s > MAX_LATE_S:
-            self.n_skipped += 1
-        elif n_copies and samples is not None:
+        elif n_copies and samples is not None and until_s - due_s <= MAX_LATE_S:
             message = self._firmware.frame_message(stream.axis, self._counter, frame)
             self._send(message, n_copies, self._line.frame_lateness_s(self._counter, rate_hz))
 
@@ -182,8 +179,7 @@ class SimulatedModule:
                 self._reset_due_s = self._now_s + RESET_DELAY_S
                 return msg.Ack()
             case _:
-                pass
-        done = self._firmware.obey(command)
+                done = self._firmware.obey(command)
         if done is None:
             return msg.ErrorReply(ErrorCode.NOT_RECOGNIZED)
         if done.stops:

@@ -196,8 +196,8 @@ class Feet:
         self.clock = clock = Clock(path, gait)  # strides gone, as a function of time
         more = gait.more_duty or (0.0,) * len(gait.offset)
         self.ramp = gait.ramp
-        # Of each leg a row a stance, in order: touch-down, lift-off, how long the swing after it
-        # takes, how long it would be in steady movement, or is, if that is less, duty and lift;
+        # Of each leg a row a stance, in order: touch-down, lift-off, duration of the swing after
+        # it, and of the stance in steady movement, or what it is, if that is less; duty, lift;
         # where the foot stands, and what the swing adds to that: x, y and heading.
         self.stances: list[Array] = []
         for k, home_m in enumerate(gait.home_m):
