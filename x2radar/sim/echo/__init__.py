@@ -97,5 +97,6 @@ def frames(
     the swath as a whole, down-converting the RF frames gives the baseband frames. Raises
     SceneError if the axis has no bandwidth.
     """
-    task = Task(*range_m.shape, axis, error_db)
+    n_slow, n_points = range_m.shape
+    task = Task(n_slow, n_points, axis, error_db)
     return TIERS[tier or choose(task)].frames(range_m, amplitude, task, floor)
