@@ -1,6 +1,5 @@
 """What holds for all that moves, whatever it is, whatever it does, whatever moves it."""
 
-import math
 from functools import cache
 
 import numpy as np
@@ -162,7 +161,6 @@ def test_physical_totals_are_those_of_the_kind(kind, style, options, least_m2, m
         ("dog", {"style": "walk", "path": past(4.0)}, "path: 4 m/s is too fast for a dog"),
         ("dog", {"style": "roam", "path": [(0.0, 1.0), (0.0, 1.05)]}, "waypoints_m"),
         ("dragon", {}, "species: must be one of budgerigar"),
-        ("pigeon", {"home_m": (0.0, math.nan, 0.0)}, "home_m"),
     ],
 )
 def test_what_is_impossible_is_refused_in_one_line(kind, options, said):

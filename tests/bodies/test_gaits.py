@@ -8,12 +8,10 @@ import pytest
 from tests.body_helpers import PETS, draw, drawn, parts, past, speeds, strongest_hz
 from x2radar.sim.bodies.flyer import BIRD_MASS_KG, MOTH_BEAT_HZ
 from x2radar.sim.bodies.motion import MOTIONS
-from x2radar.sim.bodies.motion.quadrupeds.gait import duty, froude, stride_m
-from x2radar.sim.bodies.motion.quadrupeds.staying import GRAVITY_MPS2
+from x2radar.sim.bodies.motion.quadrupeds.gait import GRAVITY_MPS2, duty, froude, stride_m
 from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.bodies.pet import PET_STYLES
-from x2radar.sim.bodies.skeleton.people import PERSON, PersonBuild
-from x2radar.sim.bodies.skeleton.quadrupeds import LEGS, QuadrupedBuild
+from x2radar.sim.bodies.skeleton.skeleton import LEGS, PERSON, PersonBuild, QuadrupedBuild
 from x2radar.sim.bodies.skeleton.species import SPECIES
 
 STAYING = [(k, s) for k, s in PETS if not PET_STYLES[s].froude and s != "jump"]

@@ -8,9 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from x2radar.sim.bodies.path.courses import COURSES, draw_course
 from x2radar.sim.bodies.path.feet import Footprints, StridePhase
-from x2radar.sim.bodies.path.path import Agility, Path
+from x2radar.sim.bodies.path.path import COURSES, Agility, Path, draw_course
 from x2radar.sim.bodies.thesis_bodies import THESIS_BODIES, ranges
 from x2radar.sim.bodies.thesis_bodies import draw as draw_body
 

@@ -7,8 +7,7 @@ from tests.body_helpers import ANTENNA_M, drawn
 from x2radar.errors import SceneError
 from x2radar.sim.bodies.motion import recorded
 from x2radar.sim.bodies.motion.recorded import draw_recorded, read_motion
-from x2radar.sim.bodies.skeleton.people import PERSON
-from x2radar.sim.bodies.skeleton.quadrupeds import QUADRUPED
+from x2radar.sim.bodies.skeleton.skeleton import PERSON, QUADRUPED
 from x2radar.sim.bodies.skins import SKINS
 from x2radar.sim.scene.scene import parse_scene
 

@@ -9,10 +9,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.body_helpers import ANTENNA_M
-from x2radar.sim.bodies.skeleton.people import PERSON, PersonBuild
-from x2radar.sim.bodies.skins import SKINS, draw_skin, sized
-from x2radar.sim.bodies.skins.base import SKIN_REFLECTION
-from x2radar.sim.bodies.skins.surface import SHADOW_DB, SPREAD_DB, AspectFluctuation, SurfaceSkin
+from x2radar.sim.bodies.skeleton.skeleton import PERSON, PersonBuild
+from x2radar.sim.bodies.skins import (
+    SHADOW_DB,
+    SKIN_REFLECTION,
+    SKINS,
+    SPREAD_DB,
+    AspectFluctuation,
+    SurfaceSkin,
+    draw_skin,
+    sized,
+)
 from x2radar.sim.place.antenna import Antenna
 from x2radar.sim.points import Pose
 

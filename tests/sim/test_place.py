@@ -11,8 +11,14 @@ from radard.dsp.downconvert import DownConverter
 from tests.sim_helpers import axis_of
 from x2radar.errors import SettingsError
 from x2radar.modules.x2 import RadarSettings
-from x2radar.sim.place.antenna import Antenna, length_m
-from x2radar.sim.place.multipath import DiffuseTail, Surface, TailSettings, image_rows
+from x2radar.sim.place.antenna import (
+    Antenna,
+    DiffuseTail,
+    Surface,
+    TailSettings,
+    image_rows,
+    length_m,
+)
 from x2radar.sim.place.room import Room, RoomSettings
 from x2radar.sim.points import Points
 from x2radar.sim.signal.pulse import LinkBudget, baseband_noise_power

@@ -275,10 +275,10 @@ def test_a_late_host_loses_frames_and_the_counter_goes_on():
     ask(m, MANUAL)
     m.advance(5.0)  # frames were due at 0, 1/60 ... 5
     received = said(m)
-    assert len(received) + m.n_skipped == 301
-    assert m.n_skipped == pytest.approx((5 - MAX_LATE_S) * 60, abs=1)
-    assert received[0].info == m.n_skipped + 1
-    assert [f.info for f in received] == list(range(m.n_skipped + 1, 302))
+    n_skipped = received[0].info - 1
+    assert len(received) + n_skipped == 301
+    assert n_skipped == pytest.approx((5 - MAX_LATE_S) * 60, abs=1)
+    assert [f.info for f in received] == list(range(n_skipped + 1, 302))
     m.advance(m.next_due_s)
     assert [f.info for f in said(m)] == [302]
 
@@ -294,7 +294,6 @@ def test_faster_than_time_it_waits_for_a_reader_who_is_late(speed):
         decoder, received = PacketDecoder(), []
         while len(received) < 151:
             received += [decode_response(p.data) for p in decoder.feed(near.read(10.0))]
-    assert m.n_skipped == 0
     assert [frame.info for frame in received[1:]] == list(range(1, len(received)))
 
 

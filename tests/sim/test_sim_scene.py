@@ -19,8 +19,7 @@ from x2radar.ports import parse_port
 from x2radar.radars import make_radar
 from x2radar.sim.module import cost, stream
 from x2radar.sim.module.stream import EchoStream
-from x2radar.sim.place.antenna import Antenna
-from x2radar.sim.place.multipath import Surface, TailSettings
+from x2radar.sim.place.antenna import Antenna, Surface, TailSettings
 from x2radar.sim.place.room import RoomSettings
 from x2radar.sim.scene.cast import BODIES
 from x2radar.sim.scene.scene import ERRORS_DB, builtin_scenes, load_scene, parse_scene, scene_names

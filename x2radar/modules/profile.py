@@ -79,10 +79,7 @@ class ProfileSettings(ModuleSettings):
 
     @property
     def axis(self) -> FastTimeAxis:
-        """Bins of ten RF samples: the zone and 0.4 m behind it; pulse and length are inferred.
-
-        A zone of 0.4 to 2.0 m makes 52 bins.
-        """
+        """Bins of ten RF samples: the zone and 0.4 m behind it; pulse and length are inferred."""
         bin_length_m = _DECIMATION * SPEED_OF_LIGHT_MPS / (2 * SAMPLE_RATE_HZ)
         return FastTimeAxis(
             kind="baseband",

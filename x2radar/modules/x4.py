@@ -125,10 +125,7 @@ class X4Settings(ModuleSettings):
 
     @property
     def axis(self) -> FastTimeAxis:
-        """Bins of 6.4 mm (RF) or 51.4 mm, from the area's start as asked for (inferred) on.
-
-        Both ends of the area have a bin (inferred).
-        """
+        """Bins of 6.4 mm (RF) or 51.4 mm; both ends of the area have one (inferred)."""
         step = _BASEBAND_STEP if self.is_baseband else 1
         bin_length_m = step * SPEED_OF_LIGHT_MPS / (2 * SAMPLE_RATE_HZ)
         carrier_hz, bandwidth_hz = PULSES[self.centre_frequency]

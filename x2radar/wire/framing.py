@@ -113,11 +113,7 @@ def unescape(body: bytes) -> bytes:
 
 
 def encode(data: bytes) -> bytes:
-    """Return `data`, at least one byte, as one escaped packet on the wire.
-
-    Raises ProtocolError if `data` is empty, takes more than `MAX_PACKET` bytes on the wire, or
-    would be read as another packing.
-    """
+    """Return `data` as one escaped packet; ProtocolError if empty, too long or of another kind."""
     packet = _START + escape(data + bytes([checksum(data)])) + _END
     if not data or len(packet) > MAX_PACKET:
         msg = f"a packet takes up to {MAX_PACKET} bytes and is not empty: {len(data)} bytes given"

@@ -170,85 +170,56 @@ class X4Setting(IntEnum):
     PRF_DIV = 0x25
 
 
-def _by_prefix(names: Mapping[str, str]) -> dict[bytes, str]:
-    return {bytes.fromhex(prefix): name for prefix, name in names.items()}
+def _by_prefix(names: str) -> dict[bytes, str]:
+    """Return names by the bytes that packets begin with: a line a first byte, then the rest."""
+    found = {}
+    for line in names.strip().splitlines():
+        first, entries = line.split(":")
+        for entry in entries.split(","):
+            *rest, name = entry.split()
+            found[bytes.fromhex(first + "".join(rest))] = name
+    return found
 
 
 COMMAND_NAMES = _by_prefix(
-    {
-        "02": "StartBootloader",
-        "10 10": "SetAppItem",
-        "10 11": "GetAppItem",
-        "10 12": "FactoryPreset",
-        "10 13": "StoreNoiseMap",
-        "10 14": "LoadNoiseMap",
-        "10 16": "DeleteNoiseMap",
-        "23": "SetCom",
-        "25 10": "SetNoiseMapControl",
-        "25 11": "GetNoiseMapControl",
-        "40 10": "SetPin",
-        "40 20": "WritePin",
-        "40 21": "ReadPin",
-        "41 10": "SetOutputControl",
-        "42": "SetDebugOutput",
-        "50 10": "X4Set",
-        "50 11": "X4Get",
-        "50 12": "X4Write",
-        "50 13": "X4Read",
-        "90": "SystemCommand",
-        "90 10": "RadlibExecute",
-        "90 11": "SetVarInt",
-        "90 12": "GetVarInt",
-        "90 13": "SetVarFloat",
-        "90 14": "GetVarFloat",
-        "90 15": "SetRegisterField",
-        "90 16": "GetRegisterField",
-        "90 17": "GetFrameFloat",
-        "90 18": "GetFrameRaw",
-        "90 19": "GetChipId",
-        "90 20": "TimingMeasurement",
-        "90 30": "ResetRadarHardware",
-        "90 31": "SetRadarClock",
-        "90 40": "FramesToFlash",
-        "90 50": "SystemTest",
-        "90 55": "GetVersionOld",
-        "90 56": "GetBuildOld",
-        "90 57": "GetProductOld",
-        "90 70": "SetAppFloats",
-        "90 71": "SetAppInts",
-        "90 74": "GetProfileId",
-        "a0": "HilCommand",
-        "b0": "SetDebugLevel",
-        "c0": "BootloaderCommand",
-    }
+    """
+    02: StartBootloader
+    10: 10 SetAppItem, 11 GetAppItem, 12 FactoryPreset
+    10: 13 StoreNoiseMap, 14 LoadNoiseMap, 16 DeleteNoiseMap
+    23: SetCom
+    25: 10 SetNoiseMapControl, 11 GetNoiseMapControl
+    40: 10 SetPin, 20 WritePin, 21 ReadPin
+    41: 10 SetOutputControl
+    42: SetDebugOutput
+    50: 10 X4Set, 11 X4Get, 12 X4Write, 13 X4Read
+    90: SystemCommand, 10 RadlibExecute
+    90: 11 SetVarInt, 12 GetVarInt, 13 SetVarFloat, 14 GetVarFloat
+    90: 15 SetRegisterField, 16 GetRegisterField, 17 GetFrameFloat, 18 GetFrameRaw, 19 GetChipId
+    90: 20 TimingMeasurement, 30 ResetRadarHardware, 31 SetRadarClock, 40 FramesToFlash
+    90: 50 SystemTest, 55 GetVersionOld, 56 GetBuildOld, 57 GetProductOld
+    90: 70 SetAppFloats, 71 SetAppInts, 74 GetProfileId
+    a0: HilCommand
+    b0: SetDebugLevel
+    c0: BootloaderCommand
+    """
 )
 """What a host's packets are called that no row of `messages` describes, by how they begin."""
 
 RESPONSE_NAMES = _by_prefix(
-    {
-        "11 50": "UserReply",
-        "12": "HilReply",
-        "50": "AppData",
-        "50 10 00 00 00": "PulseDoppler",
-        "50 11 00 00 00": "PulseDopplerBytes",
-        "50 12 00 00 00": "NoiseMap",
-        "50 13 00 00 00": "NoiseMapBytes",
-        "50 02 01 02 20": "VitalSigns",
-        "50 26 fe 75 23": "RespirationStatus",
-        "50 6b a1 75 23": "RespirationStatusExt",
-        "50 6c a1 75 23": "SleepStatus",
-        "50 23 76 ba 32": "ParameterFile",
-        "50 aa 45 76 32": "DecimStatus",
-        "50 02 3a 08 41": "SleepStage",
-        "50 00 3b 0a 61": "RespirationMovingList",
-        "50 02 3b 0a 61": "RespirationDetectionList",
-        "50 1e fa 3b 72": "PresenceSingle",
-        "50 1f fa 3b 72": "PresenceMovingList",
-        "50 be 52 1a 99": "PresenceStatus",
-        "50 cf 31 a3 c3": "NormalisedMovementList",
-        "a0 13": "DataText",
-        "a0 50": "UserData",
-        "e0": "BootloaderReply",
-    }
+    """
+    11: 50 UserReply
+    12: HilReply
+    50: AppData
+    50: 10 00 00 00 PulseDoppler, 11 00 00 00 PulseDopplerBytes
+    50: 12 00 00 00 NoiseMap, 13 00 00 00 NoiseMapBytes
+    50: 02 01 02 20 VitalSigns, 26 fe 75 23 RespirationStatus, 6b a1 75 23 RespirationStatusExt
+    50: 6c a1 75 23 SleepStatus, 23 76 ba 32 ParameterFile, aa 45 76 32 DecimStatus
+    50: 02 3a 08 41 SleepStage, 00 3b 0a 61 RespirationMovingList
+    50: 02 3b 0a 61 RespirationDetectionList, 1e fa 3b 72 PresenceSingle
+    50: 1f fa 3b 72 PresenceMovingList, be 52 1a 99 PresenceStatus
+    50: cf 31 a3 c3 NormalisedMovementList
+    a0: 13 DataText, 50 UserData
+    e0: BootloaderReply
+    """
 )
 """The same of a module's packets."""

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from x2radar.errors import SceneError
 from x2radar.sim.bodies.body import Body, BodyPlan
 from x2radar.sim.bodies.motion.recorded import RecordedMotion
-from x2radar.sim.bodies.path.courses import COURSES, bends, draw_course
+from x2radar.sim.bodies.path.path import COURSES, bends, draw_course
 from x2radar.sim.points import Label
 from x2train.motion.clips import Clip, read_clips
 

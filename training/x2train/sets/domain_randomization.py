@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.sim.bodies.body import Body
-from x2radar.sim.bodies.skins.surface import SurfaceSkin
+from x2radar.sim.bodies.skins import SurfaceSkin
 from x2radar.sim.place.antenna import length_m
 from x2radar.sim.points import Label, Mover, Points
 from x2radar.sim.scene.cast import Actor

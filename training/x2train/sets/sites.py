@@ -13,8 +13,7 @@ import numpy as np
 
 from x2radar.frame import FastTimeAxis, StreamInfo
 from x2radar.modules.x2 import RadarSettings
-from x2radar.sim.place.antenna import Antenna
-from x2radar.sim.place.multipath import Surface, TailSettings
+from x2radar.sim.place.antenna import Antenna, Surface, TailSettings
 from x2radar.sim.place.room import RoomSettings
 from x2radar.sim.signal.receiver import ReceiverEffects
 

@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from x2radar.sim.bodies.skins import TotalRcs, draw_skin, sized
-from x2radar.sim.bodies.skins.base import THEORY, EchoGain, Skin
+from x2radar.sim.bodies.skins import THEORY, EchoGain, Skin, TotalRcs, draw_skin, sized
 from x2radar.sim.points import Array, Label, Motion, Points, Pose
 
 _CHEST = 1  # what is carried goes with this part

@@ -206,7 +206,7 @@ def draw_moth(
     reach = rng.uniform(0.05, 0.15)
     radius_and_rate = rng.uniform(0.0, 0.12), rng.choice([-1.0, 1.0]) * rng.uniform(3.0, 9.0)
     flight = _flight(
-        _place(home_m),
+        np.array(home_m),
         (*radius_and_rate, rng.uniform(0.0, 2.0 * np.pi)),
         Wander(rng, [reach, reach, reach, 1.0], rng.uniform(0.25, 0.7) * np.ones(4)),
         Wander(rng, [1.0], [1.0]),
@@ -235,7 +235,7 @@ def _bird_flight(
     begin_s = slot * (np.arange(n_hops) + rng.uniform(0.1, 0.8, n_hops))
     perch_m = rng.uniform(-1.0, 1.0, (n_hops, 3)) * np.array([0.2, 0.2, 0.1])
     hops = _hops(begin_s, perch_m, period) if n_hops else None
-    return _flight(_place(home_m), rounds, wander, effort, rest, hops=hops)
+    return _flight(np.array(home_m), rounds, wander, effort, rest, hops=hops)
 
 
 def _plan(label: Label, b: FlyerBuild, flight: Flight) -> BodyPlan:
@@ -245,9 +245,3 @@ def _plan(label: Label, b: FlyerBuild, flight: Flight) -> BodyPlan:
     trunk = [(0.5, 0.2, 0.2), (0.17, 0.15, 0.15), (0.3, 0.06, 0.06)]
     half_m = np.vstack([b.body_m * np.array(trunk), wing, wing])
     return BodyPlan(label, _NAMES, half_m, _flying(b, flight))
-
-
-def _place(home_m: tuple[float, float, float]) -> Array:
-    for value in home_m:
-        Key(-1000.0, 1000.0).judge(value, "home_m")
-    return np.array(home_m, dtype=np.float64)

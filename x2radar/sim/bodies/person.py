@@ -12,11 +12,15 @@ from x2radar.sim.bodies.body import Body, BodyPlan, Breath, carrying
 from x2radar.sim.bodies.motion import MOTIONS
 from x2radar.sim.bodies.motion.angles import AnglePerson
 from x2radar.sim.bodies.motion.people.footfalls import FootfallPerson, draw_gesture
-from x2radar.sim.bodies.motion.people.gait import FASTEST_WALK, STYLES, PersonStyle
-from x2radar.sim.bodies.motion.people.walking import OnFeet, draw_crawling
-from x2radar.sim.bodies.path.courses import draw_course
-from x2radar.sim.bodies.path.path import Path
-from x2radar.sim.bodies.skeleton.people import PERSON, PersonBuild
+from x2radar.sim.bodies.motion.people.gait import (
+    FASTEST_WALK,
+    STYLES,
+    OnFeet,
+    PersonStyle,
+    draw_crawling,
+)
+from x2radar.sim.bodies.path.path import Path, draw_course
+from x2radar.sim.bodies.skeleton.skeleton import PERSON, PersonBuild
 from x2radar.sim.bodies.skins import TotalRcs
 from x2radar.sim.points import Array, Motion
 

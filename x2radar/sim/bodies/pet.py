@@ -11,17 +11,18 @@ from x2radar.sim.bodies.body import Body, BodyPlan
 from x2radar.sim.bodies.motion import MOTIONS
 from x2radar.sim.bodies.motion.angles import draw_angle_quadruped
 from x2radar.sim.bodies.motion.quadrupeds.footfalls import draw_footfall_quadruped
-from x2radar.sim.bodies.motion.quadrupeds.gait import FOOTWORK, draw_going, froude
-from x2radar.sim.bodies.motion.quadrupeds.hung import Action, draw_manner, hung
-from x2radar.sim.bodies.motion.quadrupeds.staying import (
+from x2radar.sim.bodies.motion.quadrupeds.gait import (
+    FOOTWORK,
     GRAVITY_MPS2,
+    draw_going,
     draw_jumping,
     draw_romping,
     draw_staying,
+    froude,
 )
-from x2radar.sim.bodies.path.courses import apart, draw_course, off_wall
-from x2radar.sim.bodies.path.path import Agility, Path
-from x2radar.sim.bodies.skeleton.quadrupeds import QUADRUPED, QuadrupedBuild
+from x2radar.sim.bodies.motion.quadrupeds.hung import Action, draw_manner, hung
+from x2radar.sim.bodies.path.path import Agility, Path, apart, draw_course, off_wall
+from x2radar.sim.bodies.skeleton.skeleton import QUADRUPED, QuadrupedBuild
 from x2radar.sim.bodies.skeleton.species import SPECIES, Species
 from x2radar.sim.bodies.skins import TotalRcs
 from x2radar.sim.points import Motion

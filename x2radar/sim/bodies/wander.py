@@ -9,10 +9,7 @@ _N_WAVES = 6  # sinusoids of a `Wander`: with fewer the eye sees its period
 
 
 class Wander:
-    """Smooth random numbers within `limits`, (n_numbers,), with root mean square `rms_rate`.
-
-    Each is a sum of sinusoids, whose amplitudes add up to its limit.
-    """
+    """Smooth random numbers: sums of sinusoids within `limits`, (n_numbers,), by `rms_rate`."""
 
     def __init__(self, rng: np.random.Generator, limits: ArrayLike, rms_rate: ArrayLike) -> None:
         limit = np.asarray(limits, np.float64)

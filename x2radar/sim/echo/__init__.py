@@ -17,10 +17,9 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from x2radar.errors import SceneError
 from x2radar.frame import FastTimeAxis, Samples
-from x2radar.sim.echo import direct, gridded
-from x2radar.sim.echo.direct import DENSE_FINEST_DB, FINEST_DB, Task, blocks, echo_sigma_m
+from x2radar.sim.echo import tiers
+from x2radar.sim.echo.tiers import Task, blocks, echo_sigma_m
 from x2radar.sim.points import Array
 
 __all__ = ["TIERS", "Task", "choose", "echo_sigma_m", "frames"]
@@ -42,8 +41,8 @@ def _dense_ns(task: Task) -> float:
 def _local_ns(task: Task) -> float:
     axis = task.axis
     sigma_bins = echo_sigma_m(axis) / axis.bin_length_m
-    touched = direct.n_touched(sigma_bins, task.error_db)
-    n_calls = sum(1 for _ in direct.pieces(task.n_slow, task.n_points, touched))
+    touched = tiers.n_touched(sigma_bins, task.error_db)
+    n_calls = sum(1 for _ in tiers.pieces(task.n_slow, task.n_points, touched))
     bin_ns = 1.4 if axis.kind == "rf" else 0.4
     return (
         n_calls * (5e4 + 1500.0 * touched)
@@ -53,31 +52,26 @@ def _local_ns(task: Task) -> float:
 
 
 def _gridded_ns(task: Task) -> float:
-    if not gridded.suits(task.axis):
+    if not tiers.suits(task.axis):
         return math.inf
-    made = gridded.design_for(task.axis, task.error_db)
+    made = tiers.design_for(task.axis, task.error_db)
     each_ns = 5 + 1.7 * made.grid.n_touched
-    frame_ns = gridded.frame_ns(made.n_blocks, made.n_block, made.n_window)
+    frame_ns = tiers.frame_ns(made.n_blocks, made.n_block, made.n_window)
     frame_ns *= 1.2 if task.axis.kind == "rf" else 1.5
     n_calls = sum(1 for _ in blocks(task.n_slow, task.n_points))
     return n_calls * 5e4 + each_ns * task.n_echoes + frame_ns * task.n_slow
 
 
 TIERS: Mapping[str, Tier] = {
-    "dense": Tier(direct.dense_frames, DENSE_FINEST_DB, _dense_ns),
-    "local": Tier(direct.local_frames, FINEST_DB, _local_ns),
-    "gridded": Tier(gridded.frames, FINEST_DB, _gridded_ns),
+    "dense": Tier(tiers.dense_frames, tiers.DENSE_FINEST_DB, _dense_ns),
+    "local": Tier(tiers.local_frames, tiers.FINEST_DB, _local_ns),
+    "gridded": Tier(tiers.gridded_frames, tiers.FINEST_DB, _gridded_ns),
 }
 """Every tier by its name."""
 
-_COARSEST_DB = -20.0  # coarser is no frame
-
 
 def choose(task: Task) -> str:
-    """Return the name of the cheapest tier for an error of -130 to -20 dB; or SceneError."""
-    if not DENSE_FINEST_DB <= task.error_db <= _COARSEST_DB:
-        msg = f"error_db {task.error_db:g} is not within {DENSE_FINEST_DB:g} to {_COARSEST_DB:g}"
-        raise SceneError(msg)
+    """Return the name of the cheapest tier for an error of -130 to -20 dB."""
     able = [name for name, tier in TIERS.items() if tier.finest_db <= task.error_db]
     return min(able, key=lambda name: TIERS[name].cost_ns(task))
 
@@ -101,13 +95,8 @@ def frames(
     The phase is exp(-j 4 pi R / lambda), or its conjugate if the axis' `phase_sign` is +1.
     Baseband is the matched filter's output and RF is what the filter takes: where an echo lies in
     the swath as a whole, down-converting the RF frames gives the baseband frames. Raises
-    SceneError if the error is out of its range, the shapes differ, or the axis has no bandwidth.
+    SceneError if the axis has no bandwidth.
     """
-    if range_m.ndim != 2 or range_m.shape != amplitude.shape:
-        raise SceneError(
-            f"ranges of shape {range_m.shape} and amplitudes of shape {amplitude.shape}; "
-            "both must be (n_slow, n_points)"
-        )
     n_slow, n_points = range_m.shape
     task = Task(n_slow, n_points, axis, error_db)
     return TIERS[tier or choose(task)].frames(range_m, amplitude, task, floor)

@@ -9,7 +9,7 @@ None looks at a clock. `ModuleFaults` is what goes wrong inside the module, `Lin
 import zlib
 from collections import deque
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,8 +27,7 @@ _STALL_EVERY_S = 10.0  # junk of a packet's length (docs/research/simulated-modu
 _LATE_FRAMES = {0: 3.8, 1: 2.9, 2: 2.0, 3: 1.1, 10: 1.0}
 
 
-@dataclass(frozen=True, slots=True)
-class Kind:
+class Kind(NamedTuple):
     """One kind of fault: unit of its value, its least and most, what it does."""
 
     unit: str
@@ -107,38 +106,34 @@ def describe_faults() -> str:
     return "\n".join(f"  {name:<15} {k.unit:<20} {k.meaning}" for name, k in KINDS.items())
 
 
-class Dice:
+class _Dice:
     """A plan, and a random generator for each of its kinds of faults."""
 
     def __init__(self, plan: FaultPlan, seed: int) -> None:
-        self.plan = plan
-        self.rng = {
+        self._plan = plan
+        self._rng = {
             kind: np.random.default_rng([seed, 0xFA17, zlib.crc32(kind.encode())]) for kind in plan
         }
 
-    def falls(self, kind: str) -> bool:
+    def _falls(self, kind: str) -> bool:
         """Draw once whether this fault happens now."""
-        share = self.plan.get(kind, 0.0)
-        return share > 0 and bool(self.rng[kind].random() < share)
+        share = self._plan.get(kind, 0.0)
+        return share > 0 and bool(self._rng[kind].random() < share)
 
 
-class ModuleFaults:
+class ModuleFaults(_Dice):
     """Faults inside the module, frame by frame."""
 
-    def __init__(self, dice: Dice) -> None:
-        self._plan = plan = dice.plan
-        self._dice = dice
+    def __init__(self, plan: FaultPlan, seed: int) -> None:
+        super().__init__(plan, seed)
         # From a command's arrival until it is obeyed, and from boot until pings answer READY.
         self.reply_delay_s = plan.get("slow_ack", 0.0)
         self.not_ready_s = plan.get("not_ready", 0.0)
         self.announces_ready = not (self.not_ready_s or plan.get("safe_mode"))
 
     def frame(self, samples: np.ndarray) -> tuple[np.ndarray, int, bool, bool]:
-        """Return a frame as the module makes it, and how often it is sent.
-
-        And whether the counter begins again, and the module restarts.
-        """
-        falls = self._dice.falls
+        """Return a frame, how often it is sent, and whether counter and module begin again."""
+        falls = self._falls
         restarts_counter, reboots = falls("counter_restart"), falls("reboot")
         n_copies = 1 + falls("duplicate")
         if falls("drop_frames"):
@@ -150,7 +145,7 @@ class ModuleFaults:
             samples = parts.view(samples.dtype)
         if falls("spike"):
             samples = samples.copy()
-            at = self._dice.rng["spike"].integers(0, samples.size, _SPIKES)
+            at = self._rng["spike"].integers(0, samples.size, _SPIKES)
             samples[at] += np.float32(_SPIKE)
         return samples, n_copies, restarts_counter, reboots
 
@@ -162,19 +157,18 @@ class ModuleFaults:
             return None if isinstance(command, Reset) else ErrorReply(ErrorCode.COMMAND_FAILED)
         if isinstance(command, Ping):
             return None if is_ready else Pong(PongCode.NOT_READY)
-        return ErrorReply(ErrorCode.COMMAND_FAILED) if self._dice.falls("error_reply") else None
+        return ErrorReply(ErrorCode.COMMAND_FAILED) if self._falls("error_reply") else None
 
 
-class Line:
+class Line(_Dice):
     """The serial line from module to host: it damages, delays, cuts and lumps what is sent.
 
     Packets go in with the time they were made, bytes come out when they are due, in their order:
     what is held back holds back everything behind it.
     """
 
-    def __init__(self, dice: Dice) -> None:
-        self._plan = plan = dice.plan
-        self._dice = dice
+    def __init__(self, plan: FaultPlan, seed: int) -> None:
+        super().__init__(plan, seed)
         self.max_piece = int(plan.get("split", 0))  # bytes that are sent at a time; 0: all
         self.hang_up_s = plan.get("hang_up", _NEVER_S)
         self._last_s = min(self.hang_up_s, plan.get("silent", _NEVER_S))
@@ -202,8 +196,8 @@ class Line:
 
     def frame_lateness_s(self, counter: int, frame_rate_hz: float) -> float:
         """Return how late a frame leaves, in seconds."""
-        periods = _LATE_FRAMES.get(counter % 20, 0.0) if self._plan.get("bursts") else 0.0
-        return periods / frame_rate_hz
+        late = _LATE_FRAMES.get(counter % 20, 0.0) if "bursts" in self._plan else 0.0
+        return late / frame_rate_hz
 
     def _held_s(self, due_s: float) -> float:
         if lump_s := self._plan.get("merge"):
@@ -220,21 +214,21 @@ class Line:
             return
         at = 0
         while at < len(data):
-            n = int(self._dice.rng["split"].integers(1, self.max_piece + 1))
+            n = int(self._rng["split"].integers(1, self.max_piece + 1))
             yield data[at : at + n]
             at += n
 
     def _damaged(self, packet: bytes) -> bytes:
-        if self._dice.falls("junk"):
-            rng = self._dice.rng["junk"]
+        if self._falls("junk"):
+            rng = self._rng["junk"]
             packet = rng.bytes(int(rng.integers(1, _MAX_JUNK + 1))) + packet
         if share := self._plan.get("flip_bits"):
-            rng = self._dice.rng["flip_bits"]
+            rng = self._rng["flip_bits"]
             data = np.frombuffer(packet, np.uint8).copy()
             hit = rng.random(len(packet)) < share
             data[hit] ^= np.left_shift(1, rng.integers(0, 8, int(hit.sum()))).astype(np.uint8)
             packet = data.tobytes()
         if share := self._plan.get("drop_bytes"):
-            is_kept = self._dice.rng["drop_bytes"].random(len(packet)) >= share
+            is_kept = self._rng["drop_bytes"].random(len(packet)) >= share
             packet = np.frombuffer(packet, np.uint8)[is_kept].tobytes()
         return packet

@@ -14,7 +14,7 @@ import numpy as np
 
 from x2radar.errors import MessageError
 from x2radar.modules.base import ModuleSettings
-from x2radar.sim.module.faults import Dice, FaultPlan, Line, ModuleFaults
+from x2radar.sim.module.faults import FaultPlan, Line, ModuleFaults
 from x2radar.sim.module.firmware import Firmware, X2Firmware
 from x2radar.sim.module.stream import EchoStream
 from x2radar.sim.scene.scene import Scene
@@ -45,8 +45,7 @@ class SimulatedModule:
         self._seed = seed
         self._firmware: Firmware = firmware or X2Firmware()
         self._decoder = PacketDecoder()
-        dice = Dice(faults or {}, seed)
-        self._faults, self._line = ModuleFaults(dice), Line(dice)
+        self._faults, self._line = ModuleFaults(faults or {}, seed), Line(faults or {}, seed)
         self._now_s = 0.0
         self._commands: deque[tuple[float, msg.Message]] = deque()
         self._resume: ModuleSettings | None = None
@@ -54,7 +53,6 @@ class SimulatedModule:
         self._is_awake = True
         self._ready_due_s = self._faults.not_ready_s or _FOREVER_S
         self._stop()
-        self.n_skipped = 0
 
     @property
     def next_due_s(self) -> float:
@@ -156,9 +154,7 @@ class SimulatedModule:
                 self._resume = stream.settings
             self._stop()
             self._reset_due_s = self._now_s
-        elif until_s - due_s > MAX_LATE_S:
-            self.n_skipped += 1
-        elif n_copies and samples is not None:
+        elif n_copies and samples is not None and until_s - due_s <= MAX_LATE_S:
             message = self._firmware.frame_message(stream.axis, self._counter, frame)
             self._send(message, n_copies, self._line.frame_lateness_s(self._counter, rate_hz))
 
@@ -183,8 +179,7 @@ class SimulatedModule:
                 self._reset_due_s = self._now_s + RESET_DELAY_S
                 return msg.Ack()
             case _:
-                pass
-        done = self._firmware.obey(command)
+                done = self._firmware.obey(command)
         if done is None:
             return msg.ErrorReply(ErrorCode.NOT_RECOGNIZED)
         if done.stops:

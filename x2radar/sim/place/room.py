@@ -101,19 +101,16 @@ class Room:
             return np.broadcast_to(self.still, (len(t_s), self.still.size))
         gain, away_m = np.ones((len(t_s), 1)), np.zeros((len(t_s), 1))
         if has_drift:
-            drift = self._drift(t_s)
+            # Slow functions of unit rms, shape (n_slow, 2, n_groups).
+            turns = t_s[:, None, None, None] * self._drift_hz + self._drift_turns
+            lines = np.sin(2 * np.pi * turns).sum(axis=-1) * math.sqrt(2 / _DRIFT_LINES)
+            drift = np.moveaxis(lines, 0, 1)
             away_m = drift[0] * self._drift_m.T
             gain = 1 + drift[1] * self._drift_gain.T
         if offset_m is not None:
             away_m = away_m - offset_m @ self._towards.T
         turns = (self._turns_per_m * away_m) % 1.0
         return self._frames((gain * np.exp(-2j * np.pi * turns)).astype(np.complex64))
-
-    def _drift(self, t_s: Array) -> Array:
-        """Return unit-rms slow functions, shape (2, n_slow, n_groups)."""
-        turns = t_s[:, None, None, None] * self._drift_hz + self._drift_turns
-        lines = np.sin(2 * np.pi * turns).sum(axis=-1) * math.sqrt(2 / _DRIFT_LINES)
-        return np.moveaxis(lines, 0, 1)
 
     def _frames(self, weights: NDArray[np.complex64]) -> Samples:
         if not self._is_rf:

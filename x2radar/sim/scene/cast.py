@@ -17,7 +17,7 @@ from x2radar.keys import Key, checked, place_of, unknown
 from x2radar.sim.bodies.flyer import draw_bird, draw_moth
 from x2radar.sim.bodies.motion import MOTIONS
 from x2radar.sim.bodies.motion.recorded import draw_recorded
-from x2radar.sim.bodies.path.courses import COURSES, FAR_M, NEAR_M, Waypoints, draw_course
+from x2radar.sim.bodies.path.path import COURSES, FAR_M, NEAR_M, Waypoints, draw_course
 from x2radar.sim.bodies.person import draw_person
 from x2radar.sim.bodies.pet import draw_pet
 from x2radar.sim.bodies.skeleton.species import SPECIES

@@ -17,8 +17,7 @@ import numpy as np
 from x2radar.bounded_yaml import YamlError, load_yaml, read_document
 from x2radar.errors import SceneError
 from x2radar.keys import Key, checked, settings_from
-from x2radar.sim.place.antenna import Antenna
-from x2radar.sim.place.multipath import Surface, TailSettings
+from x2radar.sim.place.antenna import Antenna, Surface, TailSettings
 from x2radar.sim.place.room import RoomSettings
 from x2radar.sim.scene.cast import Actor, read_actor
 from x2radar.sim.signal.receiver import ReceiverEffects

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from x2radar.errors import SceneError
-from x2radar.sim.place.antenna import EchoRows, length_m
-from x2radar.sim.place.multipath import DiffuseTail, image_rows
+from x2radar.sim.place.antenna import DiffuseTail, EchoRows, image_rows, length_m
 from x2radar.sim.points import Array, Mover, Points
 from x2radar.sim.scene.cast import Actor
 from x2radar.sim.scene.scene import Scene

@@ -8,7 +8,6 @@ seed, the kind of effect and `b`. An effect that is off draws nothing.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -247,18 +246,14 @@ def delayed_rf(
     n = frames.shape[1]
     wide = np.pad(frames, ((0, 0), (_SLOPE_TAPS, _SLOPE_TAPS)))
     slope = np.zeros_like(frames)
-    for k, tap in enumerate(_differentiator(), start=1):
+    # Of a slope per sample, from k = 1 on: (-1)^(k+1) / k, Kaiser taper.
+    number = np.arange(1, _SLOPE_TAPS + 1)
+    taper = np.kaiser(2 * _SLOPE_TAPS + 1, 5.0)[_SLOPE_TAPS + 1 :]
+    taps = np.asarray((-1.0) ** (number + 1) / number * taper, np.float32)
+    for k, tap in enumerate(taps, start=1):
         ahead, behind = _SLOPE_TAPS + k, _SLOPE_TAPS - k
         difference = wide[:, ahead : ahead + n] - wide[:, behind : behind + n]
         difference *= tap
         slope += difference
     slope *= along.astype(np.float32)[:, None]
     return np.asarray(frames * np.cos(turn).astype(np.float32)[:, None] - slope)
-
-
-@lru_cache(maxsize=1)
-def _differentiator() -> NDArray[np.float32]:
-    """Return the taps of a slope per sample, from k = 1 on: (-1)^(k+1) / k, Kaiser taper."""
-    k = np.arange(1, _SLOPE_TAPS + 1)
-    taper = np.kaiser(2 * _SLOPE_TAPS + 1, 5.0)[_SLOPE_TAPS + 1 :]
-    return np.asarray((-1.0) ** (k + 1) / k * taper, np.float32)

@@ -116,10 +116,7 @@ Mount = Callable[[Array], Array]
 
 
 def draw_mount(rng: np.random.Generator, raw: Values | None = None, where: str = "mount") -> Mount:
-    """Return a mount that vibrates; what `raw` leaves out is drawn; or SceneError.
-
-    A hum, a slow sway, and shocks that die in 0.2 s.
-    """
+    """Return hum, sway and shocks of a mount; what `raw` leaves out is drawn; or SceneError."""
     said = values_of(rng, DRAWS, raw, where)
     direction = rng.standard_normal((3, 3))
     direction = direction / np.linalg.norm(direction, axis=1, keepdims=True)

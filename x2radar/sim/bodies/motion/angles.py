@@ -24,10 +24,8 @@ from x2radar.sim.bodies.motion.quadrupeds.footfalls import LEAPS, Bearing, draw_
 from x2radar.sim.bodies.motion.quadrupeds.hung import Trunk
 from x2radar.sim.bodies.path.feet import StridePhase
 from x2radar.sim.bodies.path.path import Path
-from x2radar.sim.bodies.skeleton import quadrupeds
-from x2radar.sim.bodies.skeleton.people import PersonBuild
-from x2radar.sim.bodies.skeleton.quadrupeds import QuadrupedBuild
-from x2radar.sim.bodies.skeleton.skeleton import direction, hang
+from x2radar.sim.bodies.skeleton import skeleton
+from x2radar.sim.bodies.skeleton.skeleton import PersonBuild, QuadrupedBuild, direction, hang
 from x2radar.sim.bodies.wander import Wander
 from x2radar.sim.points import UP, Array, Ends, Motion, Pose
 
@@ -199,7 +197,7 @@ def draw_angle_quadruped(
     flight = float((0.08 if gait in LEAPS else 0.02) * np.exp(0.3 * z[1]))  # in hip heights
 
     def leg(k: int, middle: Array, heading: Array, phase: Array, vigour: Array) -> list[Ends]:
-        end, side = quadrupeds.ENDS[k], 0.9 * quadrupeds.SIDES[k] * b.half_track_m
+        end, side = skeleton.ENDS[k], 0.9 * skeleton.SIDES[k] * b.half_track_m
         upper, lower = joints[:2] if end > 0 else joints[2:]
         bend = np.maximum(lower(phase, vigour), 0.05) + crouch_rad
         # The fore leg's elbow points back, the hind leg's stifle ahead.

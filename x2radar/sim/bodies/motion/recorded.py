@@ -20,9 +20,7 @@ import numpy as np
 
 from x2radar.errors import SceneError
 from x2radar.sim.bodies.body import Body, BodyPlan
-from x2radar.sim.bodies.skeleton.people import PERSON
-from x2radar.sim.bodies.skeleton.quadrupeds import QUADRUPED
-from x2radar.sim.bodies.skeleton.skeleton import Part, Skeleton
+from x2radar.sim.bodies.skeleton.skeleton import PERSON, QUADRUPED, Part, Skeleton
 from x2radar.sim.bodies.skins import TotalRcs
 from x2radar.sim.points import UP, Array, Label, Pose
 

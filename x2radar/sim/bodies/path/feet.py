@@ -6,8 +6,7 @@ clock for any number of legs (`Feet`), or by a phase that counts strides and pla
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
-from typing import Self
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -112,33 +111,6 @@ def _spans(speed: Array, drive: Array, stride_m: OfSpeed, n_ahead: int) -> NDArr
     return np.array(found, dtype=np.int64).reshape(-1, 2)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Footfalls:
-    """Stances, each with the swing that follows it.
-
-    The last axis but `place` and `step`'s is legs; those two add one of length 3: x and y in
-    metres, heading in radians. The first axis is stances in order, or times in `at`.
-    """
-
-    touch_down_s: Array
-    lift_off_s: Array
-    swing_s: Array  # how long the swing after it takes
-    full_s: Array  # how long the stance would be in steady movement, or is, if that is less
-    duty: Array
-    lift_m: Array
-    place: Array  # where the foot stands
-    step: Array  # what the swing adds to that
-
-    def at(self, t_s: Array) -> Self:
-        """Return the stance that each leg is in, or last was in, at times (n_slow,)."""
-        legs = np.arange(self.touch_down_s.shape[1])
-        k = np.stack(
-            [np.searchsorted(self.touch_down_s[:, leg], t_s, side="right") for leg in legs], axis=1
-        )
-        k = np.maximum(k - 1, 0)
-        return type(self)(*(getattr(self, f.name)[k, legs] for f in fields(self)))
-
-
 def _leg(
     path: Path, clock: Clock, offset: float, more_duty: float, home_m: tuple[float, float]
 ) -> tuple[Array, ...]:
@@ -177,11 +149,7 @@ def _leg(
 
 def _moved(place: Array) -> NDArray[np.bool_]:
     """Return which steps bring the foot to another place than the last one kept."""
-    keep = np.ones(len(place) - 1, dtype=bool)
-    step = np.abs(np.diff(place, axis=0))
-    if (np.hypot(step[:, 0], step[:, 1]) + step[:, 2] > _SAME_PLACE_M + _SAME_HEADING).all():
-        return keep
-    last = place[0]
+    keep, last = np.ones(len(place) - 1, dtype=bool), place[0]
     for k, there in enumerate(place[1:]):
         step = np.abs(there - last)
         keep[k] = np.hypot(step[0], step[1]) > _SAME_PLACE_M or step[2] > _SAME_HEADING
@@ -227,44 +195,44 @@ class Feet:
     def __init__(self, path: Path, gait: Gait) -> None:
         self.clock = clock = Clock(path, gait)  # strides gone, as a function of time
         more = gait.more_duty or (0.0,) * len(gait.offset)
-        rows = zip(gait.offset, more, gait.home_m, strict=True)
-        legs = [_leg(path, clock, *row) for row in rows]
-        n = max(len(leg[0]) for leg in legs)
-        # Legs with fewer steps than others are filled up with stances that never come.
-        empty = (2 * _EVER_S, 3 * _EVER_S, 1.0, 1.0, 0.6, 0.0, np.zeros(3), np.zeros(3))
-        falls = Footfalls(*(np.full((n, len(legs), *np.shape(x)), x) for x in empty))
-        for k, (down_s, up_s, duty, period_s, place) in enumerate(legs):
-            m = len(up_s)
-            step = np.diff(place, axis=0)
+        self.ramp = gait.ramp
+        # Of each leg a row a stance, in order: touch-down, lift-off, duration of the swing after
+        # it, and of the stance in steady movement, or what it is, if that is less; duty, lift;
+        # where the foot stands, and what the swing adds to that: x, y and heading.
+        self.stances: list[Array] = []
+        for k, home_m in enumerate(gait.home_m):
+            leg = _leg(path, clock, gait.offset[k], more[k], home_m)
+            down_s, up_s, duty, period_s, place = leg
+            step = np.diff(place, axis=0, append=place[-1:])
             way = np.hypot(step[:, 0], step[:, 1]) + 0.2 * np.abs(step[:, 2])
-            usual = max(float(np.median(way)), 1e-3) if m > 1 else 1.0
-            falls.touch_down_s[:m, k] = down_s
-            falls.lift_off_s[:m, k] = up_s
-            falls.swing_s[: m - 1, k] = down_s[1:] - up_s[:-1]
-            falls.full_s[:m, k] = np.minimum(up_s - down_s, duty * period_s)
-            falls.duty[:m, k] = duty
-            falls.lift_m[: m - 1, k] = gait.lift_m[k] * np.minimum(way / (0.6 * usual), 1.0)
-            falls.place[:m, k] = place
-            falls.step[: m - 1, k] = step
-        self.falls, self.ramp = falls, gait.ramp  # stances of each leg in order
+            usual = max(float(np.median(way[:-1])), 1e-3) if len(way) > 1 else 1.0
+            swing_s = np.append(down_s[1:] - up_s[:-1], 1.0)
+            full_s = np.minimum(up_s - down_s, duty * period_s)
+            lift_m = gait.lift_m[k] * np.minimum(way / (0.6 * usual), 1.0)
+            columns = (down_s, up_s, swing_s, full_s, duty, lift_m, place, step)
+            self.stances.append(np.column_stack(columns))
 
     def at(self, t_s: Array) -> FootState:
         """Return the feet at times (n_slow,); on the floor one is still to the last bit."""
-        f = self.falls.at(t_s)
+        # The stance that each leg is in, or last was in.
+        now = (np.searchsorted(leg[:, 0], t_s, side="right") - 1 for leg in self.stances)
+        rows = [leg[np.maximum(k, 0)] for leg, k in zip(self.stances, now, strict=True)]
+        f = np.stack(rows, axis=1)
+        down_s, up_s, swing_s, full_s, duty, lift_m = np.moveaxis(f[..., :6], -1, 0)
         t = t_s[:, None]
-        since, until = t - f.touch_down_s, f.lift_off_s - t
+        since, until = t - down_s, up_s - t
         is_stance = until >= 0
-        swing = np.clip(-until / f.swing_s, 0.0, 1.0)
-        stance = np.minimum(since / f.full_s, 0.5) + 0.5 - np.clip(until / f.full_s, 0.0, 0.5)
+        swing = np.clip(-until / swing_s, 0.0, 1.0)
+        stance = np.minimum(since / full_s, 0.5) + 0.5 - np.clip(until / full_s, 0.0, 0.5)
         done = eased(swing, self.ramp)
-        position = f.place + done[..., None] * f.step
+        position = f[..., 6:9] + done[..., None] * f[..., 9:]
         lifted = np.sin(np.pi * swing)
-        height = f.lift_m * lifted * lifted
+        height = lift_m * lifted * lifted
         return FootState(
             position_m=np.concatenate([position[..., :2], height[..., None]], axis=-1),
             heading_rad=position[..., 2],
-            phase=f.duty * stance + (1.0 - f.duty) * swing,
-            duty=f.duty,
+            phase=duty * stance + (1.0 - duty) * swing,
+            duty=duty,
             swing=swing,
             is_stance=is_stance,
         )

@@ -49,10 +49,7 @@ def within_reach(hands: Array) -> Array:
 
 
 def _draw_work(rng: np.random.Generator) -> tuple[Wander, Wander, float]:
-    """Draw how hips (2), crouch, lean, twist and two hands (6) move, when they rest, and size.
-
-    The size is 1 for what everyday work takes.
-    """
+    """Draw how hips (2), crouch, lean, twist and two hands (6) move, when they rest, and size."""
     size, pace = rng.uniform(0.3, 1.4), float(np.exp(rng.uniform(-0.5, 0.5)))
     wander = Wander(rng, _LIMITS, pace * _RATES)
     return wander, Wander(rng, [1.0], [0.3 * pace]), size

@@ -17,8 +17,13 @@ import numpy as np
 
 from x2radar.sim.bodies.path.feet import Footprints, StridePhase
 from x2radar.sim.bodies.path.path import Path
-from x2radar.sim.bodies.skeleton.people import PersonBuild
-from x2radar.sim.bodies.skeleton.skeleton import STRETCHED_TO, direction, hang, two_links
+from x2radar.sim.bodies.skeleton.skeleton import (
+    STRETCHED_TO,
+    PersonBuild,
+    direction,
+    hang,
+    two_links,
+)
 from x2radar.sim.bodies.wander import Wander
 from x2radar.sim.points import UP, Array, Ends, Pose
 
@@ -156,11 +161,7 @@ _HEEL_RISE_RAD = 1.1  # of the foot when it leaves the floor (recalled: 60 degre
 
 
 class FootfallPerson(StridingPerson):
-    """A person who walks a path: feet stand where they fall, legs follow; a `Motion`.
-
-    How somebody goes in a style of `STYLES` is drawn widely, so that a network cannot learn one
-    gait law by heart.
-    """
+    """A person who walks a path: feet stand where they fall, legs follow; a `Motion`."""
 
     def __init__(
         self, rng: np.random.Generator, path: Path, build: PersonBuild, style: str

@@ -1,19 +1,26 @@
-"""How people put their feet: stride, duty factor, and what the body does over them.
+"""People by the first generator, on two feet or on hands and knees: limbs reach for footfalls.
+
+The ball of a standing foot does not move; the heel rises over it in the last third of the stance.
+Knees and elbows follow by two-link inverse kinematics.
 
 Walking follows Boulic and Thalmann 1990 (recalled): with the speed RV relative to the hip
 height Ht, the stride is 1.346 sqrt(RV) Ht and the period 1.346 / sqrt(RV) seconds, the
 support 0.752 periods - 0.143 s. Running: strides of 1.3 to 1.6 a second, with a flight.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from x2radar.sim.bodies.path.feet import Gait
-from x2radar.sim.bodies.skeleton.people import Age, PersonBuild
-from x2radar.sim.points import Array
+from x2radar.sim.bodies.motion.people.doing import DOERS, Doing
+from x2radar.sim.bodies.motion.people.footfalls import SIDES
+from x2radar.sim.bodies.path.feet import Feet, FootState, Gait
+from x2radar.sim.bodies.path.path import Path
+from x2radar.sim.bodies.skeleton.skeleton import TRUNK_AT, Age, PersonBuild, direction, two_links
+from x2radar.sim.bodies.wander import Wander, smooth_step
+from x2radar.sim.points import UP, Array, Ends, Motion, Pose, rod
 
 Traits = tuple[Array, Array]  # drawn whatever the style: 12 normal numbers and 8 shares
 
@@ -166,3 +173,242 @@ def gait_of(style: PersonStyle, build: PersonBuild, traits: Traits) -> Gait:
         more_duty=(limp / 2, -limp / 2),
         ramp=0.2,
     )
+
+
+_STIFF_TO = 0.93  # share of a limb's length up to which it reaches; beyond, its upper joint gives
+_HEEL_OFF = 0.65  # share of the stance after which the heel rises: 40 % of a stride (Perry)
+_KNEE_M = 0.06  # height of a kneeling knee's middle (recalled)
+_FACE = 0.015  # of the stature: the head's middle ahead of the neck
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Hips:
+    """Place of the middle of the hips, and the body's heading."""
+
+    middle_m: Array  # (n_slow, 3): middle between the hip joints
+    heading_rad: Array  # (n_slow,): where the body faces
+    yaw_rad: Array  # (n_slow,): turn of the pelvis against that; the chest turns the other way
+    vigour: Array  # (n_slow,): 0 standing to 1 at cruising speed
+    swing: Array  # (n_slow,): -1 to 1: 1 when the left leg is foremost
+    lean_rad: Array  # (n_slow,): of the trunk, forward
+    look_rad: Array  # (n_slow, 2): turn and nod of the head
+
+
+class OnFeet:
+    """A person who walks a path on two feet and stands where it stops; a `Motion`."""
+
+    def __init__(
+        self,
+        rng: np.random.Generator,
+        style: PersonStyle,
+        path: Path,
+        build: PersonBuild,
+        traits: Traits,
+    ) -> None:
+        gait, cruise = gait_of(style, build, traits), max(path.cruise_mps, 0.1)
+        self.path, self.build, self.cruise_mps = path, build, cruise
+        self.feet = Feet(path, gait)
+        self.carriage = carriage_of(style, build, cruise, traits[0])
+        self.duty = float(gait.duty(np.array([cruise]))[0])
+        # Of the hips ahead, aside and up, in metres, and turn and nod of the head.
+        limits = (0.02, 0.015, 0.004, 0.5, 0.15)
+        self.sway = Wander(rng, limits, [0.012, 0.010, 0.003, 0.10, 0.05])
+        # What is done besides.
+        self.doer = DOERS[style.does](rng, build.leg_m) if style.does else None
+
+    def __call__(self, t_s: Array) -> Pose:
+        b, c = self.build, self.carriage
+        state, feet = self.path.at(t_s), self.feet.at(t_s)
+        strides = self.feet.clock.at(t_s)
+        vigour = np.minimum(state.speed_mps / self.cruise_mps, 1.0)
+        middle_stance = strides - 0.5 * self.duty
+        bob = np.cos(4 * np.pi * middle_stance)
+        # Long steps lower the hips.
+        rate_hz = float(self.feet.clock.rate_hz.max(initial=0.0))
+        step_m = 0.25 * vigour * self.cruise_mps / max(rate_hz, 0.1)
+        straight = np.sqrt(np.maximum(b.leg_m**2 - (0.8 * step_m) ** 2, 0.3 * b.leg_m**2))
+        sway = self.sway.at(t_s)
+        ahead = sway[:, 0] - c.surge_m * vigour * np.sin(4 * np.pi * middle_stance)
+        aside = c.sway_m * vigour * np.cos(2 * np.pi * middle_stance) + sway[:, 1]
+        bend, lean = np.full(len(t_s), c.bend), np.full(len(t_s), c.lean_rad)
+        heading, up, look = state.heading_rad, sway[:, 2], sway[:, 3:5]
+        cos, sin = np.cos(heading), np.sin(heading)
+        doing = self.doer(t_s, vigour) if self.doer else None
+        if doing:
+            bend, lean, look = bend + doing.crouch, lean + doing.lean_rad, look + doing.look_rad
+            ahead, aside = ahead + doing.shift_m[:, 0], aside + doing.shift_m[:, 1]
+            up = up + doing.shift_m[:, 2]
+            on, left, lift = np.moveaxis(doing.feet_m, -1, 0)
+            by = (on * cos[:, None] - left * sin[:, None], on * sin[:, None] + left * cos[:, None])
+            feet = replace(feet, position_m=feet.position_m + np.stack([*by, lift], axis=-1))
+        height = b.ankle_m + (1 - bend) * straight + c.bob_m * vigour * bob
+        middle = np.stack(
+            [
+                state.x_m - aside * sin + ahead * cos,
+                state.y_m + aside * cos + ahead * sin,
+                height + up,
+            ],
+            axis=-1,
+        )
+        swing = np.cos(2 * np.pi * strides)
+        hips = _Hips(middle, heading, -c.yaw_rad * vigour * swing, vigour, swing, lean, look)
+        return self._upright(hips, feet, doing)
+
+    def _upright(self, hips: _Hips, feet: FootState, doing: Doing | None) -> Pose:
+        b, look = self.build, hips.look_rad
+        spine = direction(hips.heading_rad, np.pi / 2 - hips.lean_rad)
+        nape = hips.middle_m + b.trunk_m * spine
+        gaze = hips.heading_rad + look[:, 0]
+        head = direction(gaze, np.pi / 2 - 0.5 * hips.lean_rad + look[:, 1])
+        face = direction(gaze, -0.5 * hips.lean_rad + look[:, 1])
+        # The chest turns against the pelvis.
+        facing = hips.heading_rad - hips.yaw_rad + (doing.twist_rad if doing else 0.0)
+        ends = [
+            *(rod(hips.middle_m + along * b.trunk_m * spine, spine) for along in TRUNK_AT),
+            rod(nape + b.neck_m * head + _FACE * b.stature_m * face, head),
+        ]
+        for side in range(2):
+            ends += self._arm(side, hips, nape, direction(facing + np.pi / 2), doing)
+        ends += self._legs(hips, feet)
+        return Pose.between(ends, direction(hips.heading_rad + np.pi / 2)[:, None])
+
+    def _arm(
+        self, side: int, hips: _Hips, nape: Array, left: Array, doing: Doing | None
+    ) -> list[Ends]:
+        b, c, sign = self.build, self.carriage, SIDES[side]
+        down = -np.pi / 2 - hips.lean_rad * 0.3
+        shoulder = nape + (sign * b.shoulder_m) * left
+        # Arms go against the legs of their side.
+        swing = -sign * c.arm_rad * hips.vigour * hips.swing
+        upper = direction(hips.heading_rad, down + c.arm_rest_rad + swing)
+        bend = c.elbow_rad * (0.6 + 0.4 * hips.vigour) + 0.35 * np.maximum(swing, 0.0)
+        fore = direction(hips.heading_rad, down + c.arm_rest_rad + swing + bend)
+        # A little away from the body.
+        upper = upper + (0.12 * sign) * left
+        upper /= np.sqrt((upper * upper).sum(axis=-1, keepdims=True))
+        elbow = shoulder + b.upper_arm_m * upper
+        wrist = elbow + b.forearm_m * fore
+        if doing:
+            ahead = np.stack([left[:, 1], -left[:, 0], left[:, 2]], axis=-1)
+            along, out, high = (b.upper_arm_m + b.forearm_m) * doing.hands[:, side].T[..., None]
+            at_work = shoulder + along * ahead + out * left + high * UP
+            wrist += doing.share[:, None] * (at_work - wrist)
+            shoulder, elbow = _elbow(b, shoulder, wrist, (ahead, left, sign))
+            fore = (wrist - elbow) / b.forearm_m
+        return [(shoulder, elbow), (elbow, wrist), (wrist, wrist + 0.1 * b.stature_m * fore)]
+
+    def _legs(self, hips: _Hips, feet: FootState) -> list[Ends]:
+        b = self.build
+        toes = direction(feet.heading_rad)
+        sole = 0.7 * b.foot_m
+        # The heel's rise grows to its most at toe-off; in the swing it goes back.
+        push = smooth_step((feet.phase / feet.duty - _HEEL_OFF) / (1 - _HEEL_OFF))
+        back_again = 1.0 - smooth_step(feet.swing / 0.55)
+        rise = self.carriage.heel_rad * np.where(feet.is_stance, push, back_again)
+        rise = rise * hips.vigour[:, None]
+        back = -np.cos(rise)[..., None] * toes
+        back[..., 2] += np.sin(rise)
+        ankle = feet.position_m + sole * back
+        ankle[..., 2] += b.ankle_m
+        left = direction(hips.heading_rad + hips.yaw_rad + np.pi / 2)
+        joint = hips.middle_m[:, None] + b.hip_m * np.array(SIDES)[:, None] * left[:, None]
+        forward = direction(hips.heading_rad)[:, None]
+        knee, top = _reach(ankle, joint, b.shank_m, b.thigh_m, forward)
+        foot = feet.position_m + 0.45 * sole * back
+        foot[..., 2] += 0.5 * b.ankle_m
+        ends: list[Ends] = []
+        for k in range(2):
+            ends += [(knee[:, k], top[:, k]), (ankle[:, k], knee[:, k])]
+            ends.append(rod(foot[:, k], -back[:, k]))
+        return ends
+
+
+def _elbow(
+    b: PersonBuild, shoulder: Array, wrist: Array, frame: tuple[Array, Array, float]
+) -> tuple[Array, Array]:
+    """Return shoulder and elbow of an arm whose wrist is given."""
+    ahead, left, sign = frame
+    fore = ahead + (0.4 * sign) * left - 0.3 * UP
+    fore /= np.sqrt((fore * fore).sum(axis=-1, keepdims=True))
+    down = -UP + fore[:, 2:] * fore
+    arm = wrist - shoulder
+    arm /= np.maximum(np.sqrt((arm * arm).sum(axis=-1, keepdims=True)), 1e-6)
+    cosine = np.maximum(1.0 + (fore * arm).sum(axis=-1, keepdims=True), 1e-6)
+    away = down - (down * arm).sum(axis=-1, keepdims=True) / cosine * (fore + arm)
+    elbow, top = _reach(wrist, shoulder, b.forearm_m, b.upper_arm_m, away)
+    return top, elbow
+
+
+def _reach(
+    fixed: Array, joint: Array, lower_m: float, upper_m: float, bend: Array
+) -> tuple[Array, Array]:
+    """Return middle and upper joint of a limb whose end is fixed: its upper joint gives."""
+    slack = 0.15 * upper_m
+    return two_links(fixed, joint, lower_m, upper_m, bend, stiff_to=_STIFF_TO, slack_m=slack)
+
+
+def draw_crawling(rng: np.random.Generator, path: Path, b: PersonBuild, traits: Traits) -> Motion:
+    """Draw somebody who crawls, knees with opposite hands (Patrick et al. 2009, recalled)."""
+    z, share = traits
+    width = (0.10 + 0.05 * share[0]) * b.stature_m / 1.75
+    reach, cadence = 0.45 * b.trunk_m, 1 + 0.08 * z[6]
+    knee_m, hand_m = (-reach, width), (reach, 1.2 * width)
+    stride = 0.75 * b.hip_height_m / cadence
+    gait = Gait(
+        # Left knee, left hand, right knee, right hand.
+        offset=(0.0, 0.58, 0.5, 0.08),
+        home_m=(knee_m, hand_m, (knee_m[0], -knee_m[1]), (hand_m[0], -hand_m[1])),
+        stride_m=lambda v: stride * np.sqrt(v / 0.5),
+        duty=lambda v: np.full(len(v), 0.62),
+        lift_m=(0.03, 0.08, 0.03, 0.08),
+    )
+    # Of the trunk, in metres, and turn and nod of the head, in radians.
+    wander = Wander(rng, [0.01, 0.01, 0.01, 0.4, 0.2], np.full(5, 0.05))
+    cruise_mps, feet = max(path.cruise_mps, 0.05), Feet(path, gait)
+    roll_m = 0.02 + 0.03 * share[1]  # amplitude of the trunk to the sides, once a stride
+
+    def pose(t_s: Array) -> Pose:
+        state = path.at(t_s)
+        strides = feet.clock.at(t_s)
+        vigour = np.minimum(state.speed_mps / cruise_mps, 1.0)
+        sway, heading = wander.at(t_s), state.heading_rad
+        left = direction(heading + np.pi / 2)
+        aside = roll_m * vigour * np.sin(2 * np.pi * strides) + sway[:, 1]
+        hip_height = 0.95 * b.thigh_m + _KNEE_M
+        shoulder_height = 0.93 * (b.upper_arm_m + b.forearm_m)
+        lift = 0.012 * vigour * np.cos(4 * np.pi * strides)
+        pitch = np.arcsin(np.clip((shoulder_height - hip_height) / b.trunk_m, -0.5, 0.5))
+        spine = direction(heading, pitch)
+        middle = np.stack([state.x_m, state.y_m, np.zeros_like(heading)], axis=-1)
+        middle = middle + aside[:, None] * left
+        middle[:, 2] = 0.5 * (hip_height + shoulder_height) + lift + sway[:, 2]
+        hips, nape = middle - 0.5 * b.trunk_m * spine, middle + 0.5 * b.trunk_m * spine
+        head = direction(heading + sway[:, 3], 0.5 + sway[:, 4])
+        ends = [
+            *(rod(middle + (along - 0.5) * b.trunk_m * spine, spine) for along in TRUNK_AT),
+            rod(nape + b.neck_m * head, head),
+        ]
+        ends += _limbs(b, feet.at(t_s).position_m, (hips, nape), heading)
+        return Pose.between(ends, left[:, None])
+
+    return pose
+
+
+def _limbs(
+    b: PersonBuild, contact: Array, trunk: tuple[Array, Array], heading: Array
+) -> Iterator[Ends]:
+    """Yield the ends of arms and legs between hips, nape and what is on the floor."""
+    (hips, nape), forward = trunk, direction(heading)
+    left = direction(heading + np.pi / 2)
+    for k, side in enumerate(SIDES):
+        hand = contact[:, 2 * k + 1] + np.array([0.0, 0.0, 0.03])
+        joint = nape + side * b.shoulder_m * left
+        elbow, top = _reach(hand, joint, b.forearm_m, b.upper_arm_m, -forward)
+        yield from ((top, elbow), (elbow, hand), rod(hand, forward))
+    for k, side in enumerate(SIDES):
+        knee = contact[:, 2 * k] + np.array([0.0, 0.0, _KNEE_M])
+        thigh = hips + side * b.hip_m * left - knee
+        thigh *= b.thigh_m / np.maximum(np.linalg.norm(thigh, axis=-1, keepdims=True), 1e-6)
+        # Shins lie on the floor behind the knees.
+        ankle = knee - b.shank_m * forward
+        yield from ((knee, knee + thigh), (ankle, knee), (ankle, ankle - 0.5 * b.foot_m * forward))

@@ -12,8 +12,14 @@ import numpy as np
 from x2radar.sim.bodies.motion.quadrupeds.hung import Manner, Trunk
 from x2radar.sim.bodies.path.feet import Footprints, StridePhase
 from x2radar.sim.bodies.path.path import Path
-from x2radar.sim.bodies.skeleton.quadrupeds import ENDS, SIDES, QuadrupedBuild
-from x2radar.sim.bodies.skeleton.skeleton import STRETCHED_TO, direction, two_links
+from x2radar.sim.bodies.skeleton.skeleton import (
+    ENDS,
+    SIDES,
+    STRETCHED_TO,
+    QuadrupedBuild,
+    direction,
+    two_links,
+)
 from x2radar.sim.bodies.wander import Wander
 from x2radar.sim.points import UP, Array, Ends, Motion, Pose
 

@@ -11,8 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from x2radar.sim.bodies.body import Breath
-from x2radar.sim.bodies.skeleton.quadrupeds import ENDS, SIDES, QuadrupedBuild
-from x2radar.sim.bodies.skeleton.skeleton import direction, two_links
+from x2radar.sim.bodies.skeleton.skeleton import ENDS, SIDES, QuadrupedBuild, direction, two_links
 from x2radar.sim.bodies.skeleton.species import Band, Species, Swing
 from x2radar.sim.bodies.wander import Wander, bouts, smooth_step
 from x2radar.sim.points import UP, Array, Ends, Motion, Pose
