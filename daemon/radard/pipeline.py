@@ -137,8 +137,8 @@ class Pipeline:
 
     def restart(self) -> None:
         """Forget what was learned of the room: the module has restarted."""
-        self.gate.reset()
-        self._remover.reset()
+        self.use(self.calibration)
+        self._remover = ClutterRemover()
         self._tracker.reset()
         self._stream = FeatureStream(self._features, self._feature_names)
         self._evidence.reset()

@@ -215,7 +215,7 @@ def test_remover_leaves_noise_and_doppler_and_counts_spikes():
     assert np.isfinite(out.frames).all()
 
 
-def test_remover_keeps_the_map_through_a_person_and_forgets_at_a_restart():
+def test_remover_keeps_the_map_through_a_person():
     remover = ClutterRemover()
     quiet = [room(seed=k, jitter_s=0, gain=0) for k in range(6)]
     for k in range(5):
@@ -224,9 +224,6 @@ def test_remover_keeps_the_map_through_a_person_and_forgets_at_a_restart():
     out = remover.remove(replace(dwell((quiet[5] + standing).astype(np.complex64)), t_s=7.45))
     # Who came and stands still is in the room, not of it.
     assert np.abs(out.frames[-1]).max() > 0.5 * 100
-    remover.reset()
-    out = remover.remove(replace(dwell((quiet[5] + standing).astype(np.complex64)), t_s=1e6))
-    assert np.abs(out.frames[-1]).max() < 10
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 59, 60, 146, 147])

@@ -8,8 +8,7 @@ from radard.config.config import Config, load_config
 from radard.config.options import add_options, config_options, tell_taken
 from radard.config.profiles import USUAL_HZ, Profile, front
 from radard.config.sections import AUTO_MODEL, DecisionSection, GateSection
-from radard.judge.bundle import Bundle, load_bundle
-from radard.judge.card import Card, Three, read_card
+from radard.judge.bundle import Bundle, Card, Three, load_bundle, read_card
 from radard.judge.decision import MIN_P, pet_limit_of
 from radard.judge.model_choice import OF_ONE_MODULE, hop_warning, model_for
 from x2radar.command import Parser, new_parser

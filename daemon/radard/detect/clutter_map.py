@@ -61,10 +61,6 @@ class ClutterRemover:
         self._map: ClutterMap | None = None
         self._t_s = 0.0
 
-    def reset(self) -> None:
-        """Forget the room, as after a restart of the module."""
-        self._map = None
-
     def remove(self, dwell: Dwell) -> Dwell:
         """Return the dwell without its clutter, in frames of its own and the same unit.
 

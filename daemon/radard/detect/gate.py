@@ -62,11 +62,6 @@ class NoiseFloor:
         self._most_db = most_db_per_dwell
         self._shape_db: NDArray[np.float64] | None = None
 
-    def reset(self) -> None:
-        """Forget all levels and the shape over range, as for a new stream."""
-        self._levels.clear()
-        self._shape_db = None
-
     def update(
         self, cells: NDArray[np.float32], cpi_power: NDArray[np.float64], n_cpi: int, unit: float
     ) -> tuple[float, NDArray[np.float64]]:
@@ -117,7 +112,7 @@ def _windows(n_range: int) -> NDArray[np.intp]:
 class GateReading:
     """What the gate saw; powers in dB of sample units squared."""
 
-    is_open: bool  # something moves; the same as power_db > threshold_db
+    is_open: bool  # something moves
     power_db: float  # of the cells that stand out most, in two of three CPIs
     noise_floor_db: float  # their bin's level: noise, clutter's residue, learned background
     threshold_db: float  # what the power had to exceed
@@ -147,11 +142,6 @@ class Gate:
         self.cell_peak: NDArray[np.float64] = np.zeros((0, 0))  # strongest Doppler cells of each
         self.residue: NDArray[np.float64] = np.zeros(0)  # what clutter left, as cells show it
         self.level: NDArray[np.float64] = np.zeros(0)  # noise, residue and learned background
-
-    def reset(self) -> None:
-        """Forget what was learned, as after a restart of the module."""
-        self._noise.reset()
-        self._in_place.clear()
 
     def read(self, dwell: Dwell) -> GateReading:
         """Judge one dwell, with or without its static clutter; learn from it.

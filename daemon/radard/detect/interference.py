@@ -86,7 +86,13 @@ class InterferenceWatch:
         hurry = URGENT if blind_db >= 2 * self._limit_db else 1
         self._blind_s = self._blind_s + hurry * self._hop_s if is_blind else 0.0
         self._filled_s = self._filled_s + self._hop_s if is_filled else 0.0
-        found = self._steady(gate, dwell, live) or self._lasting(blind_db)
+        found = self._steady(gate, dwell, live)
+        if self._blind_s >= self._hold_s:
+            found = found or f"the gate's floor rose {blind_db:.0f} dB at most ranges"
+        elif self._filled_s >= _FILLED_S:
+            found = (
+                found or f"motion at all ranges for {_FILLED_S:.0f} s, and no verdict was an alarm"
+            )
         # Whether cells in which interference was found are as high as ever.
         here_db = self._levels[-1][:, self._where] if len(self._where) else np.zeros(0)
         still_stands = here_db.size > 0 and float(np.median(here_db)) >= self._limit_db
@@ -100,13 +106,6 @@ class InterferenceWatch:
             # What it began with stays: a new text at every dwell would be as many events.
             self._reason = self._reason or found
         return self._reason
-
-    def _lasting(self, blind_db: float) -> str:
-        if self._blind_s >= self._hold_s:
-            return f"the gate's floor rose {blind_db:.0f} dB at most ranges"
-        if self._filled_s >= _FILLED_S:
-            return f"motion at all ranges for {_FILLED_S:.0f} s, and no verdict was an alarm"
-        return ""
 
     def _learn(self, floor: Array) -> None:
         """Learn the reference from a calm dwell; later, let it follow within bounds."""
@@ -154,7 +153,7 @@ class InterferenceWatch:
 
 
 def _flatness(dwell: Dwell, cells: NDArray[np.intp], n_bins: int) -> float:
-    """Return how flat some cells' spectrum over slow time is, from 0 to 1, which is noise's."""
+    """Return how flat some cells' spectrum over slow time is, 0 to 1 (noise)."""
     bins = (cells[:, None] * n_bins + np.arange(n_bins)).ravel()
     rows = dwell.frames[:, bins].astype(np.complex128)
     rows = (rows - rows.mean(axis=0)) * np.hanning(len(rows))[:, None]

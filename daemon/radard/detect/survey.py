@@ -32,10 +32,6 @@ _SPAN = (-12.0, 12.0)  # of log u: beyond any room's
 Array = NDArray[np.float64]
 
 
-class RoomNotEmpty(RadardError):
-    """The room moves during a calibration, where nothing should."""
-
-
 class RoomSurvey:
     """Listen to an empty room; `settings` are those of the gate that will use the calibration."""
 
@@ -79,7 +75,7 @@ class RoomSurvey:
         return bool(seen_m)
 
     def check_empty(self, *, takes_machines: bool = False) -> None:
-        """Raise RoomNotEmpty if something moved; `takes_machines` lets what stays in place."""
+        """Raise RadardError if something moved; `takes_machines` lets what stays in place."""
         range_m = self._axis.range_m
         power, noise = (np.mean([each[k] for each in self._heard], axis=0) for k in (0, 3))
         over_db = decibels(power) - decibels(noise)
@@ -90,7 +86,7 @@ class RoomSurvey:
             spans = self._paths.values()
             found_m = [m for span in spans if span[1] - span[0] > _PLACE_M for m in span]
         if found_m:
-            raise RoomNotEmpty(
+            raise RadardError(
                 f"the room is not empty: something moves at {min(found_m):.1f} to "
                 f"{max(found_m):.1f} m; leave it empty and try again; --with-machines takes what "
                 "stays in its place"

@@ -1,8 +1,7 @@
-"""Micro-Doppler spectrogram mu of a stream or a record: new frames in, new columns out.
+"""Micro-Doppler spectrogram mu of a stream or a record, from Gram matrices (`radard.dsp.gram`).
 
 mu[k, i] is the power at Doppler line k, summed over range, in the CPI of M frames from frame i on,
-less its mean and with a taper (2.29-2.38), computed from the Gram matrix of steps
-(`radard.dsp.gram`) without any running sum.
+less its mean and with a taper (2.29-2.38).
 """
 
 import numpy as np
@@ -22,12 +21,10 @@ _MAX_IN_SINGLE = 32
 class StreamingDoppler(ColumnStream):
     """Spectrogram of a stream: CPIs of `n_cpi` frames, columns `stride` frames apart.
 
-    Columns begin at frames 0, stride, 2 stride ... of the stream, however it is cut into pushes.
-    Zero Doppler is row n_cpi // 2, approaching above it. A block of frames costs one matrix
-    product. Relative error (norm) against the definition in float64 (tests/dsp_reference.py): at
-    most 1e-5 with static clutter of 0 to 140 dB under the motion, at signal amplitudes from 1e-38
-    to 1e37 and at any time of the stream. One push of all frames and any cut into smaller ones
-    agree to 1e-6.
+    Columns begin at frames 0, stride, 2 stride ... of the stream; zero Doppler is row n_cpi // 2,
+    approaching above it. Relative error (norm) against the definition in float64
+    (tests/dsp_reference.py): at most 1e-5 with static clutter of 0 to 140 dB under the motion, at
+    signal amplitudes from 1e-38 to 1e37; however pushes are cut, 1e-6.
     """
 
     def __init__(self, n_cpi: int, *, stride: int = 1, n_keep: int = 512) -> None:
@@ -36,8 +33,7 @@ class StreamingDoppler(ColumnStream):
             raise FeatureError(msg)
         self._map = gram_map(n_cpi)
         self._n_cpi, self._stride = n_cpi, stride
-        # A block pays for the Gram matrix of its own steps and of the CPI before them, so it
-        # should be no shorter than a CPI; BLAS is at its best with sizes of whole vectors.
+        # A block pays for the CPI before it as well; BLAS is at its best with whole vectors.
         n_steps = max(_STEPS_AT_ONCE, 2 * n_cpi)
         super().__init__(n_cpi, n_steps - n_steps % 16 - (n_cpi - 2), n_keep, n_cpi)
 
@@ -79,9 +75,5 @@ def doppler_hz(n_cpi: int, frame_rate_hz: float) -> NDArray[np.float64]:
 
 
 def velocity_mps(n_cpi: int, frame_rate_hz: float, carrier_hz: float) -> NDArray[np.float64]:
-    """Return the radial velocity of every Doppler line, approaching positive (2.25).
-
-    Shape (n_cpi,), ascending, zero at n_cpi // 2. Faster motion folds back by whole multiples
-    of lambda fp / 2.
-    """
+    """Return the radial velocity of every line of `doppler_hz`, approaching positive (2.25)."""
     return doppler_hz(n_cpi, frame_rate_hz) * (SPEED_OF_LIGHT_MPS / (2 * carrier_hz))

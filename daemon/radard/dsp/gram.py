@@ -5,14 +5,10 @@ summed over range bins n, is a quadratic form::
 
     mu_k = sum_n |sum_m A[k, m] y[m, n]|^2 = (A C A^H)[k, k],    C = Y Y^H
 
-so all that the spectrogram needs of the frames is their slow-time Gram matrix C. A takes
-constants away, hence y may be written as a running sum of steps d: with S the summation,
-mu = diag(B G B^H), B = A S, G = D D^H. Static clutter has then cancelled before anything is
-squared. And since B never changes, mu is one real matrix times the (M - 1)^2 real numbers
-that make up the Hermitian G.
-
-A Gram matrix is stored here as one real square Q: Re G on and below the diagonal, Im G
-above it.
+A takes constants away, hence y may be a running sum of steps d: with S the summation, mu =
+diag(B G B^H), B = A S, G = D D^H, and static clutter has cancelled before anything is squared. So
+mu is one real matrix times the (M - 1)^2 real numbers of the Hermitian G, which is stored as one
+real square Q: Re G on and below the diagonal, Im G above it.
 """
 
 from functools import lru_cache

@@ -1,8 +1,4 @@
-"""Range-time power map: where the power of motion is, in metres and seconds.
-
-Each frame loses the mean of the CPI around it, and power is averaged over cells of range. Column i
-is of the same CPI as the spectrogram's. It keeps where a target is, and does not alias at 60 Hz.
-"""
+"""Range-time power map: where the power of motion is, in metres and seconds."""
 
 from functools import lru_cache
 
@@ -14,17 +10,16 @@ from radard.dsp.gram import Reals, centring
 from radard.errors import FeatureError
 from x2radar.frame import FastTimeAxis
 
-MIN_COVERAGE = 0.5  # a cell of which less than this was seen is not known: a half
+MIN_COVERAGE = 0.5  # a cell of which less than this was seen is not known
 _BLOCK = 64  # frames at once: a hop at 60 Hz
 # Squares of rows within these energies neither overflow float32 nor lose digits in it.
 _LOW, _HIGH = 1e-25, 1e30
 
 
 def overlap(sample_edges: Reals, cell_edges: Reals) -> Reals:
-    """Return how much of each cell each sample covers, as shares of the cells' widths.
+    """Return how much of each cell each sample covers, as shares of it, (n_samples, n_cells).
 
-    From ascending edges, shapes (n_samples + 1,) and (n_cells + 1,), in one unit; the result
-    has shape (n_samples, n_cells). A cell within the samples has shares that sum to one.
+    From ascending edges in one unit, shapes (n_samples + 1,) and (n_cells + 1,).
     """
     low = np.maximum(sample_edges[:-1, None], cell_edges[:-1])
     high = np.minimum(sample_edges[1:, None], cell_edges[1:])
@@ -58,15 +53,15 @@ def time_cells(
 
 
 class RangeTimeMap(ColumnStream):
-    """Power by range cell and frame of a stream; clutter is the mean of `n_cpi` frames.
+    """Power by range cell and frame of a stream; clutter is the mean of the `n_cpi` frames around.
 
-    Cells lie at near_m + k cell_m up to far_m, whatever the bins; the swath of the axis when these
-    are not given. `is_covered` are those of which the swath holds at least half; the others' power
-    is zero. Power is the mean over the cell's bins (by the length each has in it), in sample units
-    squared, corrected for the share of the noise that the mean takes along. Relative error (norm)
-    against the same in float64 at most 1e-5, with static clutter of 0 to 140 dB under the motion
-    and amplitudes from 1e-36 to 1e37. One push of all frames and any cut into smaller ones agree
-    to 1e-6. Raises FeatureError if a setting makes no sense.
+    Column i is of the same CPI as the spectrogram's. Cells lie at near_m + k cell_m up to far_m,
+    whatever the bins; the swath of the axis when these are not given. `is_covered` are those of
+    which the swath holds at least half; the others' power is zero. Power is the mean over the
+    cell's bins (by the length each has in it), in sample units squared, corrected for the share of
+    the noise that the mean takes along. Relative error (norm) against the same in float64 at most
+    1e-5, with static clutter of 0 to 140 dB under the motion and amplitudes from 1e-36 to 1e37;
+    however pushes are cut, 1e-6. Raises FeatureError if a setting makes no sense.
     """
 
     def __init__(

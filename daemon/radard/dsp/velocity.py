@@ -72,11 +72,9 @@ def range_dft(axis: FastTimeAxis, frequency_hz: Reals, flatten: float) -> NDArra
 class FrameMeans:
     """Steps of a stream in, steps between the means of `n_mean` frames out; 1 changes nothing.
 
-    Slow motion needs few frames a second. A mean before every n-th is left keeps the noise down as
-    all frames would, and what is too fast for the lower rate is weaker before it folds (the sinc
-    of the mean; at half the lower rate 3 to 4 dB).
-
-    With s_m the step from frame m - 1 to m, and y_k the mean of the frames from k n on::
+    Slow motion needs few frames a second; means keep the noise down as all frames would, and what
+    is too fast for the lower rate is weaker before it folds (at half that rate 3 to 4 dB). With
+    s_m the step from frame m - 1 to m, and y_k the mean of the frames from k n on::
 
         y_k - y_(k-1) = (1 / n) sum_i (n - |i|) s_(k n + i),   |i| < n
     """
@@ -84,12 +82,8 @@ class FrameMeans:
     def __init__(self, n_mean: int) -> None:
         self._n_mean = n_mean
         self._weights = ((n_mean - np.abs(np.arange(1 - n_mean, n_mean))) / n_mean).astype("f4")
-        self.restart()
-
-    def restart(self) -> None:
-        """Forget all frames."""
         self._steps: NDArray[np.complex64] | None = None
-        self._flags = np.ones(self._n_mean - 1, np.bool_)
+        self._flags = np.ones(n_mean - 1, np.bool_)
 
     def add(
         self, steps: NDArray[np.complex64], flags: Flags
@@ -118,13 +112,10 @@ class VelocityTransform(ColumnStream):
     The grid `velocity_mps` reaches from minus to plus `max_mps`, approaching positive, with 0 in
     it; a CPI of 0.47 s resolves 0.07 m/s. Columns lie `stride` whole frames apart,
     `column_rate_hz` a second, as near as may be to the rate that is asked for; a CPI has at least
-    four frames. `n_mean` frames in a row are one, their mean (`FrameMeans`): CPI, stride and
-    columns count these. Raises FeatureError if a setting makes no sense.
-
-    Relative error (norm) against the definition in float64 (tests/dsp_reference.py): at most
-    1e-5 with static clutter of 0 to 140 dB under the motion, at amplitudes from 1e-36 to
-    1e33. One push of all frames and any cut into smaller ones agree to 1e-6. Per column one
-    real matrix product (n_velocity x n_cpi) for each frequency: 0.3 MFLOP at 60 Hz.
+    four frames. `n_mean` frames in a row are one (`FrameMeans`): CPI, stride and columns count
+    these. Raises FeatureError if a setting makes no sense. Relative error (norm) against the
+    definition in float64 (tests/dsp_reference.py): at most 1e-5 with static clutter of 0 to 140 dB
+    under the motion, at amplitudes from 1e-36 to 1e33; however pushes are cut, 1e-6.
 
     The pulse's amplitude spectrum to the power `_FLATTEN` is divided out of X. Behind a matched
     filter, 0 would leave its narrow band, 1 makes the noise white again, 2 the echo's spectrum
@@ -164,13 +155,6 @@ class VelocityTransform(ColumnStream):
         super().__init__(0, n_block, n_keep, len(self.velocity_mps))
         self._means = FrameMeans(n_mean)
         self._spectra = ColumnStore(self.n_cpi + self.stride + n_block)
-        self._n_seen = 0
-
-    def restart(self) -> None:
-        """Forget means, spectra and columns: the stream begins again."""
-        super().restart()
-        self._means.restart()
-        self._spectra.restart()
         self._n_seen = 0
 
     def advance(self, steps: StepBuffer, n_new: int) -> int:
