@@ -6,8 +6,6 @@ float32. Rows that are not finite count as lost. The receiver's noise is that of
 along slow time: static clutter and its drift are gone exactly or nearly.
 """
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,15 +17,6 @@ _SECOND_DIFFERENCE_GAIN = 6.0  # 1 + 4 + 1, of the power of white noise
 
 AnyFrames = NDArray[np.inexact] | NDArray[np.integer]
 Flags = NDArray[np.bool_]
-
-
-def median(values: NDArray[Any]) -> NDArray[Any]:
-    """Return the median along the last axis, as numpy's to the bit, which takes 50 us; no NaN."""
-    n = values.shape[-1]
-    if n % 2:
-        return np.asarray(np.partition(values, n // 2, axis=-1)[..., n // 2])
-    middle = np.partition(values, (n // 2 - 1, n // 2), axis=-1)[..., n // 2 - 1 : n // 2 + 1]
-    return np.asarray(middle.mean(axis=-1))
 
 
 def sound_rows(frames: AnyFrames, valid: Flags) -> tuple[NDArray[np.complex64], Flags, float]:
@@ -79,7 +68,7 @@ def spike_rows(rows: NDArray[np.complex64], usable: Flags) -> Flags:
     good = rows if at.size == len(rows) else rows[at]
     near = _distance(good, 1)
     far = _distance(good, 2)
-    usual = float(median(near))
+    usual = float(np.median(near))
     before = np.concatenate((far[:1], near))
     after = np.concatenate((near, far[-1:]))
     across = np.concatenate((near[1:2], far, near[-2:-1]))
