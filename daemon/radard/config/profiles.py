@@ -108,9 +108,8 @@ def lay_over_all(tree: dict[str, Any], places: _Places) -> None:
 def rated(port: str | None, name: str | None) -> str | None:
     """Return a radar's port, asked for the frame rate of a profile."""
     profile = front().named(name)
-    if port is None or profile is None or profile.rate_hz is None:
-        return port
-    return with_rate(port, profile.rate_hz)
+    rate_hz = profile.rate_hz if profile else None
+    return port if port is None or rate_hz is None else with_rate(port, rate_hz)
 
 
 def _section(tree: Mapping[str, Any], name: str) -> Mapping[str, Any]:

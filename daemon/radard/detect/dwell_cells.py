@@ -1,8 +1,4 @@
-"""A dwell in cells of range: still echoes, their unrest, and the receiver's noise.
-
-Cheap on purpose (some ten thousand samples of a dwell are looked at), stateless, in float64,
-so any unit of the samples does.
-"""
+"""A dwell in cells of range: still echoes, their unrest, and the receiver's noise, in float64."""
 
 from dataclasses import dataclass
 

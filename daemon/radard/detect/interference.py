@@ -1,12 +1,11 @@
 """Interference: what fills the swath at all ranges alike, or has made the gate blind in it.
 
 *Steady*: a third of the swath stands `noise_db` over the reference and keeps its shape over range
-(0.3 m cells; measured scatter 0.02 to 0.1 dB under a continuous wave, 0.2 to 0.5 under noise, 0.6
-to 0.9 under pulses, fans 0.2 or more, bodies and plants 0.8), and but for a continuous wave its
-spectrum is as flat as noise's (0.96 or more; a fan's 0.7 at most). *Blind*: what the gate takes
-for background is so far over the reference in most of the swath, for `hold_s`. *Filled*: all of it
-has moved for `_FILLED_S`, and no verdict was an alarm. The reference, the least floor of the first
-`_FIRST_S` of calm dwells or the calibration's, follows by `MAX_DRIFT_DB` in all.
+(scatter of 0.3 m cells 0.02 to 0.1 dB under a continuous wave, 0.2 to 0.5 under noise, 0.6 to 0.9
+under pulses, fans 0.2 or more, bodies and plants 0.8), and but for a continuous wave its spectrum
+is as flat as noise's (0.96 or more; a fan's 0.7 at most). *Blind*: what the gate takes for
+background is so far over the reference in most of the swath. *Filled*: all of it has moved, and no
+verdict was an alarm. The reference is the least floor of the first calm dwells.
 """
 
 from collections import deque

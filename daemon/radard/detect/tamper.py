@@ -7,8 +7,6 @@ compared with every dwell. *Covered*: the median level of still echoes changed b
 *Interference*: see `radard.detect.interference`. Each must last `hold_s`, a quarter of it when
 twice as large; a cell is judged only while it stands still. No still echoes for `_BLIND_S`: the
 antenna is unplugged or covered.
-All state follows from the dwells and the reference it begins with; no file is read or written
-here.
 """
 
 from dataclasses import dataclass
@@ -65,14 +63,11 @@ class TamperWatch:
         floor = self._interference.reference
         if floor.t_s == 0 or (self._usable is None and not is_noise):
             return None
-        has_echoes = self._usable is not None
-        return RoomReference(
-            self._echoes if has_echoes else np.zeros((0, 0), np.complex128),
-            self._usable if self._usable is not None else np.zeros(0, np.bool_),
-            self._noise_kept_db if is_noise else None,
-            self._noise_db if is_noise else None,
-            floor,
-        )
+        echoes, usable = self._echoes, self._usable
+        if usable is None:
+            echoes, usable = np.zeros((0, 0), np.complex128), np.zeros(0, np.bool_)
+        noise_db = (self._noise_kept_db, self._noise_db) if is_noise else (None, None)
+        return RoomReference(echoes, usable, *noise_db, floor)
 
     def take_due(self) -> RoomReference | None:
         """Return `known` when first known, and every ten minutes if all is well; else None."""
@@ -81,9 +76,8 @@ class TamperWatch:
 
     def relearn(self, known: RoomReference | None = None) -> None:
         """Forget every finding and the fingerprint: that of now, or a `known` one, is right."""
-        self._held: dict[TamperKind, _Held] = {
-            kind: _Held() for kind in ("covered", "moved", "noise")
-        }
+        kinds: tuple[TamperKind, ...] = ("covered", "moved", "noise")
+        self._held = {kind: _Held() for kind in kinds}
         floor, s = known.floor if known else None, self._settings
         self._interference = InterferenceWatch(s.noise_db, s.hold_s, self._hop_s, floor)
         self._interfered = ""
@@ -192,11 +186,9 @@ class TamperWatch:
         is_far = abs(level) >= 2 * s.covered_db
         self._hold("covered", is_level, f"still echoes {_change(level)}", is_urgent=is_far)
         # Without level there is no shape: a covered sensor is not called moved as well.
+        is_far, is_moved = alike < 0.75 * s.moved_coherence, is_shape and not is_level
         self._hold(
-            "moved",
-            is_shape and not is_level,
-            f"echoes agree {alike:.2f} with the room's",
-            is_urgent=alike < 0.75 * s.moved_coherence,
+            "moved", is_moved, f"echoes agree {alike:.2f} with the room's", is_urgent=is_far
         )
         if not (is_level or is_shape):
             # Follow the room within `MEMORY_S`; phases drift, so turn them.

@@ -1,7 +1,6 @@
-"""Model bundle: what a sidecar says, read and checked.
+"""Model bundle: what a sidecar says, read and checked; and its card, what it says of quality.
 
-NAME.onnx has the weights, NAME.json (the sidecar) says which features go in and for which streams,
-NAME.md is the card. What does not fit is refused, nothing is guessed.
+NAME.onnx has the weights, NAME.json (the sidecar) says which features go in and for which streams.
 """
 
 import functools
@@ -141,9 +140,8 @@ def load_bundle(name: str) -> Bundle:
     """Read a bundle by name, or its .onnx or .json file; BundleError or ModelMismatch."""
     known = bundle_names()
     if name not in known and Path(name).suffix not in {".onnx", ".json"}:
-        msg = f"no model '{name}'; installed are {', '.join(known) or 'none'}; "
-        msg += "a file must end in .onnx"
-        raise BundleError(msg)
+        msg = f"no model '{name}'; installed are {', '.join(known) or 'none'}"
+        raise BundleError(f"{msg}; a file must end in .onnx")
     path = sidecar_path(name)
     name = path.stem
     try:
