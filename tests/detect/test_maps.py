@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from radard.dsp.columns import SharedSteps
-from radard.dsp.doppler import StreamingDoppler
-from radard.dsp.gram import gaussian_taper
+from radard.dsp.doppler import StreamingDoppler, gaussian_taper
 from radard.dsp.range_time import RangeTimeMap, time_cells
 from radard.dsp.velocity import VelocityTransform, range_dft
 from radard.errors import FeatureError

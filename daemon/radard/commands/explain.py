@@ -192,8 +192,7 @@ def _estimate(three: Three, times: float = 1, unit: str = "") -> str:
 def _window_rates(config: Config, card: Card, decides: str, n_windows: int) -> Iterator[str]:
     """Yield what the rates of single windows bound, for so many windows in sight.
 
-    Two cases bound what happens: every window is a draw of its own, or all windows of one pass
-    fare alike. Real windows overlap and lie in between.
+    Real windows overlap: they lie between draws of their own and windows that all fare alike.
     """
     quiet = {
         name.removeprefix(_SHARE): value

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radard.dsp.gram import Reals
 from radard.errors import FeatureError
 
 LARGEST = np.float32(1e38)  # frames with a part beyond: steps would leave float32
 
 Frames = NDArray[np.generic]
 Flags = NDArray[np.bool_]
+Reals = NDArray[np.float64]
 Values = NDArray[Any]
 
 

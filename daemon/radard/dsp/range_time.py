@@ -5,8 +5,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.dsp.columns import ColumnStream, Flags, StepBuffer, whole
-from radard.dsp.gram import Reals, centring
+from radard.dsp.columns import ColumnStream, Flags, Reals, StepBuffer, whole
+from radard.dsp.doppler import centring
 from radard.errors import FeatureError
 from x2radar.frame import FastTimeAxis
 

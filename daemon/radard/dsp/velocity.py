@@ -13,8 +13,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.dsp.columns import ColumnStore, ColumnStream, Flags, StepBuffer, whole
-from radard.dsp.gram import Reals, centring, gaussian_taper
+from radard.dsp.columns import ColumnStore, ColumnStream, Flags, Reals, StepBuffer, whole
+from radard.dsp.doppler import centring, gaussian_taper
 from radard.errors import FeatureError
 from x2radar.frame import FastTimeAxis
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
