@@ -30,9 +30,8 @@ import numpy as np
 from radard.config.config import Config
 from radard.detect.calibration import Calibration
 from radard.detect.clutter_map import ClutterRemover
-from radard.detect.dwell_cells import is_frozen
 from radard.detect.gate import Gate
-from radard.detect.tamper import Finding, TamperWatch
+from radard.detect.tamper import Finding, TamperWatch, is_frozen
 from radard.detect.tracks import Track, Tracker, range_gates
 from radard.dsp.downconvert import DownConverter
 from radard.errors import FeatureError, ModelMismatch

@@ -153,9 +153,9 @@ def line_of(step: WalkDecision) -> str:
     return f"{head}  {step.range_m:4.1f} m  {step.label or 'moves'}{p_human}{alarm}"
 
 
-def _bar(step: WalkDecision, *width: int) -> str:
+def _bar(step: WalkDecision, width: int) -> str:
     """Return a bar that is empty at the floor of the room."""
-    return bar((step.over_floor_db or 0.0) / _FULL_DB, *width)
+    return bar((step.over_floor_db or 0.0) / _FULL_DB, width)
 
 
 def _walked(
@@ -180,7 +180,7 @@ def _walked(
             if not args.json:
                 print(line_of(step), flush=True)
             seen = "nothing" if step.range_m is None else f"{step.range_m:.1f} m"
-            line.show(f"[{_bar(step)}] {seen}; Ctrl-C ends the walk")
+            line.show(f"[{_bar(step, 30)}] {seen}; Ctrl-C ends the walk")
     except KeyboardInterrupt:
         pass  # the way to end a walk: now comes the report
     finally:
