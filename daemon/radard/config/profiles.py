@@ -95,14 +95,11 @@ def lay_over(tree: dict[str, Any], places: _Places, at: _Where = ()) -> None:
 
 
 def lay_over_all(tree: dict[str, Any], places: _Places) -> None:
-    """Do so for the common sections and for every entry of `sensors`."""
+    """Do so for the common sections and for every entry of `sensors`, in place."""
     lay_over(tree, places)
-    if entries := dict(_section(tree, "sensors")):
-        tree["sensors"] = entries
-    for name, entry in entries.items():
-        if isinstance(entry, Mapping):
-            entries[name] = own = dict(entry)
-            lay_over(own, places, ("sensors", name))
+    for name, entry in _section(tree, "sensors").items():
+        if isinstance(entry, dict):
+            lay_over(entry, places, ("sensors", name))
 
 
 def rated(port: str | None, name: str | None) -> str | None:

@@ -154,8 +154,8 @@ class TamperWatch:
         echoes, usable = self._echoes, self._usable
         if usable is None:
             echoes, usable = np.zeros((0, 0), np.complex128), np.zeros(0, np.bool_)
-        noise_db = (self._noise_kept_db, self._noise_db) if is_noise else (None, None)
-        return RoomReference(echoes, usable, *noise_db, floor)
+        learned_db, now_db = (self._noise_kept_db, self._noise_db) if is_noise else (None, None)
+        return RoomReference(echoes, usable, learned_db, now_db, floor)
 
     def take_due(self) -> RoomReference | None:
         """Return `known` when first known, and every ten minutes if all is well; else None."""

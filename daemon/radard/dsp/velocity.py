@@ -32,10 +32,9 @@ _UNKNOWN_BANDWIDTH = 0.2  # of the carrier: less than any module's
 def range_frequencies(axis: FastTimeAxis) -> Reals:
     """Return the absolute frequencies at which a stream's frames are looked at, in hertz.
 
-    Shape (n_freq,), float64: around the carrier, ascending, over 1.13 of the -10 dB band (1.3 GHz
-    to either side for the X2) as far as the bins sample it. They are c / (2 swath) apart, all that
-    differ for that many bins, or a multiple of it to stay within 64. An unknown bandwidth is
-    taken for a fifth of the carrier. Raises FeatureError if the axis has no carrier or no bins.
+    Shape (n_freq,), float64: around the carrier, ascending, over 1.13 of the -10 dB band as far as
+    the bins sample it, c / (2 swath) apart or a multiple of it to stay within 64. An unknown
+    bandwidth is taken for a fifth of the carrier. Raises FeatureError without a carrier or bins.
     """
     if axis.carrier_hz <= 0 or axis.bin_length_m <= 0:
         msg = f"no frequencies: carrier {axis.carrier_hz:g} Hz, bins of {axis.bin_length_m:g} m"
@@ -54,9 +53,8 @@ def range_dft(axis: FastTimeAxis, frequency_hz: Reals, flatten: float) -> NDArra
     """Return the DFT over range, and the weights of the frequencies, as one matrix.
 
     Shape (n_range, n_freq), complex128: frames times this are X. `flatten` is the exponent of the
-    pulse's amplitude spectrum (one at the carrier) that is divided out; nothing is when the
-    bandwidth is unknown. Unflattened, the squares' sum over all of the sampled band would be the
-    sum of the bins' power (Parseval), however the frequencies are spaced.
+    pulse's amplitude spectrum (one at the carrier) that is divided out, where the bandwidth is
+    known. With 0, the squares' sum over the sampled band is the bins' power (Parseval).
     """
     delay_s = 2 * axis.bin_length_m / SPEED_OF_LIGHT_MPS
     baseband_hz = frequency_hz - axis.carrier_hz

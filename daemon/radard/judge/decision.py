@@ -20,10 +20,8 @@ GateState = Literal["open", "closed", "invalid"]
 MIN_P = 0.5  # no class below it is what moves
 LONGER, SHORTER = 2.5, 2 / 3  # that evidence that leans to a pet, or a person, waits against even
 _OF_WINDOWS = EvidenceSettings(human_limit=MIN_P)  # policy 'window': nothing to wait for
-HIGH_PET_LIMIT = 0.9
-"""Least pet limit at sensitivity 'high' under policy 'fused'; docs/evaluation.md measures it."""
-_ROUNDING_S = 0.07
-"""More than a frame of the slowest stream that a bundle takes (14.5 Hz), far less than a hop."""
+HIGH_PET_LIMIT = 0.9  # least at sensitivity 'high' under policy 'fused' (docs/evaluation.md)
+_ROUNDING_S = 0.07  # more than a frame of the slowest stream that a bundle takes (14.5 Hz)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

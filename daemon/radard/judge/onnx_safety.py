@@ -1,7 +1,7 @@
 """What an ONNX file may hold: the network alone, nothing that its hash does not cover.
 
-Tensors in other files and operators of other domains than ONNX's own are refused. The runtime has
-no onnx package, so the protobuf is walked by the field numbers of onnx.proto3 (ONNX 1.18).
+Tensors in other files and operators of other domains than ONNX's own are refused, by the field
+numbers of onnx.proto3 (ONNX 1.18).
 """
 
 from collections.abc import Iterator

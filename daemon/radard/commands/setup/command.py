@@ -42,8 +42,7 @@ _AFTER = {
     "config": ("radard config check",),
 }
 RECORD_FILE = files.CONFIG_FOLDER / "installed.json"
-COMMANDS = {"radard": "radard", "x2radar": "x2radar", "train-export": "x2train"}
-"""The commands and the module behind each."""
+COMMANDS = {"radard": "radard", "x2radar": "x2radar", "train-export": "x2train"}  # by module
 _COMPLETIONS = {
     "bash": "usr/local/share/bash-completion/completions/{0}",
     "zsh": "usr/local/share/zsh/site-functions/_{0}",
@@ -173,8 +172,7 @@ class Record(BaseModel, extra="forbid"):
 def _install(root: Path, program: Path, port: str, name: str | None) -> Iterator[str]:
     """Install all that is not there yet; yield what was done, and what is left to do.
 
-    `program` is the radard to start, as the machine below `root` sees it; `name` is that of
-    radard@NAME.service, None for radard.service.
+    `program` is as the machine below `root` sees it; `name` is that of radard@NAME.service.
     """
     _check(root, program, port, name)
     record = Record.read(root)
