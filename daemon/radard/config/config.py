@@ -123,12 +123,9 @@ def load_with_origins(
     every fault, each with its place.
     """
     environ = os.environ if environ is None else environ
-    tree: dict[str, Any] = {}
-    places: Places = {}
     path = file or found_file()
-    if path is not None:
-        tree, places = read_yaml(path)
-        profiles.lay_over_all(tree, places)
+    tree, places = read_yaml(path) if path else ({}, {})
+    profiles.lay_over_all(tree, places)
     environment = sorted(read_environment(environ, Config), key=lambda e: e[0] != _PROFILE)
     given = [
         ((section, key), value, "command line")

@@ -56,12 +56,12 @@ class RangeTimeMap(ColumnStream):
     """Power by range cell and frame of a stream; clutter is the mean of the `n_cpi` frames around.
 
     Column i is of the same CPI as the spectrogram's. Cells lie at near_m + k cell_m up to far_m,
-    whatever the bins; the swath of the axis when these are not given. `is_covered` are those of
-    which the swath holds at least half; the others' power is zero. Power is the mean over the
+    whatever the bins; the swath of the axis when these are not given. Power is the mean over the
     cell's bins (by the length each has in it), in sample units squared, corrected for the share of
-    the noise that the mean takes along. Relative error (norm) against the same in float64 at most
-    1e-5, with static clutter of 0 to 140 dB under the motion and amplitudes from 1e-36 to 1e37;
-    however pushes are cut, 1e-6. Raises FeatureError if a setting makes no sense.
+    the noise that the mean takes along; zero in cells of which the swath holds less than half.
+    Relative error (norm) against the same in float64 at most 1e-5, with static clutter of 0 to
+    140 dB under the motion and amplitudes from 1e-36 to 1e37; however pushes are cut, 1e-6.
+    Raises FeatureError if a setting makes no sense.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class RangeTimeMap(ColumnStream):
             msg = f"range-time map: CPI of {n_cpi}, cells of {cell_m} m from {near} to {far} m"
             raise FeatureError(msg)
         made = _design(axis, n_cpi, cell_m, near, far)
-        self.range_m, self.is_covered, self._weights, self._residual = made
+        self.range_m, self._weights, self._residual = made
         super().__init__(n_cpi, len(self._residual), n_keep, len(self.range_m))
         self._n_cpi = n_cpi
 
@@ -120,7 +120,7 @@ class RangeTimeMap(ColumnStream):
 @lru_cache(maxsize=8)
 def _design(
     axis: FastTimeAxis, n_cpi: int, cell_m: float, near_m: float, far_m: float
-) -> tuple[Reals, Flags, NDArray[np.float32], NDArray[np.float32]]:
+) -> tuple[Reals, NDArray[np.float32], NDArray[np.float32]]:
     """Return cells, what leads to them from squares of parts, and to residues from steps."""
     bins = np.arange(axis.n_range + 1, dtype=np.float64)
     bin_edges = axis.range_offset_m - axis.bin_length_m / 2 + axis.bin_length_m * bins
@@ -138,7 +138,7 @@ def _design(
     for i in range(n_block):
         residual[i, i : i + n_cpi - 1] = middle
     weights = np.concatenate([share, share]).astype(np.float32)
-    made = ((edges[:-1] + edges[1:]) / 2, is_covered, weights, residual)
+    made = ((edges[:-1] + edges[1:]) / 2, weights, residual)
     for array in made:
         array.flags.writeable = False
     return made
