@@ -86,12 +86,10 @@ class InterferenceWatch:
         self._blind_s = self._blind_s + hurry * self._hop_s if is_blind else 0.0
         self._filled_s = self._filled_s + self._hop_s if is_filled else 0.0
         found = self._steady(gate, dwell, live)
-        if self._blind_s >= self._hold_s:
-            found = found or f"the gate's floor rose {blind_db:.0f} dB at most ranges"
-        elif self._filled_s >= _FILLED_S:
-            found = (
-                found or f"motion at all ranges for {_FILLED_S:.0f} s, and no verdict was an alarm"
-            )
+        if not found and self._blind_s >= self._hold_s:
+            found = f"the gate's floor rose {blind_db:.0f} dB at most ranges"
+        elif not found and self._filled_s >= _FILLED_S:
+            found = f"motion at all ranges for {_FILLED_S:.0f} s, and no verdict was an alarm"
         # Whether cells in which interference was found are as high as ever.
         here_db = self._levels[-1][:, self._where] if len(self._where) else np.zeros(0)
         still_stands = here_db.size > 0 and float(np.median(here_db)) >= self._limit_db
