@@ -63,7 +63,7 @@ def test_a_jammer_or_cover_that_is_on_at_a_restart_is_announced(store):
     assert Sensor(again).listen(20, gain=0.1) == (4, {"covered"})
     # As it was: nothing to tell, and nothing to learn.
     sensor = Sensor(again)
-    assert sensor.watch.known.usable.any()
+    assert not sensor.watch.is_blind
     assert sensor.listen(40) is None
 
 
@@ -118,7 +118,7 @@ def test_echoes_of_other_bins_are_learned_again(store):
     np.savez(store.path, **{**arrays, "echoes": echoes, "floor": floor})
     sensor = Sensor(store)
     assert sensor.listen(40, gain=0.5) is None
-    assert sensor.watch.known.usable.any()
+    assert not sensor.watch.is_blind
 
 
 def reference(**changes):
@@ -201,9 +201,9 @@ def test_a_disk_that_fails_is_told_once_and_is_no_end(tmp_path, caplog):
 
 def test_a_reference_may_know_echoes_or_noise_alone():
     noise_alone = reference(usable=np.zeros(0, np.bool_), echoes=np.zeros((0, 0)))
-    assert TamperWatch(SETTINGS, known=noise_alone).known.usable.size == 0
+    assert TamperWatch(SETTINGS, known=noise_alone).is_blind
     echoes_alone = TamperWatch(SETTINGS, known=reference(noise_db=None))
-    assert echoes_alone.known.usable.any()
+    assert not echoes_alone.is_blind
     assert echoes_alone.known.noise_db is None
     whole = TamperWatch(SETTINGS, known=reference()).known
     assert (whole.noise_db, whole.noise_kept_db) == (-3.0, -2.5)

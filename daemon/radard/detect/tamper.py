@@ -140,6 +140,11 @@ class TamperWatch:
         self.relearn(known)
 
     @property
+    def is_blind(self) -> bool:
+        """Whether there are no still echoes to judge by, so far."""
+        return self._usable is None
+
+    @property
     def known(self) -> RoomReference | None:
         """What is compared with now; None before anything was learned."""
         is_noise = len(self._noise_learned) >= self._n_learn
