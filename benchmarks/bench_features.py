@@ -44,9 +44,14 @@ from radard.dsp.cadence import (  # noqa: E402
     type1_vector,
 )
 from radard.dsp.columns import SharedSteps  # noqa: E402
-from radard.dsp.doppler import StreamingDoppler, micro_doppler  # noqa: E402
+from radard.dsp.doppler import (  # noqa: E402  # noqa: E402
+    StreamingDoppler,
+    centring,
+    gaussian_taper,
+    micro_doppler,
+    step_operator,
+)
 from radard.dsp.downconvert import DownConverter  # noqa: E402
-from radard.dsp.gram import centring, gaussian_taper, step_operator  # noqa: E402
 from radard.dsp.range_time import RangeTimeMap  # noqa: E402
 from radard.dsp.velocity import VelocityTransform  # noqa: E402
 from radard.judge.bundle import load_bundle  # noqa: E402

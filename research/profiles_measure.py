@@ -114,9 +114,10 @@ def _cpu_s(each: Candidate, heard: Heard, judge: Classifier, is_open: bool) -> f
         config = config.model_copy(update={"gate": gate})
     pipeline = Pipeline(heard.stream, config, judge)
     began_s = time.process_time()
-    for dwell in heard.dwells(pipeline):
+    for dwell in pipeline.make_ring().dwells(heard.frames):
         pipeline.decide(dwell)
-    return (time.process_time() - began_s) / heard.length_s
+    heard_s = len(heard.frames) / heard.stream.frame_rate_hz
+    return (time.process_time() - began_s) / heard_s
 
 
 def judge_recorded(
@@ -144,8 +145,8 @@ def judge_recorded(
             kept = [replace(f, index=k) for k, f in enumerate(frames[::every])]
             own = replace(stream, frame_rate_hz=stream.frame_rate_hz / every)
             pipeline = Pipeline(own, config_of(case), classifier(case.model), judges_tracks=False)
-            heard = Heard(own, kept, None)
-            is_alarm = any(pipeline.decide(dwell).alarm for dwell in heard.dwells(pipeline))
+            dwells = pipeline.make_ring().dwells(kept)
+            is_alarm = any(pipeline.decide(dwell).alarm for dwell in dwells)
             count[label, is_alarm] += 1
         tell(done, len(files))
     return {

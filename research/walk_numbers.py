@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
 from radard.detect.clutter_map import ClutterRemover
-from radard.dsp.gram import gaussian_taper
+from radard.dsp.doppler import gaussian_taper
 from radard.dsp.range_time import RangeTimeMap
 from radard.dsp.velocity import CPI_S, range_dft, range_frequencies
 from radard.errors import FeatureError

@@ -3,7 +3,7 @@
 import numpy as np
 
 from radard.dsp.clutter import block_power, noise_of, second_differences, sound_rows
-from radard.dsp.gram import gaussian_taper
+from radard.dsp.doppler import gaussian_taper
 from radard.dsp.jitter import take_out_jitter
 from tests.radar_helpers import noise
 from tests.sim_helpers import axis_with

@@ -5,7 +5,7 @@ python tools/home_rows.py [MODEL]
 
 import sys
 
-from radard.judge.card import Passing, read_card
+from radard.judge.bundle import Passing, read_card
 
 VISITS = 10  # in a night; chosen, as the page says
 

@@ -30,9 +30,8 @@ import numpy as np
 from radard.config.config import Config
 from radard.detect.calibration import Calibration
 from radard.detect.clutter_map import ClutterRemover
-from radard.detect.dwell_cells import is_frozen
 from radard.detect.gate import Gate
-from radard.detect.tamper import Finding, TamperWatch
+from radard.detect.tamper import Finding, TamperWatch, is_frozen
 from radard.detect.tracks import Track, Tracker, range_gates
 from radard.dsp.downconvert import DownConverter
 from radard.errors import FeatureError, ModelMismatch
@@ -137,8 +136,8 @@ class Pipeline:
 
     def restart(self) -> None:
         """Forget what was learned of the room: the module has restarted."""
-        self.gate.reset()
-        self._remover.reset()
+        self.use(self.calibration)
+        self._remover = ClutterRemover()
         self._tracker.reset()
         self._stream = FeatureStream(self._features, self._feature_names)
         self._evidence.reset()

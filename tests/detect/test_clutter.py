@@ -9,7 +9,6 @@ import pytest
 from radard.detect.clutter_map import ClutterMap, ClutterRemover
 from radard.dsp.clutter import (
     centre_spread_m,
-    median,
     noise_of,
     noise_profile,
     second_differences,
@@ -215,7 +214,7 @@ def test_remover_leaves_noise_and_doppler_and_counts_spikes():
     assert np.isfinite(out.frames).all()
 
 
-def test_remover_keeps_the_map_through_a_person_and_forgets_at_a_restart():
+def test_remover_keeps_the_map_through_a_person():
     remover = ClutterRemover()
     quiet = [room(seed=k, jitter_s=0, gain=0) for k in range(6)]
     for k in range(5):
@@ -224,21 +223,6 @@ def test_remover_keeps_the_map_through_a_person_and_forgets_at_a_restart():
     out = remover.remove(replace(dwell((quiet[5] + standing).astype(np.complex64)), t_s=7.45))
     # Who came and stands still is in the room, not of it.
     assert np.abs(out.frames[-1]).max() > 0.5 * 100
-    remover.reset()
-    out = remover.remove(replace(dwell((quiet[5] + standing).astype(np.complex64)), t_s=1e6))
-    assert np.abs(out.frames[-1]).max() < 10
-
-
-@pytest.mark.parametrize("n", [1, 2, 3, 4, 59, 60, 146, 147])
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-@pytest.mark.parametrize("level", [1e-38, 1.0, 1e38])
-def test_the_median_is_numpys_to_the_bit(n, dtype, level):
-    values = (np.random.default_rng(n).standard_normal((3, n)) * level).astype(dtype)
-    with np.errstate(over="ignore"):
-        wanted = np.median(values, axis=-1)
-        found = median(values)
-    assert found.dtype == dtype
-    assert np.array_equal(found, wanted)
 
 
 TIME_S = np.arange(147) / 60

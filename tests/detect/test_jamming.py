@@ -8,8 +8,9 @@ import pytest
 from radard.config.config import Config
 from radard.config.sections import GateSettings, TamperSection
 from radard.detect.gate import Gate
-from radard.detect.survey import RoomNotEmpty, RoomSurvey
+from radard.detect.survey import RoomSurvey
 from radard.detect.tamper import TamperWatch
+from radard.errors import RadardError
 from radard.pipeline import Pipeline
 from radard.stream.source import open_source
 from tests import jamming_helpers as air
@@ -196,7 +197,7 @@ def test_who_enters_during_a_calibration_prevents_it_and_is_an_alarm():
     survey = RoomSurvey(Config().gate, 1.0)
     for end in range(147, len(part) + 1, air.RATE_HZ):
         survey.add(dwell_of(part[end - 147 : end], air.RATE_HZ, axis=axis, end=end))
-    with pytest.raises(RoomNotEmpty):
+    with pytest.raises(RadardError, match="the room is not empty"):
         survey.check_empty()
     ((start_s, _),) = air.spans(air.judged(part, stream, axis), "alarm")
     assert 40 < start_s <= 46

@@ -7,8 +7,7 @@ import pytest
 
 from radard.config.config import Config
 from radard.config.sections import TamperSection
-from radard.detect.dwell_cells import is_frozen, read_cells
-from radard.detect.tamper import TamperWatch
+from radard.detect.tamper import TamperWatch, is_frozen, read_cells
 from radard.pipeline import Pipeline
 from radard.stream.source import open_source
 from tests.clutter_helpers import DATA, needs_data

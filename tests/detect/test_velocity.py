@@ -96,9 +96,6 @@ def steps_of(frames):
 def test_steps_lead_from_mean_to_mean_however_they_are_cut(n_mean, n, cut, bad):
     frames, good = spectra_of(n), np.array([k not in bad for k in range(n)])
     steps, stream = steps_of(frames), FrameMeans(n_mean)
-    # What came before a restart is forgotten.
-    stream.add(steps_of(spectra_of(5, seed=1)), np.ones(5, bool))
-    stream.restart()
     parts = [stream.add(steps[k : k + cut], good[k : k + cut]) for k in range(0, n, cut)]
     made, flags = (np.concatenate(part) for part in zip(*parts, strict=True))
     means = frames[: len(made) * n_mean].reshape(n // n_mean, n_mean, -1).mean(axis=1)

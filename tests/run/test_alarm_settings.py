@@ -17,7 +17,7 @@ from radard.config.quiet_hours import (
     wall_clock,
 )
 from radard.config.sections import AlarmSection
-from radard.judge.card import read_card
+from radard.judge.bundle import read_card
 
 
 def section(**values):

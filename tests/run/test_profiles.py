@@ -56,10 +56,10 @@ def test_a_profile_wins_over_what_stands_beside_or_before_it(tmp_path):
     assert (config.model.name, config.decision.hop_s) == (ECO.model, ECO.hop_s)
     assert config.decision.pet_limit == 0.7
     assert config.sensor.port == with_rate("sim:dog?seed=1", ECO.rate_hz)
-    loaded = load_with_origins(path, environ={"RADARD_DECISION__HOP_S": "1.5"})
-    assert loaded.config.decision.hop_s == 1.5
-    assert loaded.origin("decision", "bodies") == "profile eco"
-    assert loaded.origin("decision", "hop_s") == "RADARD_DECISION__HOP_S"
+    config, places = load_with_origins(path, environ={"RADARD_DECISION__HOP_S": "1.5"})
+    assert config.decision.hop_s == 1.5
+    assert places["decision", "bodies"] == "profile eco"
+    assert places["decision", "hop_s"] == "RADARD_DECISION__HOP_S"
     asked = {"model": {"profile": BEST.name, "name": "balanced"}}
     config = load_config(path, environ={"RADARD_DECISION__HOP_S": "1.5"}, options=asked)
     assert (config.model.name, config.decision.hop_s) == ("balanced", BEST.hop_s)

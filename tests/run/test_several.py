@@ -6,6 +6,7 @@ import threading
 import pytest
 import yaml
 
+from radard.commands.config import shown
 from radard.config.config import load_config, load_with_origins
 from radard.errors import UsageError
 from radard.health.heartbeat import read_status, status_path
@@ -172,17 +173,18 @@ def test_sections_of_an_entry_complete_the_common_ones(tmp_path):
     entry = {"port": "sim:dog", "gate": {"adapt_db": 3}}
     gate = {"false_alarms_per_day": 8}
     path = written(tmp_path, gate=gate, sensors={"a": {"port": "x"}, "b": entry})
-    loaded = load_with_origins(path, environ={})
-    a, b = loaded.config.each()
+    config, places = load_with_origins(path, environ={})
+    a, b = config.each()
     assert (a.sensor.name, a.sensor.port) == ("a", "x")
     assert (a.gate.false_alarms_per_day, a.gate.adapt_db) == (8, 40)
     assert (b.gate.false_alarms_per_day, b.gate.adapt_db) == (8, 3)
-    assert loaded.origin("sensors", "b", "gate", "false_alarms_per_day").startswith(str(path))
+    lines = [line for line in shown(config, places) if "false_alarms_per_day" in line]
+    assert [f"# {path}" in line for line in lines] == [True, True]
     assert load_config(path, environ={}, options={"sensor": {"port": "y"}}).sensors == {}
     assert a.of_sensor("b") == b
     for name in ("c", None):
         with pytest.raises(UsageError, match="known are a, b"):
-            loaded.config.of_sensor(name)
+            config.of_sensor(name)
 
 
 def test_what_only_one_can_have(tmp_path):

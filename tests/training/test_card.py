@@ -14,8 +14,7 @@ from radard.cli import main
 from radard.commands.explain import explained
 from radard.config.config import load_config
 from radard.config.sections import AlarmSection, ZonesSection
-from radard.judge.bundle import load_bundle
-from radard.judge.card import read_card
+from radard.judge.bundle import load_bundle, read_card
 from tests.alarm_helpers import decision
 from tests.report_helpers import drawn, drawn_passages, passage, table_of
 from x2train.bundle.writing import evaluation_of, write_card

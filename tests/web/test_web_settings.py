@@ -237,12 +237,12 @@ def saved(tmp_path):
 
 def test_config_show_says_where_zones_came_from(saved, tmp_path):
     def told(**environ):
-        return next(line for line in shown(load(tmp_path, **environ)) if "  include" in line)
+        return next(line for line in shown(*load(tmp_path, **environ)) if "  include" in line)
 
     assert "[[1.0, 2.5]]" in told()
     assert told().endswith(f"# {saved}:3, saved on the dashboard")
     assert told(RADARD_ZONES__INCLUDE="[[3, 4]]").endswith("# RADARD_ZONES__INCLUDE")
-    assert load(tmp_path).config.zones.exclude == ()
+    assert load(tmp_path)[0].zones.exclude == ()
     forget(saved)
     assert told().endswith(f"# {tmp_path / 'c.yaml'}:2")
     forget(saved)
@@ -289,5 +289,5 @@ def test_numbers_come_back_as_they_were(tmp_path):
     path = tmp_path / "radar.zones.yaml"
     save_zones(path, [(0.0, 0.011), (0.1, 999.0)], [(1.2345, 2)])
     (tmp_path / "c.yaml").write_text("{}")
-    zones = load(tmp_path).config.zones
+    zones = load(tmp_path)[0].zones
     assert (zones.include, zones.exclude) == (((0.0, 0.011), (0.1, 999.0)), ((1.234, 2.0),))

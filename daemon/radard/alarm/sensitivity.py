@@ -9,7 +9,7 @@ from typing import Any
 
 from radard.alarm.panel import AlarmPolicy
 from radard.config.sections import AlarmSection
-from radard.judge.card import Card, Passing
+from radard.judge.bundle import Card, Passing
 
 # Order: k of n, then p_on and p_off of `AlarmPolicy`.
 Numbers = tuple[int, int, float, float]

@@ -8,7 +8,7 @@ import argparse
 import json
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from itertools import islice
 from statistics import median
@@ -23,7 +23,6 @@ from radard.detect.gate import DAY_S
 from radard.errors import RadardError, UsageError
 from radard.pipeline import Pipeline
 from radard.run.components import classifier_for, make_classifier
-from radard.stream.ring import Dwell
 from radard.stream.source import open_source
 from x2radar.command import Parser, new_parser
 from x2radar.device.assemble import FrameAssembler
@@ -160,14 +159,14 @@ class Cost:
 def measure(config: Config, duration_s: float, rounds: int) -> Cost:
     """Measure every part `rounds` times, on `duration_s` of the configuration's port."""
     heard = listen(config.sensor.port or "", duration_s)
-    heard_s = heard.length_s
+    heard_s = len(heard.frames) / heard.stream.frame_rate_hz
     classifier = classifier_for(heard.stream, config, make_classifier(config))
     open_gate = config.gate.model_copy(update={"false_alarms_per_day": DAY_S})
     always_open = config.model_copy(update={"gate": open_gate})
 
     def cut(settings: Config = config, *, decides: bool = False) -> Sequence[object]:
         pipeline = Pipeline(heard.stream, settings, classifier)
-        dwells = heard.dwells(pipeline)
+        dwells = pipeline.make_ring().dwells(heard.frames)
         return [pipeline.decide(dwell) for dwell in dwells] if decides else list(dwells)
 
     if not cut():
@@ -180,10 +179,12 @@ def measure(config: Config, duration_s: float, rounds: int) -> Cost:
         "... and decisions, as heard": lambda: cut(decides=True),
         "... and decisions, always open": lambda: cut(always_open, decides=True),
     }
+    block = np.ones(_FFT_LENGTH, np.complex128)
+    # Once for every second of the stream, so that the ratio is one to a second as well.
+    n_ffts = max(1, round(heard_s)) * _N_FFTS
     spent: dict[str, list[tuple[float, float]]] = {name: [] for name in work}
     for _ in range(rounds):
-        # Once for every second of the stream, so that the ratio is one to a second as well.
-        reference_s = _time(lambda: _reference(max(1, round(heard_s)))) / heard_s
+        reference_s = _time(lambda: [np.fft.fft(block) for _ in range(n_ffts)]) / heard_s
         for name, part in work.items():
             spent_s = _time(part) / heard_s
             spent[name].append((spent_s, spent_s / reference_s))
@@ -202,15 +203,6 @@ class Heard:
     stream: StreamInfo
     frames: list[Frame]
     decode: Callable[[], None] | None
-
-    @property
-    def length_s(self) -> float:
-        """How long it is."""
-        return len(self.frames) / self.stream.frame_rate_hz
-
-    def dwells(self, pipeline: Pipeline) -> Iterator[Dwell]:
-        """Return the dwells that a pipeline's ring cuts of it."""
-        return pipeline.make_ring().dwells(self.frames)
 
 
 class _Tap:
@@ -256,12 +248,6 @@ def listen(port: str, duration_s: float) -> Heard:
                     assembler.frame(message, 0.0)
 
     return Heard(stream, frames, decode)
-
-
-def _reference(n: int) -> None:
-    block = np.ones(_FFT_LENGTH, np.complex128)
-    for _ in range(n * _N_FFTS):
-        np.fft.fft(block)
 
 
 def _time(work: Callable[[], object]) -> float:

@@ -9,9 +9,10 @@ from typing import Any
 
 import yaml
 
-from radard.config.config import Config, Loaded, load_with_origins
+from radard.config.config import Config, load_with_origins
 from radard.config.credentials import redact_value
 from radard.config.options import add_options, config_options
+from radard.config.sources import Places
 from radard.errors import RadardError
 from radard.judge.bundle import load_bundle
 from radard.judge.model_choice import hop_warning, model_for
@@ -30,11 +31,11 @@ def run(argv: Sequence[str]) -> int:
     if args.what == "schema":
         print(json.dumps(Config.model_json_schema(), indent=2))
         return 0
-    loaded = load_with_origins(args.config, options=config_options(args))
+    config, places = load_with_origins(args.config, options=config_options(args))
     if args.what == "show":
-        print("\n".join(shown(loaded)))
+        print("\n".join(shown(config, places)))
     else:
-        warnings = sorted(set(_warnings(loaded.config)))
+        warnings = sorted(set(_warnings(config)))
         for text in warnings:
             sys.stderr.write(f"radard: {text}\n")
         print("configuration ok, but for the above" if warnings else "configuration ok")
@@ -65,23 +66,25 @@ def make_parser() -> Parser:
     return parser
 
 
-def shown(loaded: Loaded) -> Iterator[str]:
+def shown(config: Config, places: Places) -> Iterator[str]:
     """Yield the lines of a YAML file for reading, with origins; secrets are masked."""
-    for section, values in loaded.config.model_dump(mode="json").items():
-        yield from _lines(loaded, (section,), values)
+    for section, values in config.model_dump(mode="json").items():
+        yield from _lines(places, (section,), values)
 
 
-def _lines(loaded: Loaded, where: tuple[str, ...], value: Any) -> Iterator[str]:
+def _lines(places: Places, where: tuple[str, ...], value: Any) -> Iterator[str]:
     """Yield the lines of a value; a section that an entry of `sensors` lacks is the common one."""
     indent, is_entry = "  " * (len(where) - 1), where[0] == "sensors" and len(where) > 1
     if isinstance(value, dict) and (is_entry or not indent):
         yield f"{indent}{where[-1]}:" + ("" if value else " {}")
         for key, inner in value.items():
-            yield from _lines(loaded, (*where, key), inner)
+            yield from _lines(places, (*where, key), inner)
     elif value is not None or not is_entry:
         told = redact_value(where[-1], value)
         text = yaml.safe_dump(told, default_flow_style=True, width=10_000, allow_unicode=True)
         # A bare value is followed by the end of its document.
         text = text.removesuffix("...\n").strip()
         left = f"{indent}{where[-1]}: {text}"
-        yield f"{left:<40} # {loaded.origin(*where)}"
+        # What an entry of `sensors` does not say itself comes from the common section.
+        place = places.get(where) or places.get(where[2:] if is_entry else where, "built-in")
+        yield f"{left:<40} # {place}"

@@ -42,8 +42,7 @@ examples:
 The daemon's own user and root may do that: sudo -u radard radard {0}
 """
 _SAYS = {"look": {"status", "panel", "records", "outputs", "picture"}, "test-alarm": {"outputs"}}
-_TOLD = {"armed", "mode", "panel", "delay_left_s", "ended"}
-"""What an answer to a command has, and to all others; one of another version may not."""
+_TOLD = {"armed", "mode", "panel", "delay_left_s", "ended"}  # what all other answers have
 
 
 class NoDaemon(RadardError):

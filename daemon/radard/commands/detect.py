@@ -35,8 +35,6 @@ examples:
   radard detect a.h5 b.h5 --to jsonl --model mine.onnx | jq .label
 """
 _MAX_JOBS = 1024  # beyond the cores of any machine that this runs on
-
-
 FORMATS = ("csv", "parquet", "jsonl")
 COLUMNS = {
     "decisions": {
@@ -58,8 +56,7 @@ COLUMNS = {
         **dict.fromkeys(("start_t_s", "end_t_s", "peak"), "float64"),
         "reason": "string",
     },
-}
-"""Columns of a table by its rows; types as pyarrow names them."""
+}  # of a table by its rows; types as pyarrow names them
 _BATCH = 4096  # rows of a Parquet row group: about a megabyte
 
 

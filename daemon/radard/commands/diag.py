@@ -123,8 +123,8 @@ def _write_bundle(path: Path, parts: Mapping[str, str], added: Sequence[Path]) -
 def gather(file: Path | None, environ: Mapping[str, str] = os.environ) -> dict[str, str]:
     """Return names and texts of all parts; `file` is the configuration, if one is named."""
     try:
-        loaded = load_with_origins(file, environ=environ)
-        config, lines = loaded.config, list(shown(loaded))
+        config, places = load_with_origins(file, environ=environ)
+        lines = list(shown(config, places))
     except RadardError as err:
         config, lines = Config(), [f"the configuration is wrong: {err}"]
     makers: dict[str, Callable[[], Any]] = {

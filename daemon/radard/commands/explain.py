@@ -8,8 +8,7 @@ from radard.config.config import Config, load_config
 from radard.config.options import add_options, config_options, tell_taken
 from radard.config.profiles import USUAL_HZ, Profile, front
 from radard.config.sections import AUTO_MODEL, DecisionSection, GateSection
-from radard.judge.bundle import Bundle, load_bundle
-from radard.judge.card import Card, Three, read_card
+from radard.judge.bundle import Bundle, Card, Three, load_bundle, read_card
 from radard.judge.decision import MIN_P, pet_limit_of
 from radard.judge.model_choice import OF_ONE_MODULE, hop_warning, model_for
 from x2radar.command import Parser, new_parser
@@ -193,8 +192,7 @@ def _estimate(three: Three, times: float = 1, unit: str = "") -> str:
 def _window_rates(config: Config, card: Card, decides: str, n_windows: int) -> Iterator[str]:
     """Yield what the rates of single windows bound, for so many windows in sight.
 
-    Two cases bound what happens: every window is a draw of its own, or all windows of one pass
-    fare alike. Real windows overlap and lie in between.
+    Real windows overlap: they lie between draws of their own and windows that all fare alike.
     """
     quiet = {
         name.removeprefix(_SHARE): value

@@ -65,7 +65,7 @@ class Fleet:
         return sorted(rows, key=rank)
 
     def _row(self, name: str, told: Mapping[str, Any], now_s: float) -> dict[str, Any]:
-        """Return what is shown; a radar that is not available is offline whatever it said."""
+        # A radar that is not available is offline whatever it said.
         health, state = told.get("health", {}), told.get("state", {})
         is_on, armed = told.get("availability") == "online", state.get("armed")
         sees = "nobody" if state.get("gate") == "closed" else _plain(state.get("label")) or None

@@ -49,7 +49,6 @@ MIN_HUMAN = 0.5  # taken for a person: then a body that stays for two raises the
 MIN_CELLS = 3  # that a walk needs, to speak for more than the place where somebody stood
 _SAME_M = 0.5  # a body so near to the strongest echo is its source
 _FULL_DB = 30.0  # of a full bar: a walker near the radar
-_BAR = 20
 _MIN_ECHOES = 5  # decisions that a level needs: a walk there and back
 _LEVEL = (
     "Level: {0:.1f} dB at 1 m. If an adult walked, mount.level_db: {0:.1f} in the configuration "
@@ -146,7 +145,7 @@ def line_of(step: WalkDecision) -> str:
     """Return the line of the log for one decision."""
     if step.over_floor_db is None:
         return f"{step.t_s:7.1f} s  window invalid: too many frames missing"
-    head = f"{step.t_s:7.1f} s  {step.over_floor_db:+6.1f} dB  {bar(_share(step), _BAR)}"
+    head = f"{step.t_s:7.1f} s  {step.over_floor_db:+6.1f} dB  {_bar(step, 20)}"
     if step.range_m is None:
         return f"{head}  nothing"
     p_human = "" if step.p_human is None else f" {step.p_human:.2f}"
@@ -154,9 +153,9 @@ def line_of(step: WalkDecision) -> str:
     return f"{head}  {step.range_m:4.1f} m  {step.label or 'moves'}{p_human}{alarm}"
 
 
-def _share(step: WalkDecision) -> float:
-    """Return how full the bar is: empty at the floor of the room."""
-    return (step.over_floor_db or 0.0) / _FULL_DB
+def _bar(step: WalkDecision, width: int) -> str:
+    """Return a bar that is empty at the floor of the room."""
+    return bar((step.over_floor_db or 0.0) / _FULL_DB, width)
 
 
 def _walked(
@@ -181,10 +180,9 @@ def _walked(
             if not args.json:
                 print(line_of(step), flush=True)
             seen = "nothing" if step.range_m is None else f"{step.range_m:.1f} m"
-            line.show(f"[{bar(_share(step))}] {seen}; Ctrl-C ends the walk")
+            line.show(f"[{_bar(step, 30)}] {seen}; Ctrl-C ends the walk")
     except KeyboardInterrupt:
-        # The way to end a walk: now comes the report.
-        pass
+        pass  # the way to end a walk: now comes the report
     finally:
         line.clear()
     return steps, round(median(echoes), 1) if len(echoes) >= _MIN_ECHOES else None
@@ -273,10 +271,8 @@ def report(steps: Sequence[WalkDecision], cells: Sequence[RangeCell]) -> Iterato
     first, first_alarm_s = seen[0], next((step.t_s for step in steps if step.alarm), None)
     waited_s = first.t_s - steps[0].t_s
     yield f"first seen {waited_s:.1f} s after the first window, at {first.range_m:.1f} m"
-    if first_alarm_s is None:
-        yield "no alarm"
-    else:
-        yield f"first alarm {first_alarm_s - first.t_s:.1f} s after that"
+    late = "" if first_alarm_s is None else f"{first_alarm_s - first.t_s:.1f} s after that"
+    yield f"first alarm {late}" if late else "no alarm"
     yield ""
     yield "range           seen      alarms   visits  missed  first seen after"
     for cell in cells:

@@ -9,7 +9,6 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -100,20 +99,6 @@ class Config(SinkOptions, RadarSections):
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-@dataclass(frozen=True, slots=True)
-class Loaded:
-    """A configuration, and where every value that is not built in came from."""
-
-    config: Config
-    places: Places
-
-    def origin(self, *where: str) -> str:
-        """Return file and line, variable or 'command line' of a value; 'built-in' otherwise."""
-        if where[0] == "sensors" and where not in self.places and len(where) == 4:
-            where = where[2:]
-        return self.places.get(where, "built-in")
-
-
 def found_file() -> Path | None:
     """Return the file that holds unless --config names one; None if there is none."""
     return next((path for path in DEFAULT_FILES if path.is_file()), None)
@@ -121,7 +106,7 @@ def found_file() -> Path | None:
 
 def load_config(file: Path | None = None, **given: Any) -> Config:
     """Return the configuration that holds; see `load_with_origins`."""
-    return load_with_origins(file, **given).config
+    return load_with_origins(file, **given)[0]
 
 
 def load_with_origins(
@@ -130,20 +115,17 @@ def load_with_origins(
     environ: Mapping[str, str] | None = None,
     options: Mapping[str, Any] | None = None,
     port: str | None = None,
-) -> Loaded:
-    """Return the configuration that holds, and where its values came from.
+) -> tuple[Config, Places]:
+    """Return the configuration that holds, and where each value that is not built in came from.
 
     `file` is what --config names and must exist; `options` are those of the command line, section
     to key to value; `port` is listened to instead of the configured port. Raises ConfigError with
     every fault, each with its place.
     """
     environ = os.environ if environ is None else environ
-    tree: dict[str, Any] = {}
-    places: Places = {}
     path = file or found_file()
-    if path is not None:
-        tree, places = read_yaml(path)
-        profiles.lay_over_all(tree, places)
+    tree, places = read_yaml(path) if path else ({}, {})
+    profiles.lay_over_all(tree, places)
     environment = sorted(read_environment(environ, Config), key=lambda e: e[0] != _PROFILE)
     given = [
         ((section, key), value, "command line")
@@ -175,7 +157,7 @@ def load_with_origins(
     if is_changed:
         config = _checked(tree, places)
     config._taken = _taken(config, places, path if file is None else None)
-    return Loaded(config, places)
+    return config, places
 
 
 def _taken(config: Config, places: Places, found: Path | None) -> tuple[str, ...]:

@@ -1,8 +1,6 @@
 """Secrets: read from the file or variable that the configuration names, and never printed.
 
-The configuration never holds a credential itself, so no printed one, and no `repr`, can; and a
-renewed file counts from the next connection on. What is printed loses passwords in URLs, tokens
-in paths and arguments of programs.
+What is printed loses passwords in URLs, tokens in paths and arguments of programs.
 """
 
 import os

@@ -1,7 +1,6 @@
 """Folders of the daemon: state that must outlive it, and the status of this moment.
 
 systemd names both (StateDirectory=, RuntimeDirectory=); run by hand, they are the user's own.
-Clips, large and private, are made only where a folder was named.
 """
 
 import atexit
@@ -112,9 +111,7 @@ def clip_dir(config: "Config", environ: Mapping[str, str] = os.environ) -> Path 
         return None
     named = named_state_dir(config, environ)
     folder = config.clips.dir or (named / "clips" if named is not None else None)
-    if folder is not None and config.is_one_of_several:
-        return folder / config.sensor.name
-    return folder
+    return folder / config.sensor.name if folder and config.is_one_of_several else folder
 
 
 def log_path(config: "Config", environ: Mapping[str, str] = os.environ) -> Path | None:
@@ -170,10 +167,7 @@ def _temporary_dir() -> Path | None:
 
 @contextlib.contextmanager
 def state_lock(config: "Config", environ: Mapping[str, str] = os.environ) -> Iterator[None]:
-    """Hold the state directory, if one is used; ConfigError while another daemon does.
-
-    The lock ends with the process.
-    """
+    """Hold the state directory, if one is used; ConfigError while another daemon does."""
     path = log_path(config, environ)
     if path is None:
         yield

@@ -1,7 +1,6 @@
 """JSON files that other runs and programs wrote, read into dataclasses: strictly, by pydantic.
 
-A dataclass whose `__pydantic_config__` is `STRICT` says what its file may hold: types, bounds,
-keys, each once. Nothing is converted but whole numbers to floats and lists to tuples.
+Keys stand once, and nothing is converted but whole numbers to floats and lists to tuples.
 """
 
 import json
@@ -17,7 +16,6 @@ from x2radar.keys import unrepeated
 STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 LOOSE = ConfigDict(extra="ignore", strict=True, allow_inf_nan=False)
 """For files that hold more than is read here."""
-_MAX_LOC = 6  # keys of a path that are told: no file of ours lies deeper
 _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = 60
 T = TypeVar("T")
@@ -38,7 +36,7 @@ def parse_json(kind: type[T], text: str | bytes, within: str = "") -> T:
     except ValidationError as err:
         fault = err.errors()[0]
         kind_of = NotJson if fault["type"] == "json_invalid" else ValueError
-        path = [str(part)[:60] for part in fault["loc"][:_MAX_LOC]]
+        path = [str(part)[:60] for part in fault["loc"]]
         where = ".".join([within, *path] if within else path)
         message = str(fault["msg"]).removeprefix("Value error, ")[:200]
         text = f"{message[:1].lower()}{message[1:]}"

@@ -26,9 +26,7 @@ _ROWS: dict[str, dict[str, Any]] = {
     "--sensor": {"metavar": "NAME", "help": "one of the configuration's sensors"},
 }
 LISTENING = ("--port", "--sensor", "--model", "--profile", "--speed", "--config")
-"""What says which port a command listens to."""
 JUDGING = ("--model", "--profile", "--sensitivity", "--config", "--sensor")
-"""What says how a command judges recordings."""
 LONGEST_S = 86_400.0  # a day: nobody listens for longer by hand
 
 

@@ -95,22 +95,18 @@ def lay_over(tree: dict[str, Any], places: _Places, at: _Where = ()) -> None:
 
 
 def lay_over_all(tree: dict[str, Any], places: _Places) -> None:
-    """Do so for the common sections and for every entry of `sensors`."""
+    """Do so for the common sections and for every entry of `sensors`, in place."""
     lay_over(tree, places)
-    if entries := dict(_section(tree, "sensors")):
-        tree["sensors"] = entries
-    for name, entry in entries.items():
-        if isinstance(entry, Mapping):
-            entries[name] = own = dict(entry)
-            lay_over(own, places, ("sensors", name))
+    for name, entry in _section(tree, "sensors").items():
+        if isinstance(entry, dict):
+            lay_over(entry, places, ("sensors", name))
 
 
 def rated(port: str | None, name: str | None) -> str | None:
     """Return a radar's port, asked for the frame rate of a profile."""
     profile = front().named(name)
-    if port is None or profile is None or profile.rate_hz is None:
-        return port
-    return with_rate(port, profile.rate_hz)
+    rate_hz = profile.rate_hz if profile else None
+    return port if port is None or rate_hz is None else with_rate(port, rate_hz)
 
 
 def _section(tree: Mapping[str, Any], name: str) -> Mapping[str, Any]:

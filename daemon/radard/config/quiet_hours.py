@@ -1,8 +1,7 @@
 """Quiet periods: hours of the week without alarms, as for a cleaning robot.
 
-A period is written ``HH:MM-HH:MM`` or ``DAYS HH:MM-HH:MM`` with DAYS as ``Mon``, ``Mon-Fri``
-or ``Sat,Sun``. One that ends before it begins goes on over midnight and belongs to the day
-on which it begins. The end is exclusive.
+A period is written ``HH:MM-HH:MM`` or ``DAYS HH:MM-HH:MM`` with DAYS as ``Mon``, ``Mon-Fri`` or
+``Sat,Sun``. One that ends before it begins goes on over midnight; the end is exclusive.
 """
 
 import re

@@ -1,8 +1,7 @@
 """What was saved on the dashboard: files of its own over the configuration's sections.
 
-They lie in the state directory, two for each sensor, `KINDS` says what each may hold, and come
-after the configuration's file, before environment and command line. A simulated or replayed sensor
-has its own, which end with the process unless a folder was named.
+They lie in the state directory, two for each sensor (`KINDS`), and come after the configuration's
+file, before environment and command line; `radard.config.directories.saved_file` says where.
 """
 
 import contextlib
@@ -59,7 +58,6 @@ class SavedSettings(Section):
 
 
 KINDS: dict[Kind, type[Section]] = {"zones": SavedZones, "settings": SavedSettings}
-"""What may be saved, by kind of file."""
 
 
 def lay_over(path_of: Callable[[Kind], Path], tree: dict[str, Any], places: Places) -> bool:

@@ -13,8 +13,6 @@ from x2radar.ports import Kind, parse_port
 
 NAME = r"^[A-Za-z0-9_-]+$"  # of a sensor: it becomes a part of topics and of file names
 AUTO_MODEL, DEFAULT_MODEL = "auto", "accurate"  # left to `radard.judge.model_choice`; usual
-
-
 _NULLS = ("", "~", "null", "Null", "NULL")
 _HEADED = (tuple, dict, BaseModel)  # what a file has a heading for, and lines below it
 
@@ -105,8 +103,7 @@ class GateSettings(Section):
     (`radard.dsp.range_doppler.cell_factor`): 8.7 dB over the noise for an X2 at 60 Hz; ten times
     as many, 0.25 dB less. Its price, measured (`benchmarks/bench_gate.py --weak 30`): of people
     who come in 6 dB over the noise of a bin, 10 % have not opened the gate after 3 s, of those at
-    2 dB 27 %; so ten times as many false alarms win one weak person in a hundred. A calibration
-    file replaces it by a threshold for every range bin (`radard calibrate`).
+    2 dB 27 %; ten times as many false alarms win one weak person in a hundred.
     """
 
     false_alarms_per_day: float = Field(

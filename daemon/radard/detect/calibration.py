@@ -1,6 +1,6 @@
 """Calibration: noise floor and threshold of every range bin, kept in a JSON file.
 
-Made in an empty room, it takes the place of what the gate learns from the stream. The file::
+Made in an empty room, it replaces what the gate learns from the stream. The file::
 
     {"format": "radard-calibration", "format_version": 2, "frame_rate_hz": 60.0,
      "bin_length_m": 0.02925, "range_offset_m": 0.6,

@@ -1,8 +1,4 @@
-"""ClutterMap: the room as it is when nothing moves, learned online; and its removal.
-
-`ClutterRemover` stands between ring and gate: it takes spikes, jitter and the map out of a
-dwell, so that all that follows works on what moves and on noise.
-"""
+"""ClutterMap: the room as it is when nothing moves, learned online; and its removal."""
 
 from dataclasses import replace
 
@@ -32,8 +28,7 @@ class ClutterMap:
 
         b += s n / (N + s n) (mean of the block - b),   N = min(N + s n, memory)
 
-    So the map begins as a plain mean, follows slow drift within `_MEMORY_S` afterwards, and
-    somebody in the room enters it at most at the rate of `_LONGEST_S`.
+    So somebody in the room enters the map at most at the rate of `_LONGEST_S`.
     """
 
     def __init__(self, n_range: int, frame_rate_hz: float) -> None:
@@ -55,15 +50,11 @@ class ClutterMap:
 
 
 class ClutterRemover:
-    """Take out of every dwell what does not move: spikes, jitter, clutter."""
+    """Take spikes, jitter and clutter out of every dwell: what is left is motion and noise."""
 
     def __init__(self) -> None:
         self._map: ClutterMap | None = None
         self._t_s = 0.0
-
-    def reset(self) -> None:
-        """Forget the room, as after a restart of the module."""
-        self._map = None
 
     def remove(self, dwell: Dwell) -> Dwell:
         """Return the dwell without its clutter, in frames of its own and the same unit.

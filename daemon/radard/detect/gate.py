@@ -1,12 +1,12 @@
 """Gate: say whether anything moves that is not part of the room's background.
 
-The receiver's noise is seen in every dwell, so the gate works from the first one on, in any unit.
-What stays in one place for long (a sleeper's breath, a washing machine) becomes background of its
-own few bins; dwells in which motion changes its range, or fills more than three quarters of the
-swath, are not learned from. With c a CPI's strongest range-Doppler cells in a bin
-(`radard.dsp.range_doppler`) and k the factor that follows from `false_alarms_per_day`, it is open
-if c > k max(noise, min(residue, 2 noise), 5 (learned - noise)) somewhere, in two of three CPIs in
-a row. Powers are dB of mean power per bin and frame, in sample units squared.
+It works from the first dwell on, in any unit. What stays in one place for long (a sleeper's
+breath, a washing machine) becomes background of its own few bins; dwells in which motion changes
+its range, or fills most of the swath, are not learned from. With c a CPI's strongest range-Doppler
+cells in a bin (`radard.dsp.range_doppler`) and k the factor that follows from
+`false_alarms_per_day`, it is open if c > k max(noise, min(residue, 2 noise), 5 (learned - noise))
+somewhere, in two of three CPIs in a row. Powers are dB of mean power per bin and frame, in sample
+units squared.
 """
 
 from collections import deque
@@ -20,7 +20,6 @@ from radard.config.sections import GateSettings
 from radard.detect.calibration import Calibration
 from radard.dsp.clutter import (
     centre_spread_m,
-    median,
     noise_of,
     noise_profile,
     second_differences,
@@ -38,9 +37,7 @@ from radard.stream.ring import Dwell
 
 DAY_S = 86_400.0
 _MOVES = 10**0.5  # times its floor that the power of a bin in motion stands
-_LEARNED = 5.0
-"""Times what motion in place usually shows. Cells of a fan, of people who exercise, sit or
-stand swing so far about their median (tests/detect/test_gate.py)."""
+_LEARNED = 5.0  # times what motion in place usually shows: so far cells swing about their median
 _MAX_IN_PLACE = 0.75  # of the swath; a body with its echoes' tail fills 0.68 (built-in scenes)
 _TINY = 1e-300  # 10 log10 of it is finite
 _GAIN = 0.2  # of a step towards what a dwell shows: five dwells' memory
@@ -52,20 +49,14 @@ _MAX_MEMBERS = 24  # of a median: more cost time and tell little
 class NoiseFloor:
     """The receiver's noise per range bin, learned from a stream with people in it.
 
-    The common level is the least of `n_memory` dwells, since a target can only add to it. The
-    shape over range, in bounded dB, is learned only from bins that hold stationary white noise, as
-    the median over a quarter of the swath, which no body fills.
+    The common level is the least of `n_memory` dwells. The shape over range, in bounded dB, is
+    that of bins that hold stationary white noise, as the median over a quarter of the swath.
     """
 
     def __init__(self, n_memory: int, most_db_per_dwell: float) -> None:
         self._levels: deque[float] = deque(maxlen=n_memory)
         self._most_db = most_db_per_dwell
         self._shape_db: NDArray[np.float64] | None = None
-
-    def reset(self) -> None:
-        """Forget all levels and the shape over range, as for a new stream."""
-        self._levels.clear()
-        self._shape_db = None
 
     def update(
         self, cells: NDArray[np.float32], cpi_power: NDArray[np.float64], n_cpi: int, unit: float
@@ -80,7 +71,6 @@ class NoiseFloor:
         if np.isfinite(here):
             self._levels.append(here * unit)
         level = min(self._levels, default=0.0)
-        live = cells.any(axis=0)
         first = self._shape_db is None
         shape_db = np.zeros(cells.shape[1]) if self._shape_db is None else self._shape_db
         if here > 0 and len(cpi_power):
@@ -95,7 +85,7 @@ class NoiseFloor:
                 step_db = np.clip(_GAIN * step_db, -self._most_db, self._most_db)
             shape_db = np.clip(shape_db + step_db, *_SPAN_DB)
             self._shape_db = shape_db
-        return level, level * 10 ** (shape_db / 10) * live
+        return level, level * 10 ** (shape_db / 10) * cells.any(axis=0)
 
 
 @lru_cache(maxsize=8)
@@ -105,9 +95,8 @@ def _windows(n_range: int) -> NDArray[np.intp]:
     step = max(1, -(-2 * half // _MAX_MEMBERS))
     reach = half // step
     offsets = np.arange(-reach, reach + 1) * step
-    bins = np.arange(n_range)[:, None] + offsets
     # Mirrored at the ends, so that every window has as many members.
-    bins = np.abs(bins)
+    bins = np.abs(np.arange(n_range)[:, None] + offsets)
     bins = np.asarray(np.where(bins > n_range - 1, 2 * (n_range - 1) - bins, bins))
     bins.flags.writeable = False
     return bins
@@ -117,7 +106,7 @@ def _windows(n_range: int) -> NDArray[np.intp]:
 class GateReading:
     """What the gate saw; powers in dB of sample units squared."""
 
-    is_open: bool  # something moves; the same as power_db > threshold_db
+    is_open: bool  # something moves
     power_db: float  # of the cells that stand out most, in two of three CPIs
     noise_floor_db: float  # their bin's level: noise, clutter's residue, learned background
     threshold_db: float  # what the power had to exceed
@@ -147,11 +136,6 @@ class Gate:
         self.cell_peak: NDArray[np.float64] = np.zeros((0, 0))  # strongest Doppler cells of each
         self.residue: NDArray[np.float64] = np.zeros(0)  # what clutter left, as cells show it
         self.level: NDArray[np.float64] = np.zeros(0)  # noise, residue and learned background
-
-    def reset(self) -> None:
-        """Forget what was learned, as after a restart of the module."""
-        self._noise.reset()
-        self._in_place.clear()
 
     def read(self, dwell: Dwell) -> GateReading:
         """Judge one dwell, with or without its static clutter; learn from it.
@@ -207,8 +191,8 @@ class Gate:
         learned = [each for each in self._in_place if each is not None]
         if len(learned) < self._n_learn:
             return
-        # Dwells last, and in one piece: half the time of a stack along another axis.
-        power, peak = np.split(median(np.ascontiguousarray(np.array(learned).T)), 2)
+        # Dwells last, and in one piece: a quarter of the time.
+        power, peak = np.split(np.median(np.ascontiguousarray(np.array(learned).T), axis=1), 2)
         most = noise * 10 ** (self._settings.adapt_db / 10)
         self.background = np.maximum(np.minimum(power, most), floor)
         # What may be learned is bounded by its power: a steady tone is stronger in its cells.

@@ -1,12 +1,11 @@
 """Interference: what fills the swath at all ranges alike, or has made the gate blind in it.
 
 *Steady*: a third of the swath stands `noise_db` over the reference and keeps its shape over range
-(0.3 m cells; measured scatter 0.02 to 0.1 dB under a continuous wave, 0.2 to 0.5 under noise, 0.6
-to 0.9 under pulses, fans 0.2 or more, bodies and plants 0.8), and but for a continuous wave its
-spectrum is as flat as noise's (0.96 or more; a fan's 0.7 at most). *Blind*: what the gate takes
-for background is so far over the reference in most of the swath, for `hold_s`. *Filled*: all of it
-has moved for `_FILLED_S`, and no verdict was an alarm. The reference, the least floor of the first
-`_FIRST_S` of calm dwells or the calibration's, follows by `MAX_DRIFT_DB` in all.
+(scatter of 0.3 m cells 0.02 to 0.1 dB under a continuous wave, 0.2 to 0.5 under noise, 0.6 to 0.9
+under pulses, fans 0.2 or more, bodies and plants 0.8), and but for a continuous wave its spectrum
+is as flat as noise's (0.96 or more; a fan's 0.7 at most). *Blind*: what the gate takes for
+background is so far over the reference in most of the swath. *Filled*: all of it has moved, and no
+verdict was an alarm. The reference is the least floor of the first calm dwells.
 """
 
 from collections import deque
@@ -15,12 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.detect.dwell_cells import CELL_M, quantile
 from radard.detect.gate import Gate
 from radard.dsp.velocity import CPI_S
 from radard.stream.ring import Dwell
 
 URGENT = 4  # changes of twice the limit are held for so much less: 5 s of `hold_s`
+CELL_M = 0.3  # a piece of furniture
 MAX_DRIFT_DB = 3.0  # that a reference follows in all: more than a receiver's warming up (1 dB)
 MEMORY_S = 600.0  # within which it does so: follows temperature, not a hand
 _FIRST_S = 600.0  # people leave a room at times within ten minutes
@@ -86,7 +85,11 @@ class InterferenceWatch:
         hurry = URGENT if blind_db >= 2 * self._limit_db else 1
         self._blind_s = self._blind_s + hurry * self._hop_s if is_blind else 0.0
         self._filled_s = self._filled_s + self._hop_s if is_filled else 0.0
-        found = self._steady(gate, dwell, live) or self._lasting(blind_db)
+        found = self._steady(gate, dwell, live)
+        if not found and self._blind_s >= self._hold_s:
+            found = f"the gate's floor rose {blind_db:.0f} dB at most ranges"
+        elif not found and self._filled_s >= _FILLED_S:
+            found = f"motion at all ranges for {_FILLED_S:.0f} s, and no verdict was an alarm"
         # Whether cells in which interference was found are as high as ever.
         here_db = self._levels[-1][:, self._where] if len(self._where) else np.zeros(0)
         still_stands = here_db.size > 0 and float(np.median(here_db)) >= self._limit_db
@@ -100,13 +103,6 @@ class InterferenceWatch:
             # What it began with stays: a new text at every dwell would be as many events.
             self._reason = self._reason or found
         return self._reason
-
-    def _lasting(self, blind_db: float) -> str:
-        if self._blind_s >= self._hold_s:
-            return f"the gate's floor rose {blind_db:.0f} dB at most ranges"
-        if self._filled_s >= _FILLED_S:
-            return f"motion at all ranges for {_FILLED_S:.0f} s, and no verdict was an alarm"
-        return ""
 
     def _learn(self, floor: Array) -> None:
         """Learn the reference from a calm dwell; later, let it follow within bounds."""
@@ -154,7 +150,7 @@ class InterferenceWatch:
 
 
 def _flatness(dwell: Dwell, cells: NDArray[np.intp], n_bins: int) -> float:
-    """Return how flat some cells' spectrum over slow time is, from 0 to 1, which is noise's."""
+    """Return how flat some cells' spectrum over slow time is, 0 to 1 (noise)."""
     bins = (cells[:, None] * n_bins + np.arange(n_bins)).ravel()
     rows = dwell.frames[:, bins].astype(np.complex128)
     rows = (rows - rows.mean(axis=0)) * np.hanning(len(rows))[:, None]
@@ -167,3 +163,8 @@ def _flatness(dwell: Dwell, cells: NDArray[np.intp], n_bins: int) -> float:
 def _db(power: Array, reference: Array) -> Array:
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(10 * np.log10(np.maximum(power, _TINY) / reference))
+
+
+def quantile(values: NDArray[np.float64], share: float) -> float:
+    """Return the nearest of a few values to a quantile; numpy's own takes ten times as long."""
+    return float(np.sort(values)[round(share * (len(values) - 1))])

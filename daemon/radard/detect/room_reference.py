@@ -1,7 +1,6 @@
 """RoomReference: what tamper is measured against, kept over a restart in one small NumPy file.
 
-Without it, somebody who covers or jams the sensor and then restarts radard, or its machine,
-would have made that the room. A file that cannot be read, or is of another stream, counts as none.
+Else, who covers or jams the sensor and restarts radard would have made that the room.
 """
 
 import io
@@ -71,12 +70,11 @@ class RoomStore:
         )
         try:
             write_atomically(self.path, whole.getvalue(), mode=0o600)
+            self._has_failed = False
         except OSError as err:
             if not self._has_failed:
                 log.warning("%s: cannot keep the room's reference: %s", self.path, err.strerror)
             self._has_failed = True
-        else:
-            self._has_failed = False
 
     def forget(self, stream: str) -> None:
         """Remove what was kept; what will be kept is of `stream`."""

@@ -32,10 +32,6 @@ _SPAN = (-12.0, 12.0)  # of log u: beyond any room's
 Array = NDArray[np.float64]
 
 
-class RoomNotEmpty(RadardError):
-    """The room moves during a calibration, where nothing should."""
-
-
 class RoomSurvey:
     """Listen to an empty room; `settings` are those of the gate that will use the calibration."""
 
@@ -50,7 +46,6 @@ class RoomSurvey:
         self._seen_m: list[float] = []
         self._paths: dict[int, tuple[float, float]] = {}
         self._n_skipped = 0
-        self._dwell_s = 0.0
         self._last: Dwell | None = None
 
     @property
@@ -68,18 +63,16 @@ class RoomSurvey:
         reading = gate.read(moving)
         tracks = self._tracker.update(moving, gate.background)
         self._heard.append((gate.power, gate.cell_peak, gate.residue, gate.noise))
-        self._dwell_s = len(dwell.frames) / dwell.frame_rate_hz
         self._last = moving
         for track in tracks:
             low, high = self._paths.get(track.id, (track.range_m, track.range_m))
             self._paths[track.id] = min(low, track.range_m), max(high, track.range_m)
-        seen_m = [track.range_m for track in tracks]
-        seen_m += [reading.range_m] if reading.is_open else []
-        self._seen_m += seen_m
-        return bool(seen_m)
+        self._seen_m += [track.range_m for track in tracks]
+        self._seen_m += [reading.range_m] if reading.is_open else []
+        return reading.is_open or bool(tracks)
 
     def check_empty(self, *, takes_machines: bool = False) -> None:
-        """Raise RoomNotEmpty if something moved; `takes_machines` lets what stays in place."""
+        """Raise RadardError if something moved; `takes_machines` lets what stays in place."""
         range_m = self._axis.range_m
         power, noise = (np.mean([each[k] for each in self._heard], axis=0) for k in (0, 3))
         over_db = decibels(power) - decibels(noise)
@@ -90,7 +83,7 @@ class RoomSurvey:
             spans = self._paths.values()
             found_m = [m for span in spans if span[1] - span[0] > _PLACE_M for m in span]
         if found_m:
-            raise RoomNotEmpty(
+            raise RadardError(
                 f"the room is not empty: something moves at {min(found_m):.1f} to "
                 f"{max(found_m):.1f} m; leave it empty and try again; --with-machines takes what "
                 "stays in its place"
@@ -101,7 +94,8 @@ class RoomSurvey:
 
         `origin` is completed by what was heard; so many decisions a day may open the gate.
         """
-        independent = self.n_dwells * self._hop_s / max(self._dwell_s, self._hop_s)
+        dwell_s = len(self._last.frames) / self._last.frame_rate_hz if self._last else 0.0
+        independent = self.n_dwells * self._hop_s / max(dwell_s, self._hop_s)
         if independent < MIN_INDEPENDENT or not any(power.any() for power, *_ in self._heard):
             raise RadardError(
                 f"too little was heard: {self.n_dwells} sound windows, {self._n_skipped} with "
@@ -122,7 +116,7 @@ class RoomSurvey:
         over = np.maximum(_reach(log_u, share, independent) * restless, least)
         log_u = _factors(peaks, [over * level for level in levels])
         predicted = _share_over(log_u, independent) * DAY_S / self._hop_s
-        heard_s = (self.n_dwells - 1) * self._hop_s + self._dwell_s
+        heard_s = (self.n_dwells - 1) * self._hop_s + dwell_s
         return Calibration(
             frame_rate_hz=self._last.frame_rate_hz,
             bin_length_m=self._axis.bin_length_m,

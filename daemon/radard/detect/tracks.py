@@ -204,17 +204,10 @@ class Tracker:
                 del body.nodes[0]
             if body.id:
                 now_m = body.range_m + body.rate_mps * (dwell.t_s - body.time_s)
-                nodes = np.array([*body.nodes, (dwell.t_s, now_m)])
-                tracks.append(
-                    Track(
-                        body.id,
-                        now_m,
-                        # + 0.0 turns -0.0 into 0.0.
-                        -body.rate_mps + 0.0,
-                        body.power_db,
-                        np.interp(frame_s, nodes[:, 0], nodes[:, 1]),
-                    )
-                )
+                path_m = np.interp(frame_s, *np.array([*body.nodes, (dwell.t_s, now_m)]).T)
+                # + 0.0 turns -0.0 into 0.0.
+                velocity_mps = -body.rate_mps + 0.0
+                tracks.append(Track(body.id, now_m, velocity_mps, body.power_db, path_m))
         return tuple(tracks)
 
 

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.dsp.gram import gaussian_taper
+from radard.dsp.doppler import gaussian_taper
 from radard.errors import FeatureError
 
 _LOW, _HIGH = 1e-15, 1e15  # squares of numbers between fit float32 and lose no digits

@@ -1,8 +1,7 @@
 """Detection on the range-time map of residual power: ordered-statistic CFAR and peaks.
 
-A cell must stand out of its own noise floor and out of its surroundings in range: an ordered
-statistic (OS-CFAR, Rohling 1983), of which a second body is no part, on the greater of both sides,
-because moving multipath fills the range behind a person.
+A cell must stand out of its own noise floor and of its surroundings in range (OS-CFAR, Rohling
+1983), on the greater of both sides, because moving multipath fills the range behind a person.
 """
 
 import math
@@ -85,29 +84,18 @@ def power_map(
     return PowerMap(ratio, time_s, range_m, cell_bins * axis.bin_length_m, n_cpi / n_parts)
 
 
-def os_level(ratio: Array, guard: int, reach: int) -> Array:
+def _os_level(ratio: Array, offsets: NDArray[np.intp], k: int) -> Array:
     """Return the level of every cell's surroundings: the greater of both sides' statistics."""
     level = np.zeros_like(ratio)
     n_cell = ratio.shape[1]
-    offsets = _offsets(guard, reach)
     if n_cell < offsets[-1] + 1:
         return level
-    k = _rank(len(offsets))
     # The statistic of cells `first + offsets`, once for every place where they all fit.
     for first, step in ((0, offsets), (offsets[-1], -offsets)):
         cells = first + np.arange(n_cell - offsets[-1])
         statistic = np.partition(ratio[:, cells[:, None] + step], k, axis=-1)[..., k]
         level[:, cells] = np.maximum(level[:, cells], statistic)
     return level
-
-
-def _offsets(guard: int, reach: int) -> NDArray[np.intp]:
-    every = np.arange(guard + 1, reach + 1)
-    return every[:: -(-len(every) // _REFERENCES)]
-
-
-def _rank(n_references: int) -> int:
-    return int(RANK * (n_references - 1))
 
 
 @lru_cache(maxsize=64)
@@ -156,11 +144,12 @@ def find_peaks(chart: PowerMap, least_db: float) -> list[list[Peak]]:
     ratio, cell_m = chart.ratio, chart.cell_m
     guard = max(1, round(GUARD_M / cell_m))
     reach = max(guard + 2, round(WINDOW_M / cell_m))
-    level = os_level(ratio, guard, reach)
-    n_references = len(_offsets(guard, reach))
-    looks = min(chart.n_looks, _ECHO_LOOKS)
+    offsets = np.arange(guard + 1, reach + 1)
+    offsets = offsets[:: -(-len(offsets) // _REFERENCES)]
+    k = int(RANK * (len(offsets) - 1))
+    level = _os_level(ratio, offsets, k)
     # The factor is that of one side; where both count, there are fewer false alarms.
-    factor = os_factor(n_references, _rank(n_references), looks, FALSE_ALARM)
+    factor = os_factor(len(offsets), k, min(chart.n_looks, _ECHO_LOOKS), FALSE_ALARM)
     limit = max(10 ** (least_db / 10), floor_factor(chart.n_looks, FALSE_ALARM))
     stands_out = (ratio > limit) & (ratio > factor * level)
     near = max(1, round(PEAK_M / cell_m))

@@ -6,8 +6,6 @@ float32. Rows that are not finite count as lost. The receiver's noise is that of
 along slow time: static clutter and its drift are gone exactly or nearly.
 """
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,15 +17,6 @@ _SECOND_DIFFERENCE_GAIN = 6.0  # 1 + 4 + 1, of the power of white noise
 
 AnyFrames = NDArray[np.inexact] | NDArray[np.integer]
 Flags = NDArray[np.bool_]
-
-
-def median(values: NDArray[Any]) -> NDArray[Any]:
-    """Return the median along the last axis, as numpy's to the bit, which takes 50 us; no NaN."""
-    n = values.shape[-1]
-    if n % 2:
-        return np.asarray(np.partition(values, n // 2, axis=-1)[..., n // 2])
-    middle = np.partition(values, (n // 2 - 1, n // 2), axis=-1)[..., n // 2 - 1 : n // 2 + 1]
-    return np.asarray(middle.mean(axis=-1))
 
 
 def sound_rows(frames: AnyFrames, valid: Flags) -> tuple[NDArray[np.complex64], Flags, float]:
@@ -79,7 +68,7 @@ def spike_rows(rows: NDArray[np.complex64], usable: Flags) -> Flags:
     good = rows if at.size == len(rows) else rows[at]
     near = _distance(good, 1)
     far = _distance(good, 2)
-    usual = float(median(near))
+    usual = float(np.median(near))
     before = np.concatenate((far[:1], near))
     after = np.concatenate((near, far[-1:]))
     across = np.concatenate((near[1:2], far, near[-2:-1]))
@@ -98,13 +87,11 @@ def block_power(
 ) -> tuple[NDArray[np.float64], Flags]:
     """Return the residual power of parts of CPIs, and which of the record's CPIs these are of.
 
-    Clutter is the mean over one CPI, as in the spectrogram (2.29), so that slow drift of the room
-    counts as clutter. The record, `rows` and `usable` of `sound_rows`, is cut into whole CPIs of
-    `n_cpi` frames from its end, at least one; the first of their `n_parts` parts are one frame
-    longer when they do not go in evenly. CPIs with fewer than half of their frames are left out.
-
-    Power is the mean per frame, unbiased for noise, shape (n_cpis, n_parts, n_range), float64;
-    zero in parts without a usable frame.
+    Clutter is the mean over one CPI, as in the spectrogram (2.29). The record, `rows` and `usable`
+    of `sound_rows`, is cut into whole CPIs of `n_cpi` frames from its end, at least one, and these
+    at `part_edges`. CPIs with fewer than half of their frames are left out. Power is the mean per
+    frame, unbiased for noise, shape (n_cpis, n_parts, n_range), float64; zero in parts without a
+    usable frame.
     """
     n_cpis = len(rows) // n_cpi
     used = n_cpis * n_cpi
@@ -142,10 +129,9 @@ def part_edges(n_cpi: int, n_parts: int) -> NDArray[np.intp]:
 def centre_spread_m(
     power: NDArray[np.float64], noise: float, range_m: NDArray[np.float64]
 ) -> float:
-    """Return how far the residual power's centre wanders within the dwell, in metres.
+    """Return how far the residual power's centre wanders, in metres; 0 when nothing stands out.
 
-    Between the nearest and the farthest centre, over the CPIs with at least a tenth of the
-    strongest one's power; 0 when nothing stands out. `power` is of CPIs, shape (n_cpis, n_range);
+    Over the CPIs with at least a tenth of the strongest one's power, shape (n_cpis, n_range);
     cells below four times the noise do not count.
     """
     weight = np.maximum(power - 4 * noise, 0)
@@ -172,8 +158,7 @@ def second_differences(rows: NDArray[np.complex64], usable: Flags) -> NDArray[np
 def noise_of(cells: NDArray[np.float32]) -> float:
     """Return the noise power per live bin and frame of cells from `second_differences`.
 
-    The low quantile of all cells is hardly moved by a target, which fills few of them; for
-    noise alone it is unbiased. NaN without cells, 0 where nothing changes at all.
+    By their low quantile; NaN without cells, 0 where nothing changes at all.
     """
     if len(cells) == 0:
         return float("nan")
@@ -191,8 +176,7 @@ def noise_profile(cells: NDArray[np.float32]) -> NDArray[np.float64]:
     """Return the noise power of every bin by itself, from cells of `second_differences`.
 
     Shape (n_range,), float64; NaN when there are no cells. It is the median over time, scaled to
-    the mean of noise: a target that stays less than half of the time in a bin hardly moves it.
-    About 15 % of scatter for two seconds at 60 Hz.
+    the mean of noise, with about 15 % of scatter for two seconds at 60 Hz.
     """
     if len(cells) == 0:
         return np.full(cells.shape[1], np.nan)

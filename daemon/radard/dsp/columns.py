@@ -1,9 +1,8 @@
 """Maps that grow with slow time: frames in, steps between them, columns out, the last ones kept.
 
-Steps from frame to frame are the form of a stream in which static clutter is gone exactly: two
-floating-point numbers within a factor of two of each other have an exact difference (Sterbenz
-1974), so steps hold none of the clutter's rounding. A frame that is lost repeats the one before
-it: its step is zero, the next good one's spans the gap, and a flag says which those are.
+In steps from frame to frame static clutter is gone exactly: numbers within a factor of two of each
+other have an exact difference (Sterbenz 1974). A frame that is lost repeats the one before it: its
+step is zero, the next good one's spans the gap, and a flag says which those are.
 """
 
 from abc import ABC, abstractmethod
@@ -13,13 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radard.dsp.gram import Reals
 from radard.errors import FeatureError
 
 LARGEST = np.float32(1e38)  # frames with a part beyond: steps would leave float32
 
 Frames = NDArray[np.generic]
 Flags = NDArray[np.bool_]
+Reals = NDArray[np.float64]
 Values = NDArray[Any]
 
 
@@ -56,11 +55,7 @@ class StepBuffer:
     def __init__(self, n_keep: int) -> None:
         self._n_keep = n_keep
         self.n_range = 0
-        self.restart()
-
-    def restart(self) -> None:
-        """Forget all frames, as after a gap of unknown length; the next may be of any size."""
-        self._rows = np.zeros((0, 2 * self.n_range), np.float32)
+        self._rows = np.zeros((0, 0), np.float32)
         self._flags = np.zeros(0, np.bool_)
         self._last: Frames | None = None
         self._product: tuple[NDArray[np.float32], NDArray[np.float32]] | None = None
@@ -114,8 +109,7 @@ class StepBuffer:
             np.subtract(frames[1:], frames[:-1], out=steps[1:], dtype=work, casting="same_kind")
             rows[:, :n_range], rows[:, n_range:] = steps.real, steps.imag
         flat = rows.reshape(-1)
-        # One dot product finds what is not finite; strong frames overflow it and are
-        # looked at once more.
+        # One dot product finds what is not finite; strong frames, which overflow it, do not count.
         return bool(np.isfinite(np.vdot(flat, flat)) or _usable(frames).all())
 
     def _repaired(self, frames: Frames, flags: Flags) -> Frames:
@@ -134,11 +128,9 @@ class StepBuffer:
 
 
 def _usable(frames: Frames) -> Flags:
+    parts = np.stack([frames.real, frames.imag])
     with np.errstate(invalid="ignore"):
-        return np.asarray(
-            (np.abs(frames.real) < LARGEST).all(axis=1)
-            & (np.abs(frames.imag) < LARGEST).all(axis=1)
-        )
+        return np.asarray((np.abs(parts) < LARGEST).all(axis=(0, 2)))
 
 
 class ColumnStore:
@@ -146,10 +138,6 @@ class ColumnStore:
 
     def __init__(self, n_keep: int) -> None:
         self.n_keep = n_keep
-        self.restart()
-
-    def restart(self) -> None:
-        """Drop all columns; the next ones follow no gap."""
         self._columns: Values = np.zeros((0, 0))
         self._flags = np.zeros(0, np.bool_)
 
@@ -187,13 +175,8 @@ class ColumnStream(ABC):
         """Columns that can be asked for now."""
         return len(self._store)
 
-    def restart(self) -> None:
-        """Forget everything, as after a gap: the next column comes after a whole CPI."""
-        self._alone = None
-        self._store.restart()
-
     def push(self, frames: ArrayLike, valid: ArrayLike | None = None) -> int:
-        """Add a frame or many, (n, n_range) or (n_range,), see `blocks`; return the columns made.
+        """Add a frame or many, see `blocks`; return the columns made.
 
         What stands in place of a lost frame, False in `valid`, is ignored. Frames with NaN, Inf or
         more than 1e38 count as lost too. Raises FeatureError if the frames do not fit the stream.
@@ -222,12 +205,6 @@ class SharedSteps:
         self._streams = streams
         self._n_block = min(stream.n_block for stream in streams)
         self._steps = StepBuffer(max(stream.n_history for stream in streams))
-
-    def restart(self) -> None:
-        """Restart all maps."""
-        self._steps.restart()
-        for stream in self._streams:
-            stream.restart()
 
     def push(self, frames: ArrayLike, valid: ArrayLike | None = None) -> int:
         """Add frames to all maps, see `ColumnStream.push`; return the columns of the last one."""

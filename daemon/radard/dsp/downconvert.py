@@ -23,14 +23,12 @@ class DownConverter:
     """Turn frames of one stream into matched-filtered complex baseband, on the axis `axis`.
 
     Baseband frames pass through, decimated only, and conjugated where their phase rises with
-    range. Every `range_decimation`-th bin is kept; the matched filter comes first, so no noise
-    folds in. Raises FeatureError if the axis cannot be down-converted (no sampling rate, carrier
+    range. Every `range_decimation`-th bin is kept, behind the matched filter, so no noise folds
+    in. The output's phase is exp(-j 4 pi R / lambda), so an approaching target has positive
+    Doppler; a point echo of RF amplitude a comes out with magnitude a. The frame's mean is taken
+    off first: the sampler's idle line would ring at both ends. One converter serves one thread at
+    a time. Raises FeatureError if the axis cannot be down-converted (no sampling rate, carrier
     above Nyquist), or the decimation leaves nothing.
-
-    The output's phase is exp(-j 4 pi R / lambda): it falls with range, so an approaching
-    target has positive Doppler. A point echo of RF amplitude a comes out with magnitude a.
-    The frame's mean is taken off first: the sampler's idle line would ring at both ends.
-    One converter serves one thread at a time.
     """
 
     def __init__(self, axis: FastTimeAxis, range_decimation: int = 1) -> None:

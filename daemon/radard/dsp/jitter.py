@@ -10,7 +10,7 @@ correction is scaled by the share of it that the cell itself confirms over the d
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.dsp.clutter import Flags, median
+from radard.dsp.clutter import Flags
 from x2radar.frame import FastTimeAxis
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 
@@ -149,7 +149,7 @@ class _Model:
         # Jitter is never far over its usual size: what is was motion that outvoted the clutter.
         used = self._votes[:, 0] > 0
         n_used = np.count_nonzero(used)
-        usual = median(np.abs(theta[:, used]))
+        usual = np.median(np.abs(theta[:, used]), axis=1)
         most_here = _OUTLIER * usual[:, None, None]
         np.clip(others, -most_here, most_here, out=others)
         others -= others.sum(axis=1, keepdims=True) / n_used

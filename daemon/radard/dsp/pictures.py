@@ -1,8 +1,7 @@
 """Pictures: frames to columns as bytes on a dB scale, for dashboard and clips to draw.
 
-Three pictures share their columns of time: range (where), velocity (how fast; its aliases fade
-as far as the range tells them apart, see `Unfolding`) and Doppler (mu, what the thesis'
-network sees). A fourth, gait, is the cadence velocity diagram of the last two seconds.
+Three share their columns of time: range, velocity (its aliases fade, see `Unfolding`) and Doppler
+(mu). A fourth, gait, is the cadence velocity diagram of the last two seconds.
 """
 
 from dataclasses import dataclass, replace
@@ -82,10 +81,9 @@ class Unfolding:
     """Fade the aliases, `apart_mps` apart, in the velocity picture of one stream.
 
     Each velocity gets the energy of all straight lines of its slope in the last half second of the
-    range picture; a band of the velocity picture fades by what speaks more for an alias.
-
-    `velocity_mps` are its rows, evenly spaced; 1 m/s crosses `cells_per_mps` of the `n_ranges`
-    rows of the range picture from column to column; `span_db` is the velocity picture's.
+    range picture; a band of the velocity picture, of even rows `velocity_mps`, fades by what
+    speaks more for an alias. 1 m/s crosses `cells_per_mps` of the `n_ranges` rows of the range
+    picture from column to column.
     """
 
     def __init__(
@@ -94,7 +92,6 @@ class Unfolding:
         apart_mps: float,
         n_ranges: int,
         cells_per_mps: float,
-        span_db: float,
     ) -> None:
         moved = velocity_mps[:, None] * np.array(_LAGS) * cells_per_mps
         at = np.rint(np.arange(n_ranges) + moved.T[:, :, None]).astype(np.intp)
@@ -104,12 +101,8 @@ class Unfolding:
         step = velocity_mps[1] - velocity_mps[0]
         n_folds = int((velocity_mps[-1] - velocity_mps[0]) / apart_mps)
         self._folds = [rows + k * apart_mps / step for k in range(-n_folds, n_folds + 1) if k]
-        self._bytes_per_db = 255 / span_db
+        self._bytes_per_db = 255 / SPANS_DB["velocity"]
         self._trail = np.zeros((n_ranges + 1, _LAGS[-1]), np.float32)
-
-    def restart(self) -> None:
-        """Forget the columns so far."""
-        self._trail[:] = 0
 
     def unfold(self, velocities: Bytes, ranges: Bytes) -> Bytes:
         """Return new columns of the velocity picture, given those of the range picture."""
@@ -142,56 +135,59 @@ class Spectrograms:
     """Make pictures of one stream of baseband frames.
 
     `pictures` are their axes, gait last; columns are `column_s` seconds apart, and `push` takes at
-    most `longest_push` frames at once. Speeds `unambiguous_mps` apart, c fp / (2 f), look alike;
-    it is None without a carrier. Of more than 256 bins only every second, third and so on is used:
-    the matched filter has made neighbours alike, and the pictures have fewer rows than that.
+    most `longest_push` frames at once. Speeds `unambiguous_mps` apart, c fp / (2 f), look alike.
+    Of more than 256 bins only every second, third and so on is used: the matched filter has made
+    neighbours alike, and the pictures have fewer rows than that.
     """
 
     def __init__(self, axis: FastTimeAxis, frame_rate_hz: float) -> None:
         self._thin = -(-axis.n_range // _MAX_BINS)
         n_range = -(-axis.n_range // self._thin)
-        axis = replace(axis, n_range=n_range, bin_length_m=axis.bin_length_m * self._thin)
+        bin_m = axis.bin_length_m * self._thin
+        self._axis = replace(axis, n_range=n_range, bin_length_m=bin_m)
         self._rate_hz = frame_rate_hz
         self._stride = max(1, round(frame_rate_hz / COLUMN_RATE_HZ))
         self.column_s = self._stride / frame_rate_hz
-        n_cpi = max(4, round(CPI_S * frame_rate_hz))
+        self._n_cpi = n_cpi = max(4, round(CPI_S * frame_rate_hz))
         self._middle_s = n_cpi / 2 / frame_rate_hz
-        length_m = axis.n_range * axis.bin_length_m
-        cell_m = next((c for c in _CELLS_M if length_m / c <= _MAX_ROWS), length_m / _MAX_ROWS)
-        n_keep = round(GAIT_S / self.column_s)
-        block = max(64, n_cpi)
-        self._ranges = RangeTimeMap(axis, n_cpi, cell_m=cell_m, n_keep=2 * block + self._stride)
-        self._velocity = VelocityTransform(
-            axis, frame_rate_hz, column_rate_hz=COLUMN_RATE_HZ, n_keep=2 * block
-        )
-        self._doppler = StreamingDoppler(n_cpi, stride=self._stride, n_keep=max(n_keep, 2 * block))
-        self._shared = SharedSteps(self._ranges, self._velocity, self._doppler)
-        self._n_gait = n_keep
-        self.gait_step_hz = 1 / (n_keep * self.column_s)  # from column to column of gait
-        self.longest_push = block
+        length_m = n_range * bin_m
+        usual_m = (c for c in _CELLS_M if length_m / c <= _MAX_ROWS)
+        self._cell_m = next(usual_m, length_m / _MAX_ROWS)
+        self._n_gait = round(GAIT_S / self.column_s)
+        self.gait_step_hz = 1 / (self._n_gait * self.column_s)  # from column to column of gait
+        self.longest_push = max(64, n_cpi)
         self._floors = {name: _Floor() for name in SPANS_DB}
-        v, d_hz = self._velocity.velocity_mps, frame_rate_hz / n_cpi
-        to_mps = SPEED_OF_LIGHT_MPS / (2 * axis.carrier_hz) if axis.carrier_hz > 0 else 0.0
-        self.unambiguous_mps = apart_mps = frame_rate_hz * to_mps or None
-        cells = len(self._ranges.range_m), self.column_s / cell_m
-        span_db = SPANS_DB["velocity"]
-        self._unfolding = Unfolding(v, apart_mps, *cells, span_db) if apart_mps else None
         self.restart()
-        doppler = ("m/s", d_hz * to_mps) if to_mps else ("Hz", d_hz)
-        lowest = -(n_cpi // 2) * doppler[1]
-        r = self._ranges.range_m
+        step_mps = frame_rate_hz / n_cpi * (SPEED_OF_LIGHT_MPS / (2 * axis.carrier_hz))
+        lowest_mps = -(n_cpi // 2) * step_mps
+        r, v = self._ranges.range_m, self._velocity.velocity_mps
         self.pictures = (
-            Picture("range", "m", float(r[0]), cell_m, len(r)),
+            Picture("range", "m", float(r[0]), self._cell_m, len(r)),
             Picture("velocity", "m/s", float(v[0]), float(v[1] - v[0]), len(v)),
-            Picture("doppler", doppler[0], lowest, doppler[1], n_cpi),
-            Picture("gait", doppler[0], lowest, doppler[1], n_cpi),
+            Picture("doppler", "m/s", lowest_mps, step_mps, n_cpi),
+            Picture("gait", "m/s", lowest_mps, step_mps, n_cpi),
         )
 
     def restart(self) -> None:
         """Forget the frames so far, as after a jump of the stream; the floors are kept."""
-        self._shared.restart()
-        if self._unfolding is not None:
-            self._unfolding.restart()
+        axis, rate_hz, n_keep = self._axis, self._rate_hz, 2 * self.longest_push
+        self._ranges = RangeTimeMap(
+            axis, self._n_cpi, cell_m=self._cell_m, n_keep=n_keep + self._stride
+        )
+        self._velocity = VelocityTransform(
+            axis, rate_hz, column_rate_hz=COLUMN_RATE_HZ, n_keep=n_keep
+        )
+        self._doppler = StreamingDoppler(
+            self._n_cpi, stride=self._stride, n_keep=max(self._n_gait, n_keep)
+        )
+        self._shared = SharedSteps(self._ranges, self._velocity, self._doppler)
+        self.unambiguous_mps = rate_hz * (SPEED_OF_LIGHT_MPS / (2 * axis.carrier_hz))
+        self._unfolding = Unfolding(
+            self._velocity.velocity_mps,
+            self.unambiguous_mps,
+            len(self._ranges.range_m),
+            self.column_s / self._cell_m,
+        )
         self._n_seen = self._n_made = 0
 
     def push(
@@ -212,8 +208,7 @@ class Spectrograms:
             "doppler": self._doppler.columns(n),
         }
         values = {name: self._shown(name, p, n * self.column_s) for name, p in power.items()}
-        if self._unfolding is not None:
-            values["velocity"] = self._unfolding.unfold(values["velocity"], values["range"])
+        values["velocity"] = self._unfolding.unfold(values["velocity"], values["range"])
         end_s = t_s - behind / self._rate_hz - self._middle_s
         return Columns(end_s, self._velocity.columns_valid(n), values)
 

@@ -1,10 +1,9 @@
 """Detection on range-Doppler cells: CFAR by ordered statistic, with a known false-alarm rate.
 
 A CPI's bins are taken apart by a DFT without taper, less the mean: cells of white noise are
-independent and exponential. The mean of three neighbours is tested, a gamma variable of shape
-three for noise. A bin's level is the median of its Doppler cells in the dwell (OS-CFAR, Rohling
-1983), because still echoes leave jitter that is white in Doppler; never less than the receiver's
-noise and at most `MAX_RESIDUE` times it, so that no body hides itself.
+independent and exponential, the mean of three neighbours is a gamma variable of shape three. A
+bin's level is the median of its cells in the dwell (OS-CFAR, Rohling 1983), because still echoes
+leave jitter that is white in Doppler, bounded so that no body hides itself (`MAX_RESIDUE`).
 """
 
 from functools import lru_cache
@@ -19,12 +18,8 @@ Array = NDArray[np.float64]
 N_DOPPLER = 3
 """Doppler cells whose mean is tested; of 1, 3, 5, 7, 11 and 21 the best for weak people at 60 Hz,
 and among the best three at 200 Hz (benchmarks/bench_gate.py makes such bodies)."""
-MAX_RESIDUE = 2.0
-"""Times the noise that a bin's residue may reach: simulated rooms with jitter of up to 0.23 ps
-and leakage of 60 dB left at most 2.0 times the noise in a bin."""
-ALONE = 10.0
-"""Times its threshold at which one CPI is enough. A burst of Wi-Fi of 50 ms, 20 dB over
-the noise, stays under a fifth of it."""
+MAX_RESIDUE = 2.0  # times the noise that a bin's residue may reach, as it did in simulated rooms
+ALONE = 10.0  # times its threshold at which one CPI is enough: five times a burst of Wi-Fi's
 _MIN_FACTOR = 1e-3  # instead of zero, for a gate that is always open
 
 
@@ -37,9 +32,8 @@ def doppler_peaks(
     four, from the end; a row that is not usable repeats the one before. The peak, shape (n_cpis,
     n_range), is the greatest mean over `N_DOPPLER` neighbouring cells, in the rows' unit squared,
     scaled so that the mean of white noise is its power per frame; CPIs of which less than a half
-    is usable are left out. The residue, shape (n_range,), is the median of all cells, scaled to
-    the mean of noise, zeros without a CPI. The power, shape (n_cpis, n_range), is as `block_power`
-    gives it: here it is the sum of the cells.
+    is usable are left out. The residue, shape (n_range,), is the median of all cells, scaled
+    likewise, zeros without a CPI. The power, shape (n_cpis, n_range), is as of `block_power`.
     """
     n_cpis = len(rows) // n_cpi
     used = n_cpis * n_cpi

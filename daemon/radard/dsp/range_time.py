@@ -1,30 +1,25 @@
-"""Range-time power map: where the power of motion is, in metres and seconds.
-
-Each frame loses the mean of the CPI around it, and power is averaged over cells of range. Column i
-is of the same CPI as the spectrogram's. It keeps where a target is, and does not alias at 60 Hz.
-"""
+"""Range-time power map: where the power of motion is, in metres and seconds."""
 
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.dsp.columns import ColumnStream, Flags, StepBuffer, whole
-from radard.dsp.gram import Reals, centring
+from radard.dsp.columns import ColumnStream, Flags, Reals, StepBuffer, whole
+from radard.dsp.doppler import centring
 from radard.errors import FeatureError
 from x2radar.frame import FastTimeAxis
 
-MIN_COVERAGE = 0.5  # a cell of which less than this was seen is not known: a half
+MIN_COVERAGE = 0.5  # a cell of which less than this was seen is not known
 _BLOCK = 64  # frames at once: a hop at 60 Hz
 # Squares of rows within these energies neither overflow float32 nor lose digits in it.
 _LOW, _HIGH = 1e-25, 1e30
 
 
 def overlap(sample_edges: Reals, cell_edges: Reals) -> Reals:
-    """Return how much of each cell each sample covers, as shares of the cells' widths.
+    """Return how much of each cell each sample covers, as shares of it, (n_samples, n_cells).
 
-    From ascending edges, shapes (n_samples + 1,) and (n_cells + 1,), in one unit; the result
-    has shape (n_samples, n_cells). A cell within the samples has shares that sum to one.
+    From ascending edges in one unit, shapes (n_samples + 1,) and (n_cells + 1,).
     """
     low = np.maximum(sample_edges[:-1, None], cell_edges[:-1])
     high = np.minimum(sample_edges[1:, None], cell_edges[1:])
@@ -58,15 +53,15 @@ def time_cells(
 
 
 class RangeTimeMap(ColumnStream):
-    """Power by range cell and frame of a stream; clutter is the mean of `n_cpi` frames.
+    """Power by range cell and frame of a stream; clutter is the mean of the `n_cpi` frames around.
 
-    Cells lie at near_m + k cell_m up to far_m, whatever the bins; the swath of the axis when these
-    are not given. `is_covered` are those of which the swath holds at least half; the others' power
-    is zero. Power is the mean over the cell's bins (by the length each has in it), in sample units
-    squared, corrected for the share of the noise that the mean takes along. Relative error (norm)
-    against the same in float64 at most 1e-5, with static clutter of 0 to 140 dB under the motion
-    and amplitudes from 1e-36 to 1e37. One push of all frames and any cut into smaller ones agree
-    to 1e-6. Raises FeatureError if a setting makes no sense.
+    Column i is of the same CPI as the spectrogram's. Cells lie at near_m + k cell_m up to far_m,
+    whatever the bins; the swath of the axis when these are not given. Power is the mean over the
+    cell's bins (by the length each has in it), in sample units squared, corrected for the share of
+    the noise that the mean takes along; zero in cells of which the swath holds less than half.
+    Relative error (norm) against the same in float64 at most 1e-5, with static clutter of 0 to
+    140 dB under the motion and amplitudes from 1e-36 to 1e37; however pushes are cut, 1e-6.
+    Raises FeatureError if a setting makes no sense.
     """
 
     def __init__(
@@ -86,7 +81,7 @@ class RangeTimeMap(ColumnStream):
             msg = f"range-time map: CPI of {n_cpi}, cells of {cell_m} m from {near} to {far} m"
             raise FeatureError(msg)
         made = _design(axis, n_cpi, cell_m, near, far)
-        self.range_m, self.is_covered, self._weights, self._residual = made
+        self.range_m, self._weights, self._residual = made
         super().__init__(n_cpi, len(self._residual), n_keep, len(self.range_m))
         self._n_cpi = n_cpi
 
@@ -125,7 +120,7 @@ class RangeTimeMap(ColumnStream):
 @lru_cache(maxsize=8)
 def _design(
     axis: FastTimeAxis, n_cpi: int, cell_m: float, near_m: float, far_m: float
-) -> tuple[Reals, Flags, NDArray[np.float32], NDArray[np.float32]]:
+) -> tuple[Reals, NDArray[np.float32], NDArray[np.float32]]:
     """Return cells, what leads to them from squares of parts, and to residues from steps."""
     bins = np.arange(axis.n_range + 1, dtype=np.float64)
     bin_edges = axis.range_offset_m - axis.bin_length_m / 2 + axis.bin_length_m * bins
@@ -143,7 +138,7 @@ def _design(
     for i in range(n_block):
         residual[i, i : i + n_cpi - 1] = middle
     weights = np.concatenate([share, share]).astype(np.float32)
-    made = ((edges[:-1] + edges[1:]) / 2, is_covered, weights, residual)
+    made = ((edges[:-1] + edges[1:]) / 2, weights, residual)
     for array in made:
         array.flags.writeable = False
     return made

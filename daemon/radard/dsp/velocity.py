@@ -13,8 +13,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.dsp.columns import ColumnStore, ColumnStream, Flags, StepBuffer, whole
-from radard.dsp.gram import Reals, centring, gaussian_taper
+from radard.dsp.columns import ColumnStore, ColumnStream, Flags, Reals, StepBuffer, whole
+from radard.dsp.doppler import centring, gaussian_taper
 from radard.errors import FeatureError
 from x2radar.frame import FastTimeAxis
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
@@ -32,10 +32,9 @@ _UNKNOWN_BANDWIDTH = 0.2  # of the carrier: less than any module's
 def range_frequencies(axis: FastTimeAxis) -> Reals:
     """Return the absolute frequencies at which a stream's frames are looked at, in hertz.
 
-    Shape (n_freq,), float64: around the carrier, ascending, over 1.13 of the -10 dB band (1.3 GHz
-    to either side for the X2) as far as the bins sample it. They are c / (2 swath) apart, all that
-    differ for that many bins, or a multiple of it to stay within 64. An unknown bandwidth is
-    taken for a fifth of the carrier. Raises FeatureError if the axis has no carrier or no bins.
+    Shape (n_freq,), float64: around the carrier, ascending, over 1.13 of the -10 dB band as far as
+    the bins sample it, c / (2 swath) apart or a multiple of it to stay within 64. An unknown
+    bandwidth is taken for a fifth of the carrier. Raises FeatureError without a carrier or bins.
     """
     if axis.carrier_hz <= 0 or axis.bin_length_m <= 0:
         msg = f"no frequencies: carrier {axis.carrier_hz:g} Hz, bins of {axis.bin_length_m:g} m"
@@ -54,9 +53,8 @@ def range_dft(axis: FastTimeAxis, frequency_hz: Reals, flatten: float) -> NDArra
     """Return the DFT over range, and the weights of the frequencies, as one matrix.
 
     Shape (n_range, n_freq), complex128: frames times this are X. `flatten` is the exponent of the
-    pulse's amplitude spectrum (one at the carrier) that is divided out; nothing is when the
-    bandwidth is unknown. Unflattened, the squares' sum over all of the sampled band would be the
-    sum of the bins' power (Parseval), however the frequencies are spaced.
+    pulse's amplitude spectrum (one at the carrier) that is divided out, where the bandwidth is
+    known. With 0, the squares' sum over the sampled band is the bins' power (Parseval).
     """
     delay_s = 2 * axis.bin_length_m / SPEED_OF_LIGHT_MPS
     baseband_hz = frequency_hz - axis.carrier_hz
@@ -72,11 +70,9 @@ def range_dft(axis: FastTimeAxis, frequency_hz: Reals, flatten: float) -> NDArra
 class FrameMeans:
     """Steps of a stream in, steps between the means of `n_mean` frames out; 1 changes nothing.
 
-    Slow motion needs few frames a second. A mean before every n-th is left keeps the noise down as
-    all frames would, and what is too fast for the lower rate is weaker before it folds (the sinc
-    of the mean; at half the lower rate 3 to 4 dB).
-
-    With s_m the step from frame m - 1 to m, and y_k the mean of the frames from k n on::
+    Slow motion needs few frames a second; means keep the noise down as all frames would, and what
+    is too fast for the lower rate is weaker before it folds (at half that rate 3 to 4 dB). With
+    s_m the step from frame m - 1 to m, and y_k the mean of the frames from k n on::
 
         y_k - y_(k-1) = (1 / n) sum_i (n - |i|) s_(k n + i),   |i| < n
     """
@@ -84,12 +80,8 @@ class FrameMeans:
     def __init__(self, n_mean: int) -> None:
         self._n_mean = n_mean
         self._weights = ((n_mean - np.abs(np.arange(1 - n_mean, n_mean))) / n_mean).astype("f4")
-        self.restart()
-
-    def restart(self) -> None:
-        """Forget all frames."""
         self._steps: NDArray[np.complex64] | None = None
-        self._flags = np.ones(self._n_mean - 1, np.bool_)
+        self._flags = np.ones(n_mean - 1, np.bool_)
 
     def add(
         self, steps: NDArray[np.complex64], flags: Flags
@@ -118,13 +110,10 @@ class VelocityTransform(ColumnStream):
     The grid `velocity_mps` reaches from minus to plus `max_mps`, approaching positive, with 0 in
     it; a CPI of 0.47 s resolves 0.07 m/s. Columns lie `stride` whole frames apart,
     `column_rate_hz` a second, as near as may be to the rate that is asked for; a CPI has at least
-    four frames. `n_mean` frames in a row are one, their mean (`FrameMeans`): CPI, stride and
-    columns count these. Raises FeatureError if a setting makes no sense.
-
-    Relative error (norm) against the definition in float64 (tests/dsp_reference.py): at most
-    1e-5 with static clutter of 0 to 140 dB under the motion, at amplitudes from 1e-36 to
-    1e33. One push of all frames and any cut into smaller ones agree to 1e-6. Per column one
-    real matrix product (n_velocity x n_cpi) for each frequency: 0.3 MFLOP at 60 Hz.
+    four frames. `n_mean` frames in a row are one (`FrameMeans`): CPI, stride and columns count
+    these. Raises FeatureError if a setting makes no sense. Relative error (norm) against the
+    definition in float64 (tests/dsp_reference.py): at most 1e-5 with static clutter of 0 to 140 dB
+    under the motion, at amplitudes from 1e-36 to 1e33; however pushes are cut, 1e-6.
 
     The pulse's amplitude spectrum to the power `_FLATTEN` is divided out of X. Behind a matched
     filter, 0 would leave its narrow band, 1 makes the noise white again, 2 the echo's spectrum
@@ -164,13 +153,6 @@ class VelocityTransform(ColumnStream):
         super().__init__(0, n_block, n_keep, len(self.velocity_mps))
         self._means = FrameMeans(n_mean)
         self._spectra = ColumnStore(self.n_cpi + self.stride + n_block)
-        self._n_seen = 0
-
-    def restart(self) -> None:
-        """Forget means, spectra and columns: the stream begins again."""
-        super().restart()
-        self._means.restart()
-        self._spectra.restart()
         self._n_seen = 0
 
     def advance(self, steps: StepBuffer, n_new: int) -> int:

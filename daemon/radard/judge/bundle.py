@@ -1,7 +1,6 @@
-"""Model bundle: what a sidecar says, read and checked.
+"""Model bundle: what a sidecar says, read and checked; and its card, what it says of quality.
 
-NAME.onnx has the weights, NAME.json (the sidecar) says which features go in and for which streams,
-NAME.md is the card. What does not fit is refused, nothing is guessed.
+NAME.onnx has the weights, NAME.json (the sidecar) says which features go in and for which streams.
 """
 
 import functools
@@ -27,6 +26,7 @@ PROBABILITIES = tuple(f"{of}p_{name}" for of in ("", "fused_") for name in CLASS
 """Keys of a decision's record: of its window, and of the evidence so far."""
 _MAX_HIDDEN = 4096  # far more than any head here, little enough to keep
 _STREAM_KEYS = ("frame_rate_hz", "bin_length_m", "carrier_hz", "bandwidth_hz")
+Three = tuple[float | None, float | None, float | None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -140,9 +140,8 @@ def load_bundle(name: str) -> Bundle:
     """Read a bundle by name, or its .onnx or .json file; BundleError or ModelMismatch."""
     known = bundle_names()
     if name not in known and Path(name).suffix not in {".onnx", ".json"}:
-        msg = f"no model '{name}'; installed are {', '.join(known) or 'none'}; "
-        msg += "a file must end in .onnx"
-        raise BundleError(msg)
+        msg = f"no model '{name}'; installed are {', '.join(known) or 'none'}"
+        raise BundleError(f"{msg}; a file must end in .onnx")
     path = sidecar_path(name)
     name = path.stem
     try:
@@ -181,3 +180,53 @@ def _parse(sidecar: bytes, onnx: bytes) -> Bundle:
         if item.shape != shape:
             raise ValueError(f"input {item.name} is {item.shape}, {item.feature} is {shape}")
     return replace(made, onnx=onnx)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Passing:
+    """How one sensitivity did on whole passages; a `Three` has its 95 % interval's ends."""
+
+    __pydantic_config__ = LOOSE
+
+    intrusions: int  # how many
+    missed: Three  # share of them
+    half_alarmed_after_s: Three  # from coming in to the alarm; None: so many never alarm
+    nine_in_ten_alarmed_after_s: Three  # likewise
+    pet_visits: int
+    visits_with_alarm: Three  # share of them
+    pet_hours: float  # how long the visits last together
+    alarms_per_pet_hour: Three  # alarms that began
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Card:
+    """How well a bundle did, in its evaluation and on single windows; for people alone."""
+
+    __pydantic_config__ = LOOSE
+
+    policy: str  # that was evaluated; empty without an evaluation
+    command: str  # that evaluated it
+    passages: int  # simulated passages of that evaluation
+    sensitivities: dict[str, Passing]  # what each made of them
+    gate: dict[str, Any] = field(default_factory=dict)  # its settings then; empty: not known
+    metrics: dict[str, Any] = field(default_factory=dict)  # of single windows, by name
+
+
+@dataclass(frozen=True, slots=True)
+class _Told:
+    """What is read for a card."""
+
+    __pydantic_config__ = LOOSE
+
+    metrics: dict[str, Any] = field(default_factory=dict)
+    evaluation: Card | None = None
+
+
+def read_card(model: str) -> Card:
+    """Read the card of a loaded bundle by name or path; ModelMismatch if it is garbled."""
+    try:
+        found = parse_json(_Told, sidecar_path(model).read_bytes())
+    except ValueError as err:
+        raise ModelMismatch(f"model '{model}': {err}") from err
+    nothing = Card(policy="", command="", passages=0, sensitivities={})
+    return replace(found.evaluation or nothing, metrics=found.metrics)

@@ -1,12 +1,8 @@
-"""Decision: gate and probabilities become a label and the alarm.
+"""Decision: gate and probabilities become a label and the alarm, by the rule of `judge`.
 
-The rule: with the gate open, alarm unless p_pet + p_other > pet_limit and one of the two is
-at least a half. `other` are trained harmless motions only; motion that resembles nothing, or
-a bit of everything, counts as human. Policy `window` applies the rule to each window alone
-(the thesis' rule). Policy `fused` applies it to the evidence over windows
-(`radard.judge.evidence`), and waits while that is undecided, for a few seconds at most; where a
-bundle says so, longer if it leans to a pet, less if to a person, and who shows but briefly is
-passed over.
+`other` are trained harmless motions only; motion that resembles nothing, or a bit of everything,
+counts as human. Policy `window` applies the rule to each window alone (the thesis' rule), policy
+`fused` to the evidence over windows (`radard.judge.evidence`), while that is decided (`Verdict`).
 """
 
 from dataclasses import dataclass
@@ -21,15 +17,11 @@ from radard.stream.ring import Dwell
 
 Label = Literal["human", "pet", "other", "pending", "none", "invalid"]
 GateState = Literal["open", "closed", "invalid"]
-MIN_P = 0.5
-"""No class below it is what moves."""
-LONGER, SHORTER = 2.5, 2 / 3
-"""What undecided evidence that leans to a pet, or to a person, waits against what is even."""
+MIN_P = 0.5  # no class below it is what moves
+LONGER, SHORTER = 2.5, 2 / 3  # that evidence that leans to a pet, or a person, waits against even
 _OF_WINDOWS = EvidenceSettings(human_limit=MIN_P)  # policy 'window': nothing to wait for
-HIGH_PET_LIMIT = 0.9
-"""Least pet limit at sensitivity 'high' under policy 'fused'; docs/evaluation.md measures it."""
-_ROUNDING_S = 0.07
-"""More than a frame of the slowest stream that a bundle takes (14.5 Hz), far less than a hop."""
+HIGH_PET_LIMIT = 0.9  # least at sensitivity 'high' under policy 'fused' (docs/evaluation.md)
+_ROUNDING_S = 0.07  # more than a frame of the slowest stream that a bundle takes (14.5 Hz)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,8 +72,8 @@ def invalid_decision(dwell: Dwell, fault: str, *, seq: int = 0) -> Decision:
 def judge(p: Probabilities, pet_limit: float) -> tuple[Label, bool]:
     """Apply the rule to the probabilities of one window, or fused ones: the label and the alarm.
 
-    No alarm if p(pet) + p(other) is above `pet_limit` and one of the two is at least a half. The
-    label is human whenever the alarm is on.
+    Gate open, alarm unless p(pet) + p(other) is above `pet_limit` and one of the two at least a
+    half. The label is human whenever the alarm is on.
 
     >>> judge(Probabilities(human=0.1, pet=0.85, other=0.05), pet_limit=0.8)
     ('pet', False)

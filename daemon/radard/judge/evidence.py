@@ -1,12 +1,12 @@
 """Evidence: windows fused over time, while something is there.
 
-A network with a temporal head says itself what windows in their order come to; only the prior is
-added, and of hops shorter than `HOP_S` the head gets what it knew about a second before. For any
-other, with l the fused log-likelihoods of the classes, p a window's probabilities, r a discount in
-proportion to the hop and b a bound (as in a CUSUM): l += r log p; l -= max l; l = max(l, -b);
-fused = softmax(l + prior + size + memory). `size` is what the visit's greatest strength says,
-where an adult's is known; `memory` is what the visit before says, if it ended near by a moment
-ago: a pet stands still more often than it goes, so the gate closes, and opens again where it is.
+A network with a temporal head says itself what windows in their order come to (of hops shorter
+than `HOP_S` it gets what it knew about a second before). For any other, with l the fused
+log-likelihoods of the classes, p a window's probabilities, r a discount in proportion to the hop
+and b a bound (as in a CUSUM): l += r log p; l -= max l; l = max(l, -b). Then fused =
+softmax(l + prior + size + memory): `size` is what the visit's greatest strength says, where an
+adult's is known; `memory` what the visit before says, if it ended near by a moment ago: a pet
+stands still more often than it goes, so the gate closes, and opens again where it is.
 """
 
 import math

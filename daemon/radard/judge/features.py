@@ -1,8 +1,6 @@
 """Dwell to features: the code that the daemon and the training both call.
 
-A bundle's sidecar says which features its network takes and with which settings; a
-feature is a row of `FEATURES`. Masked columns of the spectrogram, those whose CPI holds a
-lost frame, take the mean of the others, so that they add nothing at any cadence but zero.
+A bundle's sidecar says which of `FEATURES` its network takes and with which settings.
 """
 
 import json
@@ -173,9 +171,8 @@ def feature_shape(name: str, settings: FeatureSettings) -> tuple[int, ...]:
 class FeatureStream:
     """Features of a stream's dwells: what the last dwell has made is not made again.
 
-    Dwells may be left out, as while the gate is closed; a dwell that does not follow on the
-    last one is taken whole. Live, replayed and single dwells give the same features: to
-    1e-6 of a map's power, the bound of `StreamingDoppler`. `names` are of `FEATURES` or plug-ins'.
+    Dwells may be left out; one that does not follow on the last is taken whole. Either way the
+    features are the same to 1e-6 of a map's power. `names` are of `FEATURES` or plug-ins'.
     """
 
     def __init__(self, settings: FeatureSettings, names: tuple[str, ...]) -> None:
@@ -257,7 +254,7 @@ def _plugged_feature(
 
 
 def _spectrogram(doppler: StreamingDoppler, n_columns: int) -> NDArray[np.float32]:
-    """Return mu over a power of two, so that it fits float32."""
+    """Return mu over a power of two, so that it fits float32; masked columns take the mean."""
     columns = doppler.columns(n_columns)
     exponent = int(np.frexp(columns.max(initial=0.0))[1])
     share = np.ldexp(columns, -exponent).astype(np.float32)

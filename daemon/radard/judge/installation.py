@@ -1,8 +1,7 @@
 """What an installation knows besides the motion: frame rate, mount, and how strong the echo is.
 
-A network that was trained on it takes it as one more input, in which everything may be missing.
-The strength is that of the whole body, compared with an adult before the same radar
-(`mount.level_db`): for a radar whose level is known, size is evidence (`size_nats`).
+A network may take it as one more input, in which everything may be missing. The strength is that
+of the whole body, compared with an adult before the same radar (`mount.level_db`).
 """
 
 import numpy as np
@@ -26,9 +25,8 @@ def echo_at_1m_db(
     """Return how strong what moves would be at 1 m, in dB over the noise; None if nothing moves.
 
     Of the bins' power without static clutter, the receiver's noise (`Gate.noise`) and their
-    ranges. All that stand out are added, for a body fills several, and its echoes' tail as well;
-    they are taken to the fourth power of the strongest one's range (the radar equation), not of
-    each one's own, which would count a tail too much.
+    ranges. All that stand out are added, by the fourth power of the strongest one's range (the
+    radar equation): by each one's own, echoes' tails would count too much.
     """
     over = np.where(power > _STANDS_OUT * floor, power - floor, 0.0)
     noise = float(np.median(floor)) if len(floor) else 0.0

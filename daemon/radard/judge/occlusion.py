@@ -1,8 +1,6 @@
-"""Occlusion: which parts of the maps moved the verdict.
+"""Occlusion: which parts of the maps moved the verdict (Zeiler and Fergus, ECCV 2014, 4.2).
 
-A part of a map is made dark, as if nothing moved there, and the network is asked again; what
-that changes is what the part stood for. M. D. Zeiler and R. Fergus, "Visualizing and
-Understanding Convolutional Networks", ECCV 2014, section 4.2.
+A part of a map is made dark, and the network is asked again: what changes is what it stood for.
 """
 
 from collections.abc import Iterator, Sequence

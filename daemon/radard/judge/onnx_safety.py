@@ -1,7 +1,7 @@
 """What an ONNX file may hold: the network alone, nothing that its hash does not cover.
 
-Tensors in other files and operators of other domains than ONNX's own are refused. The runtime has
-no onnx package, so the protobuf is walked by the field numbers of onnx.proto3 (ONNX 1.18).
+Tensors in other files and operators of other domains than ONNX's own are refused, by the field
+numbers of onnx.proto3 (ONNX 1.18).
 """
 
 from collections.abc import Iterator
@@ -10,17 +10,10 @@ _MESSAGES: dict[str, dict[int, str]] = {
     "model": {7: "graph", 20: "training", 25: "function"},
     "training": {1: "graph", 2: "graph"},
     "function": {7: "node", 11: "attribute"},
-    "graph": {1: "node", 5: "tensor", 15: "sparse tensor"},
+    "graph": {1: "node", 5: "tensor", 15: "sparse"},
     "node": {5: "attribute", 7: "domain"},
-    "attribute": {
-        5: "tensor",
-        6: "graph",
-        10: "tensor",
-        11: "graph",
-        22: "sparse tensor",
-        23: "sparse tensor",
-    },
-    "sparse tensor": {1: "tensor", 2: "tensor"},
+    "attribute": {5: "tensor", 6: "graph", 10: "tensor", 11: "graph", 22: "sparse", 23: "sparse"},
+    "sparse": {1: "tensor", 2: "tensor"},
     "tensor": {13: "external data", 14: "data location"},
 }
 _DOMAINS = {b"", b"ai.onnx", b"ai.onnx.ml"}

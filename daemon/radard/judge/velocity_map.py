@@ -3,9 +3,8 @@
 What is shown is shape, not strength: every column of time is set against its own maximum, or
 against a level under the dwell's maximum where it is weaker than that.
 
-A CPI of T seconds resolves c / (2 f T) of velocity. In 0.2 s that is 0.1 m/s, and the swing of
-a leg is seen as it goes; in 0.6 s, 0.04 m/s, which parts the slow limbs of somebody who hardly
-goes; in 1.5 s, 0.014 m/s, which parts breath and sway from panting. No one length does for all.
+A CPI of T seconds resolves c / (2 f T): in 0.2 s 0.1 m/s, and the swing of a leg is seen as it
+goes; in 0.6 s 0.04 m/s, which parts slow limbs; in 1.5 s 0.014 m/s, breath and sway from panting.
 """
 
 import math
@@ -47,9 +46,8 @@ def shown(power: NDArray[np.float64], valid: NDArray[np.bool_], depth_db: float)
 def busiest_rows(power: NDArray[np.float64], n_rows: int) -> NDArray[np.float64]:
     """Return a copy of the `n_rows` neighbouring rows in which most moves, the nearest of equals.
 
-    Every column counts the same: rows are chosen by the mean of each row's share of its
-    column, so one strong moment does not decide. A map with fewer rows is filled up with
-    empty ones behind its last.
+    By the mean of each row's share of its column, so one strong moment does not decide. A map with
+    fewer rows is filled up with empty ones behind its last.
     """
     n_all = len(power)
     if n_all <= n_rows:
@@ -76,8 +74,7 @@ class VelocityGrid:
     n_cells: int  # columns, the last of which ends with the dwell
     depth_db: float  # what is shown, see `shown`
     # Frames a second that are enough, as a share of what tells velocities to `max_mps` apart,
-    # 4 f `max_mps` / c: of faster streams so many frames in a row are one that no fewer are
-    # left. 0: every frame.
+    # 4 f `max_mps` / c: of faster streams frames in a row are one. 0: every frame.
     sampling: float = 0.0
 
     @property

@@ -27,7 +27,7 @@ from radard.config.sink_table import named_file
 from radard.detect.calibration import load_calibration, restless_spans
 from radard.errors import ConfigError, ModelMismatch
 from radard.health.health import Status, overall
-from radard.judge.card import read_card
+from radard.judge.bundle import read_card
 from radard.outputs.base import COMMANDS
 from radard.web.auth import SESSION_S, AccessControl, Role, address_of
 from radard.web.events import EventRoutes

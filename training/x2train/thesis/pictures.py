@@ -17,9 +17,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from radard.dsp.cadence import cadence_velocity_diagram, extent_profile, type1_vector
-from radard.dsp.doppler import doppler_hz, micro_doppler
+from radard.dsp.doppler import doppler_hz, gaussian_taper, micro_doppler
 from radard.dsp.downconvert import DownConverter
-from radard.dsp.gram import gaussian_taper
 from radard.stream.ring import Dwell
 from x2radar.atomic import write_whole
 from x2radar.errors import WriteError

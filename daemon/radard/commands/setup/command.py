@@ -1,8 +1,6 @@
 """`radard setup`: the whole installation, one file of it, or the coverage of a mount.
 
-What was written is recorded in etc/radard/installed.json: each file with its SHA-256, each link
-and each folder that was not there. Uninstalling takes away exactly that; a file that was changed
-since stays, unless all is to go.
+What was written is recorded in etc/radard/installed.json; uninstalling takes away exactly that.
 """
 
 import argparse
@@ -44,8 +42,7 @@ _AFTER = {
     "config": ("radard config check",),
 }
 RECORD_FILE = files.CONFIG_FOLDER / "installed.json"
-COMMANDS = {"radard": "radard", "x2radar": "x2radar", "train-export": "x2train"}
-"""The commands and the module behind each."""
+COMMANDS = {"radard": "radard", "x2radar": "x2radar", "train-export": "x2train"}  # by module
 _COMPLETIONS = {
     "bash": "usr/local/share/bash-completion/completions/{0}",
     "zsh": "usr/local/share/zsh/site-functions/_{0}",
@@ -175,8 +172,7 @@ class Record(BaseModel, extra="forbid"):
 def _install(root: Path, program: Path, port: str, name: str | None) -> Iterator[str]:
     """Install all that is not there yet; yield what was done, and what is left to do.
 
-    `program` is the radard to start, as the machine below `root` sees it; `name` is that of
-    radard@NAME.service, None for radard.service.
+    `program` is as the machine below `root` sees it; `name` is that of radard@NAME.service.
     """
     _check(root, program, port, name)
     record = Record.read(root)
@@ -225,7 +221,7 @@ def _uninstall(root: Path, *, purge: bool) -> Iterator[str]:
         for unit in record.units:
             now = ("--now",) if is_live else ()
             yield from _ran([*_systemctl(root), "disable", *now, unit], needed=False)
-        kept = yield from _remove_files(root, record, purge=purge)
+        yield from _remove_files(root, record, purge=purge)
         if purge:
             yield from _remove_state(root, record)
         (root / RECORD_FILE).unlink()
@@ -235,8 +231,6 @@ def _uninstall(root: Path, *, purge: bool) -> Iterator[str]:
         if is_live:
             yield from _ran(["systemctl", "daemon-reload"], needed=False)
             yield from _ran(["udevadm", "control", "--reload"], needed=False)
-    for path in kept:
-        yield f"{path}: kept, because it was changed since; --purge takes it away"
     if not purge:
         yield f"{root / files.STATE_FOLDER}, the user radard: kept; --purge takes them away"
 
@@ -251,14 +245,13 @@ def _check(root: Path, program: Path, port: str, name: str | None) -> None:
     here = root / program.relative_to("/")
     if not os.access(here, os.X_OK):
         raise UsageError(f"{here}: no such program; name the radard to start with --exec")
-    seen = [program]
-    if root == Path("/"):
-        seen += [here.resolve(), Path(sys.executable).resolve()]
-    for path in seen:
+    own = [here.resolve(), Path(sys.executable).resolve()] if root == Path("/") else []
+    for path in (program, *own):
         if any(path.is_relative_to(home) for home in _CLOSED_HOMES):
-            msg = f"{path}: a service does not see home folders; install radard below /opt "
-            msg += "(docs/install.md)"
-            raise UsageError(msg)
+            msg = (
+                "a service does not see home folders; install radard below /opt (docs/install.md)"
+            )
+            raise UsageError(f"{path}: {msg}")
 
 
 def _put(root: Path, record: Record, path: Path, text: str) -> Iterator[str]:
@@ -365,8 +358,7 @@ def _switch_on(root: Path, record: Record, name: str | None, left: list[str]) ->
         record.units.append(unit)
     if not shutil.which("systemctl"):
         left.append(f"systemctl enable {unit}")
-        return
-    if _is_live(root):
+    elif _is_live(root):
         yield from _ran(["udevadm", "control", "--reload"], needed=False)
         yield from _ran(["udevadm", "trigger", "--subsystem-match=tty"], needed=False)
         yield from _ran(["systemctl", "daemon-reload"])
@@ -392,19 +384,19 @@ def _ran(argv: Sequence[str], *, needed: bool = True) -> Iterator[str]:
     yield f"ran: {line}" + ("" if done.returncode == 0 else " (failed)")
 
 
-def _remove_files(root: Path, record: Record, *, purge: bool) -> Any:
-    """Remove files and links, yielding each; return those that stay."""
+def _remove_files(root: Path, record: Record, *, purge: bool) -> Iterator[str]:
+    """Remove links and files, but those that were changed; yield what became of each."""
     links = ((root / name, target) for name, target in record.links.items())
     ours = [path for path, to in links if path.is_symlink() and str(path.readlink()) == to]
-    kept: list[Path] = []
     for name, digest in record.files.items():
         if (path := root / name).is_file():
-            is_same = hashlib.sha256(path.read_bytes()).hexdigest() == digest
-            (ours if is_same or purge else kept).append(path)
+            if purge or hashlib.sha256(path.read_bytes()).hexdigest() == digest:
+                ours.append(path)
+            else:
+                yield f"{path}: kept, because it was changed since; --purge takes it away"
     for path in ours:
         path.unlink()
         yield f"{path}: removed"
-    return kept
 
 
 def _remove_state(root: Path, record: Record) -> Iterator[str]:

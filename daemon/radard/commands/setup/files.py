@@ -60,7 +60,9 @@ def first_config(name: str | None = None, port: str = PORT) -> str:
         if not _NAME.fullmatch(name):
             raise UsageError(f"--name '{name}': must be letters, digits, - and _ only")
         unit, out = f"radard@{name}.service", f"store:/var/lib/radard-{name}/radard.db"
-        keys = _KEYS.format(name=name, port=json.dumps(port, ensure_ascii=False))
+        keys = f'sensor: {{name: "{name}", port: {json.dumps(port, ensure_ascii=False)}}}\n'
+        folders = f'state_dir: "/var/lib/radard-{name}", runtime_dir: "/run/radard-{name}"'
+        keys += f"service: {{{folders}}}\n"
     built_in = re.sub(r"(?m)^(?=[^#\n])", "#", shipped("config.yaml"))
     head = _HEAD.format(what=unit, keys=keys)
     return f'{head}output: ["{out}"]\n\n# What can be set, as it is built in:\n\n{built_in}'
@@ -71,10 +73,6 @@ _HEAD = """\
 #   radard config check --config FILE
 # `systemctl reload` takes up all but ports and the number of sensors.
 {keys}"""
-_KEYS = """\
-sensor: {{name: "{name}", port: {port}}}
-service: {{state_dir: "/var/lib/radard-{name}", runtime_dir: "/run/radard-{name}"}}
-"""
 
 
 def shipped(name: str) -> str:
