@@ -47,14 +47,12 @@ class RunningSensor:
         pool: WorkerPool,
         *,
         max_frames: int | None,
-        warm_up: bool,
         on_over: Callable[[], object],
     ) -> None:
         self.opened, self.worker, self.ring = opened, worker, worker.ring
         self.failure: BaseException | None = None  # what ended the work, but for the stream
         self.over = threading.Event()  # the work has ended
         self._max_frames = max_frames
-        self._warm_up = warm_up
         self._has_begun = self._must_look = self._is_stopped = False
         self._on_over = on_over
         self._pool = pool
@@ -163,9 +161,6 @@ class RunningSensor:
             return None
         if not self._has_begun:
             self._has_begun = True
-            if self._warm_up:
-                # While the frames of the first dwell come in.
-                self.opened.pipeline.warm_up()
             self.worker.begin()
             return True
         try:

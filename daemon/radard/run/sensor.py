@@ -151,11 +151,7 @@ class Sensor:
     @property
     def why_lost(self) -> str | None:
         """Why a kill would undo a command, as `EventLog.why_lost`."""
-        if self._run is not None:
-            return self._run.worker.why_lost
-        store = self._kept_state()
-        kept = store.load(is_armed=self._config.alarm.armed)
-        return store.why_lost(kept.is_armed, kept.mode, kept.alarm_id)
+        return self._kept_state().why_lost(self.panel())
 
     @property
     def can_wait(self) -> bool:
@@ -273,7 +269,6 @@ class Sensor:
                 self.make_worker(opened),
                 self._pool,
                 max_frames=None if duration_s is None else max(1, round(duration_s * rate_hz)),
-                warm_up=not self.can_wait,
                 on_over=on_over,
             )
         run.start()
