@@ -10,7 +10,7 @@ from radard.config.options import JUDGING, add_options, judging_config
 from radard.errors import UsageError
 from radard.judge.bundle import PROBABILITIES
 from radard.judge.occlusion import MapView, Part, effects, map_views, occluded
-from radard.run.moment import Moment, moment_of
+from radard.run.replays import Moment, moment_of
 from x2radar.atomic import write_picture
 from x2radar.command import Parser, legible, new_parser
 from x2radar.extras import needed

@@ -17,8 +17,8 @@ from typing import Any
 from x2radar.interrupts import HandlerEvent
 
 log = logging.getLogger("radard")
-_STOP = (signal.SIGINT, signal.SIGTERM)
-_ASK = {signal.SIGHUP: "reload", signal.SIGUSR1: "dump"}
+_STOP = {signal.SIGINT: "stop", signal.SIGTERM: "stop"}
+_ASK = {**_STOP, signal.SIGHUP: "reload", signal.SIGUSR1: "dump"}
 
 
 class Signals:
@@ -32,7 +32,7 @@ class Signals:
     def __enter__(self) -> "Signals":
         """Install the handlers; outside of the main thread do nothing."""
         if threading.current_thread() is threading.main_thread():
-            self._before = {n: signal.signal(n, self._handle) for n in (*_STOP, *_ASK)}
+            self._before = {n: signal.signal(n, self._handle) for n in _ASK}
             # Those that have come before.
             signal.pthread_sigmask(signal.SIG_UNBLOCK, _ASK)
         return self
@@ -57,9 +57,7 @@ class Signals:
         if number in _STOP:
             for stop in _STOP:
                 signal.signal(stop, signal.SIG_DFL)
-            self.ask("stop")
-        else:
-            self.ask(_ASK[signal.Signals(number)])
+        self.ask(_ASK[signal.Signals(number)])
 
 
 def stacks() -> dict[str, str]:

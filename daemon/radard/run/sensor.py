@@ -92,6 +92,7 @@ class Sensor:
         self._is_live = config.sensor.kind != "replay"
         self._factor = speed_factor(config.sensor.speed, parse_port(self._port))
         self.health = Health(stale_s=STALE_S * max(1.0, 1.0 / (self._factor or 1.0)))
+        self.halt = threading.Event()  # the end was asked for
         self._end_wait: Callable[[], None] = lambda: None
         self._run: RunningSensor | None = None
         self._store: StateStore | None = None  # from the first stream or command on
@@ -185,9 +186,7 @@ class Sensor:
         """Note what is wrong beside the stream, and tell of it; an empty reason takes it back."""
         self.tell(self.health.complain(source, reason))
 
-    def open(
-        self, on_notice: Notify, *, is_wanted: Callable[[], bool] = lambda: True
-    ) -> OpenedSensor:
+    def open(self, on_notice: Notify) -> OpenedSensor:
         """Open the port, which may mean to wait for a device, and what fits its stream."""
 
         def notice(kind: str, reason: str) -> None:
@@ -200,7 +199,7 @@ class Sensor:
 
         def on_wait(close: Callable[[], None]) -> None:
             self._end_wait = close
-            if not is_wanted():
+            if self.halt.is_set():
                 close()
 
         sensor = self._config.sensor
@@ -290,11 +289,12 @@ class Sensor:
 
     def look_up(self) -> None:
         """Have its worker look whether nothing comes; returns at once."""
-        if self._worker() is not None and self._run is not None:
-            self._run.look_up()
+        if (worker := self._worker()) is not None:
+            worker.ring.post("look", call=lambda _t_s: worker.look_up())
 
     def stop(self) -> None:
         """Ask for the end, also of waiting for a device."""
+        self.halt.set()
         if self._run is not None:
             self._run.stop()
         self._end_wait()
