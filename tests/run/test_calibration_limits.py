@@ -3,20 +3,22 @@
 import tempfile
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from radard.config.config import load_config
-from radard.detect.calibration import Provenance
 from radard.detect.survey import RoomSurvey
 from radard.errors import RadardError
 from radard.run.room_calibration import RoomCalibration
 from tests.machine_helpers import machine_settings
-from tests.radar_helpers import dwell_of, noise
+from tests.radar_helpers import BASEBAND, dwell_of, noise
+from x2radar.frame import StreamInfo
 
 DWELL = dwell_of(noise(60))
+STREAM = StreamInfo(BASEBAND, 60.0, "test")
 CONFIG = load_config(environ={})
 
 
@@ -57,7 +59,7 @@ def made_up_survey(monkeypatch, folder):
         gate = CONFIG.gate.model_copy(update=told)
         service = CONFIG.service.model_copy(update={"state_dir": folder})
         config = CONFIG.model_copy(update={"gate": gate, "service": service})
-        return RoomCalibration(config, lambda: Provenance(made_utc="now"), 0.0)
+        return RoomCalibration(config, SimpleNamespace(stream=STREAM, classifier=None), 0.0)
 
     return make
 

@@ -37,8 +37,9 @@ def run(argv: Sequence[str]) -> int:
         raise UsageError(f"--at {args.at:g}: must be 0 or more, in seconds")
     moment = moment_of(args.file, args.at, judging_config(args, args.file))
     parts = []
+    limit = moment.hello["pet_limit"]
     if moment.classifier is not None and moment.seen is not None:
-        parts = occluded(moment.classifier, moment.settings, moment.seen, moment.pet_limit)
+        parts = occluded(moment.classifier, moment.settings, moment.seen, limit)
     print("\n".join(lines(moment, parts)))
     if out is not None:
         write_picture(out, figure(moment, parts))
@@ -161,7 +162,7 @@ def _evidence(axes: Any, moment: Moment) -> None:
         axes.plot(t_s, fused, "o-", ms=3, color=colour, label=key)
     harmless = [r["fused_p_pet"] + r["fused_p_other"] for r in open_ones]
     axes.plot(t_s, harmless, "--", color="k", lw=0.8, label="pet + other")
-    axes.axhline(moment.pet_limit, color="k", lw=0.5)
+    axes.axhline(moment.hello["pet_limit"], color="k", lw=0.5)
     axes.set(xlabel="time (s)", ylabel="probability", ylim=(-0.02, 1.02))
     axes.set_title("evidence; dotted: each window alone; line: no alarm above it", fontsize=8)
     if t_s:

@@ -1,8 +1,7 @@
 """Signals: the first SIGINT or SIGTERM asks for the end, the second one forces it.
 
 SIGHUP asks for a reload, SIGUSR1 for a dump. Handlers only set flags and wake the main
-thread, which acts between two things it does. What to do with threads that hang stands here, too:
-say where they are, and end in spite of them.
+thread, which acts between two things it does.
 """
 
 import json

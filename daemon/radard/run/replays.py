@@ -77,11 +77,7 @@ _Job = tuple[Config, Path, Path, int]
 
 def _in_turn(todo: Sequence[_Job], tell: Tell) -> Iterator[Judged]:
     for number, job in enumerate(todo):
-
-        def note(share: float, number: int = number) -> None:
-            tell((number + share) / len(todo), number)
-
-        yield _judge(job, note)
+        yield _judge(job, lambda share, n=number: tell((n + share) / len(todo), n))
 
 
 def _at_once(todo: Sequence[_Job], jobs: int, tell: Tell) -> Iterator[Judged]:
@@ -190,11 +186,6 @@ class Moment:
         """How the network's features were made."""
         settings = self.classifier.bundle.features if self.classifier else FeatureSettings()
         return settings.at(self.hello["frame_rate_hz"])
-
-    @property
-    def pet_limit(self) -> float:
-        """p(pet) + p(other) above which there was no alarm."""
-        return float(self.hello["pet_limit"])
 
 
 class _Watched(Classifier):

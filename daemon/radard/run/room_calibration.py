@@ -5,7 +5,6 @@ gate takes it up.
 """
 
 import logging
-from collections.abc import Callable
 
 from radard.alarm.sensor_state import CalibrationProgress
 from radard.config.config import Config
@@ -14,6 +13,7 @@ from radard.config.directories import kept_calibration
 from radard.detect.calibration import Calibration, Provenance
 from radard.errors import RadardError
 from radard.judge.classifier import Classifier
+from radard.pipeline import Pipeline
 from radard.stream.ring import Dwell
 from x2radar import wall_clock
 from x2radar.command import installed_version
@@ -43,13 +43,13 @@ def origin_of(stream: StreamInfo, classifier: Classifier | None, port: str) -> P
 class RoomCalibration:
     """One calibration, asked for at `t_s`; an error in it ends nothing else."""
 
-    def __init__(self, config: Config, origin: Callable[[], Provenance], t_s: float) -> None:
+    def __init__(self, config: Config, pipeline: Pipeline, t_s: float) -> None:
         # Late: nobody else in the daemon needs scipy.
         from radard.detect.survey import RoomSurvey  # noqa: PLC0415
 
         self._survey = RoomSurvey(config.gate, config.decision.hop_s)
         self._path = kept_calibration(config)
-        self._origin = origin
+        self._made_by = pipeline.stream, pipeline.classifier, config.sensor.port or ""
         self._from_s = t_s + config.gate.calibrate_after_s
         self._to_s = self._from_s + config.gate.calibrate_s
         # How far it is; any thread may read it.
@@ -84,7 +84,7 @@ class RoomCalibration:
 
     def _finish(self) -> Calibration:
         self._survey.check_empty()
-        made = self._survey.calibration(self._origin())
+        made = self._survey.calibration(origin_of(*self._made_by))
         rate = made.provenance.false_gates_per_day
         text = f"predicted false gates: {rate:.2g} a day, in such a room"
         try:

@@ -22,13 +22,7 @@ from radard.health.health import STALE_S, Health, Status
 from radard.log_file import MARKS
 from radard.outputs.base import COMMANDS, Sink
 from radard.outputs.fanout import Outputs
-from radard.outputs.records import (
-    Record,
-    ended_record,
-    event_record,
-    marked,
-    status_record,
-)
+from radard.outputs.records import Record, ended_record, event_record, marked, status_record
 from radard.outputs.registry import tried
 from radard.pipeline import Pipeline
 from radard.run.components import (

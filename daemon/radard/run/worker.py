@@ -16,7 +16,7 @@ from radard.health.health import Health, Status
 from radard.judge.decision import Decision, invalid_decision
 from radard.outputs.records import Record, decision_record, event_record, status_record
 from radard.run.components import Parts, logger_of, room_of
-from radard.run.room_calibration import RoomCalibration, can_calibrate, origin_of
+from radard.run.room_calibration import RoomCalibration, can_calibrate
 from radard.stream.frame_timing import RateWatch
 from radard.stream.ring import Dwell, Notice
 from x2radar.frame import Frame
@@ -216,9 +216,7 @@ class Worker:
             return
         if self._room is not None:
             self._room.stop("another one was asked for")
-        port = config.sensor.port or ""
-        origin = partial(origin_of, pipeline.stream, pipeline.classifier, port)
-        self._room = RoomCalibration(config, origin, t_s)
+        self._room = RoomCalibration(config, pipeline, t_s)
 
     def _relearn_tamper(self, t_s: float) -> None:
         """Take what is there now for the room; nothing else ends a tamper that lasts."""
