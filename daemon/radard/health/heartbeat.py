@@ -14,7 +14,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -191,14 +191,8 @@ def status_path(folder: Path, sensor: str) -> Path:
 
 def write_status(path: Path, status: Status, more: Mapping[str, Any]) -> None:
     """Write the file, for everybody who can see the folder to read; raises OSError."""
-    content = {
-        "state": status.state,
-        "reason": status.reason,
-        "pid": os.getpid(),
-        "t_mono_s": round(time.monotonic(), 3),
-        **more,
-    }
-    write_atomically(path, json.dumps(content) + "\n", sync=False)
+    own = {"pid": os.getpid(), "t_mono_s": round(time.monotonic(), 3)}
+    write_atomically(path, json.dumps({**asdict(status), **own, **more}) + "\n", sync=False)
 
 
 def read_status(path: Path, *, stale_s: float = STALE_S) -> StatusReport:

@@ -203,16 +203,10 @@ class ReplaySource:
                 if is_jump:
                     at_s = frame.index / rate_hz
                     self._on_notice("moved", f"the replay goes on at {at_s:.1f} s")
+                lost = 0 if offset or is_jump else frame.lost
+                is_new, due_s = is_jump or frame.restarted, playback.due_s
                 # By itself: `replace` takes longer than the ring does.
-                yield Frame(
-                    frame.samples,
-                    frame.counter,
-                    index,
-                    0 if offset or is_jump else frame.lost,
-                    is_jump or frame.restarted,
-                    frame.axis,
-                    playback.due_s,
-                )
+                yield Frame(frame.samples, frame.counter, index, lost, is_new, frame.axis, due_s)
             if seek_s is not None:
                 start_s = seek_s
                 continue
