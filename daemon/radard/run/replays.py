@@ -76,8 +76,11 @@ _Job = tuple[Config, Path, Path, int]
 
 
 def _in_turn(todo: Sequence[_Job], tell: Tell) -> Iterator[Judged]:
-    for number, job in enumerate(todo):
-        yield _judge(job, lambda share, n=number: tell((n + share) / len(todo), n))
+    def judge(job: _Job) -> Judged:
+        n = job[3]
+        return _judge(job, lambda share: tell((n + share) / len(todo), n))
+
+    return map(judge, todo)
 
 
 def _at_once(todo: Sequence[_Job], jobs: int, tell: Tell) -> Iterator[Judged]:
