@@ -112,7 +112,7 @@ class EventLog:
         """Return an output's cursor over what it `wants`, from where it was, or behind `after`."""
         with self._changed:
             before = self._cursors.get(name)
-            cursor = self._cursors[name] = Cursor(wants, self._changed, self._ask)
+            cursor = self._cursors[name] = Cursor(name, wants, self._changed, self._ask)
             if before is not None:
                 cursor.take_over(before)
             else:

@@ -50,8 +50,9 @@ class Cursor:
     """What one output has still to be told, in order, under the log's `lock`; for any thread."""
 
     def __init__(
-        self, wants: Wants, lock: threading.Condition, on_move: Callable[[], object]
+        self, name: str, wants: Wants, lock: threading.Condition, on_move: Callable[[], object]
     ) -> None:
+        self.name = name
         self._wants = wants
         self._lock = lock
         self._on_move = on_move
