@@ -52,8 +52,6 @@ from radard.judge.installation import echo_at_1m_db, installation
 from radard.stream.ring import Dwell, DwellShape, FrameRing
 from x2radar.frame import StreamInfo
 
-_warm: set[tuple[object, ...]] = set()  # pipelines that `warm_up` has prepared for
-
 
 class Pipeline:
     """Everything between the frames of one stream and its decisions.
@@ -109,23 +107,6 @@ class Pipeline:
     def make_ring(self) -> FrameRing:
         """Return the ring that takes this stream's frames and gives this pipeline's dwells."""
         return FrameRing(self._converter.axis, self._converter.convert, self.shape)
-
-    def warm_up(self) -> None:
-        """Judge a made-up dwell and forget it, so that the first real one takes no longer."""
-        bundle = self.classifier.bundle.name if self.classifier else ""
-        alike = (self.stream.axis, self.shape, self._features, bundle)
-        if alike in _warm:
-            return
-        _warm.add(alike)
-        axis, n_slow, rate_hz = self._converter.axis, self.shape.n_slow, self.shape.frame_rate_hz
-        parts = np.random.default_rng(0).standard_normal((n_slow, axis.n_range, 2), np.float32)
-        frames = parts.view(np.complex64)[..., 0]
-        t_s = np.arange(n_slow) / rate_hz
-        frames[:, axis.n_range // 2 :][:, :3] += 100 * np.exp(1j * t_s * 20)[:, None]
-        dwell = Dwell(frames, np.ones(n_slow, np.bool_), axis, rate_hz, float(t_s[-1]))
-        other = Pipeline(self.stream, self._config, self.classifier)
-        for _ in range(2):
-            other.decide(dwell)
 
     def use(self, calibration: Calibration | None) -> None:
         """Give the gate its room's calibration, or none; ConfigError if it does not fit."""

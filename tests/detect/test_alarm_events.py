@@ -8,7 +8,7 @@ import pytest
 
 from radard.alarm.events import EventTracker, trial_alarm
 from radard.alarm.panel import AlarmPanel, AlarmPolicy
-from radard.alarm.sensor_state import KeptState, StateStore
+from radard.alarm.sensor_state import KeptState, SensorState, StateStore
 from radard.alarm.zones import heeds, sight_of, zone_fault
 from radard.config.sections import ZonesSection
 from radard.detect.tamper import Finding
@@ -331,19 +331,20 @@ def test_what_is_held_is_what_was_written(tmp_path):
     log = EventLog(tmp_path / "log.db")
     store = StateStore(log, "radar")
     store.load(is_armed=True)
-    assert store.why_lost(True, "away", None) == ""
+    assert store.why_lost(SensorState()) == ""
     store.save(KeptState(is_armed=False, mode="home"))
-    assert store.why_lost(False, "home", None) == ""
-    for other in ((False, "away", None), (True, "home", None), (False, "home", "X")):
-        assert store.why_lost(*other) is None
+    now = SensorState(armed=False, mode="home")
+    assert store.why_lost() == store.why_lost(now) == ""
+    for other in ({"mode": "away"}, {"armed": True}, {"alarm_id": "X"}):
+        assert store.why_lost(dataclasses.replace(now, **other)) is None
     with closing(sqlite3.connect(tmp_path / "log.db")) as db:
         db.execute("BEGIN EXCLUSIVE")
         store.save(KeptState(is_armed=True))
-        assert store.why_lost(True, "away", None) != ""
-    wait_for(lambda: store.why_lost(True, "away", None) == "")
+        assert store.why_lost(SensorState()) != ""
+    wait_for(lambda: store.why_lost(SensorState()) == "")
     log.close()
     # Where nothing can be kept nobody is kept waiting.
-    assert StateStore(EventLog(None), None).why_lost(True, "away", None) == ""
+    assert StateStore(EventLog(None), None).why_lost(SensorState()) == ""
 
 
 def test_fault_and_tamper_are_told_once_and_only_tamper_when_its_reason_changes():

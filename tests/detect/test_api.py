@@ -7,7 +7,7 @@ import radard
 import x2radar
 from radard.config.config import Config
 from radard.errors import BundleError, ModelMismatch, UsageError
-from radard.run.moment import moment_of
+from radard.run.replays import moment_of
 from tests.processes import ran
 from tests.radar_helpers import BASEBAND, noise, run_radard
 from tests.recording_helpers import record_scene

@@ -11,7 +11,7 @@ from radard.commands.why import lines, place
 from radard.config.config import Config
 from radard.judge.bundle import ModelInput, load_bundle
 from radard.judge.occlusion import effects, map_views, occluded
-from radard.run.moment import moment_of
+from radard.run.replays import moment_of
 from tests.radar_helpers import run_radard
 from tests.recording_helpers import record_scene, run
 from x2train.bundle.writing import write_bundle

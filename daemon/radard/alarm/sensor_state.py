@@ -119,12 +119,14 @@ class StateStore:
         if self._name is not None and self._text is not None:
             self._log.keep(self._name, self._text)
 
-    def why_lost(self, is_armed: bool, mode: ArmMode, alarm_id: str | None) -> str | None:
-        """Return why this would not outlive a kill, as `EventLog.why_lost`; for any thread."""
+    def why_lost(self, state: SensorState | None = None) -> str | None:
+        """Return why a state would not outlive a kill, as `EventLog.why_lost`; for any thread."""
         if self._name is None or (saved := self._saved) is None:
             return ""
-        if (saved.is_armed, saved.mode, saved.alarm_id) != (is_armed, mode, alarm_id):
-            return None
+        if state is not None:
+            now = state.armed, state.mode, state.alarm_id
+            if (saved.is_armed, saved.mode, saved.alarm_id) != now:
+                return None
         return "" if self._text is None else self._log.why_lost(self._name, self._text)
 
     def _whole(self, state: KeptState) -> KeptState:

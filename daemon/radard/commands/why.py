@@ -10,7 +10,7 @@ from radard.config.options import JUDGING, add_options, judging_config
 from radard.errors import UsageError
 from radard.judge.bundle import PROBABILITIES
 from radard.judge.occlusion import MapView, Part, effects, map_views, occluded
-from radard.run.moment import Moment, moment_of
+from radard.run.replays import Moment, moment_of
 from x2radar.atomic import write_picture
 from x2radar.command import Parser, legible, new_parser
 from x2radar.extras import needed
@@ -37,8 +37,9 @@ def run(argv: Sequence[str]) -> int:
         raise UsageError(f"--at {args.at:g}: must be 0 or more, in seconds")
     moment = moment_of(args.file, args.at, judging_config(args, args.file))
     parts = []
+    limit = moment.hello["pet_limit"]
     if moment.classifier is not None and moment.seen is not None:
-        parts = occluded(moment.classifier, moment.settings, moment.seen, moment.pet_limit)
+        parts = occluded(moment.classifier, moment.settings, moment.seen, limit)
     print("\n".join(lines(moment, parts)))
     if out is not None:
         write_picture(out, figure(moment, parts))
@@ -161,7 +162,7 @@ def _evidence(axes: Any, moment: Moment) -> None:
         axes.plot(t_s, fused, "o-", ms=3, color=colour, label=key)
     harmless = [r["fused_p_pet"] + r["fused_p_other"] for r in open_ones]
     axes.plot(t_s, harmless, "--", color="k", lw=0.8, label="pet + other")
-    axes.axhline(moment.pet_limit, color="k", lw=0.5)
+    axes.axhline(moment.hello["pet_limit"], color="k", lw=0.5)
     axes.set(xlabel="time (s)", ylabel="probability", ylim=(-0.02, 1.02))
     axes.set_title("evidence; dotted: each window alone; line: no alarm above it", fontsize=8)
     if t_s:

@@ -177,10 +177,8 @@ def overall(healths: Mapping[str, Health]) -> Status:
     if len(states) == 1:
         return next(iter(states.values()))
     reason = "; ".join(f"{n}: {now}" for n, now in states.items() if now.state != "online")
-    if not reason:
-        return Status("online", "")
-    if any(status.is_well for status in states.values()):
-        return Status("degraded", reason)
+    if not reason or any(status.is_well for status in states.values()):
+        return Status("degraded" if reason else "online", reason)
     is_starting = any(status.state == "starting" for status in states.values())
     return Status("starting" if is_starting else "offline", reason)
 

@@ -14,7 +14,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -35,9 +35,7 @@ class Notifier:
         self._address = f"\0{name[1:]}" if name.startswith("@") else name
         usec = environ.get("WATCHDOG_USEC", "")
         mine = environ.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
-        self.every_s = int(usec) / 2e6 if usec.isdecimal() and mine else None
-        """Longest time between two `watchdog` messages, in seconds; None if none is wanted."""
-        self._fed_s = 0.0
+        self.is_watching = usec.isdecimal() and mine  # whether the manager wants to be fed
 
     def send(self, *lines: str) -> None:
         """Send lines as one message; a manager that does not listen is no fault of ours."""
@@ -59,10 +57,9 @@ class Notifier:
         """Say that a reload begins; `ready` ends it."""
         self.send("RELOADING=1", f"MONOTONIC_USEC={time.monotonic_ns() // 1000}")
 
-    def feed(self, status: str, now_s: float) -> None:
-        """Feed the watchdog, four times as often as it must be."""
-        if self.every_s is not None and now_s - self._fed_s >= self.every_s / 2:
-            self._fed_s = now_s
+    def feed(self, status: str) -> None:
+        """Feed the watchdog, if there is one; to be called much more often than it asks for."""
+        if self.is_watching:
             self.send("WATCHDOG=1", f"STATUS={status}")
 
 
@@ -126,9 +123,8 @@ class Heartbeat:
 
     def beat(self) -> None:
         """Write the status files; feed the watchdog if that is right."""
-        now_s = time.monotonic()
         self._write()
-        is_late = self._main_s is not None and now_s - self._main_s > _MAIN_LATE_S
+        is_late = self._main_s is not None and time.monotonic() - self._main_s > _MAIN_LATE_S
         if is_late or not may_feed_all(each.health for each in self._watched):
             return
         text = str(self.status)
@@ -136,7 +132,7 @@ class Heartbeat:
             # Ready means: the first decision is there, or there is nothing to decide on.
             self._is_ready = True
             self._notifier.ready(text)
-        self._notifier.feed(text, now_s)
+        self._notifier.feed(text)
 
     def _write(self) -> None:
         # One thread writes and unlinks: a file that is taken away cannot be written once more.
@@ -195,14 +191,8 @@ def status_path(folder: Path, sensor: str) -> Path:
 
 def write_status(path: Path, status: Status, more: Mapping[str, Any]) -> None:
     """Write the file, for everybody who can see the folder to read; raises OSError."""
-    content = {
-        "state": status.state,
-        "reason": status.reason,
-        "pid": os.getpid(),
-        "t_mono_s": round(time.monotonic(), 3),
-        **more,
-    }
-    write_atomically(path, json.dumps(content) + "\n", sync=False)
+    own = {"pid": os.getpid(), "t_mono_s": round(time.monotonic(), 3)}
+    write_atomically(path, json.dumps({**asdict(status), **own, **more}) + "\n", sync=False)
 
 
 def read_status(path: Path, *, stale_s: float = STALE_S) -> StatusReport:

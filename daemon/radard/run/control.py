@@ -102,8 +102,7 @@ class ControlServer:
             log.warning("%s: no commands from there: %s", path, err.strerror or err)
             return
         if sock is not None:
-            about = radar, path, path.stat().st_ino
-            self._selector.register(sock, selectors.EVENT_READ, about)
+            self._selector.register(sock, selectors.EVENT_READ, (radar, path))
 
     def _run(self) -> None:
         while not self._halt.is_set():
@@ -223,12 +222,10 @@ def _short(path: Path) -> Iterator[str]:
 
 
 def _take_away(key: selectors.SelectorKey) -> None:
-    """Close a socket and remove its file, unless that is another daemon's by now."""
-    _, path, inode = key.data
-    key.fileobj.close()  # type: ignore[union-attr]
+    """Remove a socket's file and close it; in between nobody else can have made another."""
     with contextlib.suppress(OSError):
-        if path.stat().st_ino == inode:
-            path.unlink()
+        key.data[1].unlink()
+    key.fileobj.close()  # type: ignore[union-attr]
 
 
 def _user_of(line: socket.socket) -> int:

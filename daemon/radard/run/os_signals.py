@@ -1,8 +1,7 @@
 """Signals: the first SIGINT or SIGTERM asks for the end, the second one forces it.
 
 SIGHUP asks for a reload, SIGUSR1 for a dump. Handlers only set flags and wake the main
-thread, which acts between two things it does. What to do with threads that hang stands here, too:
-say where they are, and end in spite of them.
+thread, which acts between two things it does.
 """
 
 import json
@@ -17,8 +16,8 @@ from typing import Any
 from x2radar.interrupts import HandlerEvent
 
 log = logging.getLogger("radard")
-_STOP = (signal.SIGINT, signal.SIGTERM)
-_ASK = {signal.SIGHUP: "reload", signal.SIGUSR1: "dump"}
+_STOP = {signal.SIGINT: "stop", signal.SIGTERM: "stop"}
+_ASK = {**_STOP, signal.SIGHUP: "reload", signal.SIGUSR1: "dump"}
 
 
 class Signals:
@@ -32,7 +31,7 @@ class Signals:
     def __enter__(self) -> "Signals":
         """Install the handlers; outside of the main thread do nothing."""
         if threading.current_thread() is threading.main_thread():
-            self._before = {n: signal.signal(n, self._handle) for n in (*_STOP, *_ASK)}
+            self._before = {n: signal.signal(n, self._handle) for n in _ASK}
             # Those that have come before.
             signal.pthread_sigmask(signal.SIG_UNBLOCK, _ASK)
         return self
@@ -57,9 +56,7 @@ class Signals:
         if number in _STOP:
             for stop in _STOP:
                 signal.signal(stop, signal.SIG_DFL)
-            self.ask("stop")
-        else:
-            self.ask(_ASK[signal.Signals(number)])
+        self.ask(_ASK[signal.Signals(number)])
 
 
 def stacks() -> dict[str, str]:

@@ -17,11 +17,7 @@ _SPREAD = (5**0.5 - 1) / 2  # of a second, between streams' beginnings: no two i
 
 
 class WorkerPool:
-    """Threads that work until `close`.
-
-    Of every radar they call one `step`, never two at once: it does a piece of its work and says
-    whether there is more.
-    """
+    """Threads that call one `step` of every radar, which says whether it has more to do."""
 
     def __init__(self) -> None:
         self._changed = threading.Condition()

@@ -67,7 +67,6 @@ class Keeper:
         self._process = process
         self._turn = contextlib.ExitStack()  # of being brought up; closed, it is another's
         self._begin_again = sensor.config().is_one_of_several
-        self._halt = threading.Event()
         self._over = threading.Event()
         # Lives while the sensor is at work, or will be again.
         self.thread = threading.Thread(target=self._run, name=f"{sensor.sensor} keeper")
@@ -80,7 +79,6 @@ class Keeper:
 
     def stop(self) -> None:
         """Ask for the end; returns at once."""
-        self._halt.set()
         self.sensor.stop()
         self._over.set()
 
@@ -96,8 +94,8 @@ class Keeper:
         sensor, pause_s = self.sensor, _FIRST_PAUSE_S
         while True:
             has_worked = self._work()
-            if self.failure is None or (self._halt.is_set() and not self.has_lost_output):
-                return "stopped" if self._halt.is_set() else "end of stream"
+            if self.failure is None or (self.sensor.halt.is_set() and not self.has_lost_output):
+                return "stopped" if self.sensor.halt.is_set() else "end of stream"
             why = " ".join(str(self.failure).split()) or repr(self.failure)
             if self.has_lost_output or not self._begin_again:
                 return why
@@ -106,7 +104,7 @@ class Keeper:
                 return why
             sensor.leave()
             sensor.tell(sensor.health.on_failure(why))
-            if self._halt.wait(pause_s):
+            if sensor.halt.wait(pause_s):
                 return "stopped"
             pause_s = min(2 * pause_s, _MAX_PAUSE_S)
             sensor.tell(sensor.health.on_start())
@@ -117,17 +115,17 @@ class Keeper:
         self.failure = None
         try:
             end_s = time.monotonic() + _MAX_WAIT_S
-            while not self._halt.is_set() and time.monotonic() <= end_s:
+            while not self.sensor.halt.is_set() and time.monotonic() <= end_s:
                 if self._process.turns.acquire(timeout=_LOOK_S):
                     self._turn.callback(self._process.turns.release)
                     break
-            opened = sensor.open(self._on_notice, is_wanted=lambda: not self._halt.is_set())
+            opened = sensor.open(self._on_notice)
             self._turn.close()
             self._process.open_outputs()
             run = sensor.start(opened, self._over.set)
             has_worked = True
             # `stop` sets the one and then the other.
-            if not self._halt.is_set():
+            if not self.sensor.halt.is_set():
                 self._over.wait()
             run.stop()
             self.stuck = run.finish()

@@ -1,22 +1,29 @@
-"""Recordings to records: each is replayed by the service's own code, several at the same time.
+"""Recordings to records, several at the same time; and what was decided at one moment of one.
 
 A recording takes the way of ``radard --port replay:FILE -o json:RECORDS``, in a process of its
 own, so its decisions and events are those of the daemon.
 """
 
 import json
+import math
 import multiprocessing
 import time
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from radard.alarm.explain import explain
 from radard.config.config import Config
-from radard.errors import RadardError
+from radard.errors import RadardError, UsageError
+from radard.judge.bundle import Bundle
+from radard.judge.classifier import Answer, Classifier, Hidden
+from radard.judge.features import Features, FeatureSettings
+from radard.judge.occlusion import Seen
 from radard.outputs.fanout import Outputs
 from radard.outputs.records import Record
 from radard.pipeline import Pipeline
@@ -29,6 +36,7 @@ from x2radar.recording.registry import open_recording
 
 _LOOK_S = 0.2  # so often processes of the pool are looked at
 _NOTE_S = 5.0  # of a stream, after which a process notes how far it is
+_PAST_S = 1.0  # so late a window may end behind the moment asked for
 _progress: Any = None  # in a process of the pool: seconds that are done of each recording
 
 Tell = Callable[[float, int], None]  # the share that is done, and how many recordings are
@@ -68,12 +76,11 @@ _Job = tuple[Config, Path, Path, int]
 
 
 def _in_turn(todo: Sequence[_Job], tell: Tell) -> Iterator[Judged]:
-    for number, job in enumerate(todo):
+    def judge(job: _Job) -> Judged:
+        n = job[3]
+        return _judge(job, lambda share: tell((n + share) / len(todo), n))
 
-        def note(share: float, number: int = number) -> None:
-            tell((number + share) / len(todo), number)
-
-        yield _judge(job, note)
+    return map(judge, todo)
 
 
 def _at_once(todo: Sequence[_Job], jobs: int, tell: Tell) -> Iterator[Judged]:
@@ -159,3 +166,90 @@ def replaying(config: Config, path: Path, *output: str) -> Config:
     port = named_port("replay", path)
     sensor = config.sensor.model_copy(update={"port": port, "speed": "max"})
     return config.model_copy(update={"sensor": sensor, "sensors": {}, "output": output})
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """A decision, the `records` up to it, what it is `told` by, and `seen` by a network."""
+
+    path: Path
+    hello: Record
+    records: Sequence[Record]
+    told: Mapping[str, Any]
+    classifier: Classifier | None
+    seen: Seen | None
+
+    @property
+    def record(self) -> Record:
+        """The decision nearest to the time that was asked for."""
+        return self.records[-1]
+
+    @property
+    def settings(self) -> FeatureSettings:
+        """How the network's features were made."""
+        settings = self.classifier.bundle.features if self.classifier else FeatureSettings()
+        return settings.at(self.hello["frame_rate_hz"])
+
+
+class _Watched(Classifier):
+    """A classifier that keeps what it was first asked, about the whole dwell, until that goes."""
+
+    def __init__(self, bundle: Bundle) -> None:
+        super().__init__(bundle)
+        self.seen: Seen | None = None
+
+    def answer(self, features: Features, hidden: Hidden | None = None) -> Answer:
+        """Answer as the classifier does, and keep what went in and came out."""
+        answer = super().answer(features, hidden)
+        self.seen = self.seen or Seen(features, hidden, answer)
+        return answer
+
+
+class _Kept(Outputs):
+    """Keeps the records of a replay, and what the network saw nearest to some time."""
+
+    def __init__(self, at_s: float) -> None:
+        super().__init__(stdout_is_terminal=False)
+        self._at_s = at_s
+        self.records: list[Record] = []
+        self.nearest: Record = {}
+        self.off_s = math.inf  # how far that is from the time
+        self.classifier: _Watched | None = None
+        self.seen: Seen | None = None
+
+    def watch(self, pipeline: Pipeline) -> None:
+        """Look on while a pipeline decides."""
+        if pipeline.classifier is not None:
+            self.classifier = pipeline.classifier = _Watched(pipeline.classifier.bundle)
+
+    def put(self, record: Record, sensor: str | None = None, *, waits: bool = False) -> bool:
+        """Keep a record, and what the network saw if no decision was nearer."""
+        self.records.append(record)
+        if record["type"] == "decision":
+            seen = None
+            if self.classifier is not None:
+                seen, self.classifier.seen = self.classifier.seen, None
+            off_s = abs(float(record["t_s"]) - self._at_s)
+            if off_s < self.off_s:
+                self.off_s, self.nearest, self.seen = off_s, record, seen
+        return super().put(record, sensor, waits=waits)
+
+
+def moment_of(path: Path, at_s: float, config: Config) -> Moment:
+    """Return the decision that ends nearest to `at_s` of a recording; or UsageError."""
+    past_s = max(_PAST_S, config.decision.hop_s)
+    kept = _Kept(at_s)
+    with closing(replay(kept, replaying(config, path, "null"), kept.watch)) as times_s:
+        next((t_s for t_s in times_s if t_s >= at_s + 2 * past_s), None)
+    decisions = [r for r in kept.records if r["type"] == "decision"]
+    if not decisions:
+        raise UsageError(f"--at {at_s:g}: {path} has no decision before {at_s + past_s:g} s")
+    if kept.off_s > 2 * past_s:
+        first, last = decisions[0]["t_s"], decisions[-1]["t_s"]
+        raise UsageError(f"--at {at_s:g}: {path} has decisions from {first:g} to {last:g} s")
+    before = [r for r in decisions if r["seq"] <= kept.nearest["seq"]]
+    hello = next(r for r in kept.records if r["type"] == "hello")
+    # The events as they stood then, the last phase of each.
+    then = (r for r in kept.records if r["type"] == "event" and r["t_s"] <= kept.nearest["t_s"])
+    told = explain(before, hello, config, list({r["id"]: r for r in then}.values()))
+    return Moment(path, hello, before, told, kept.classifier, kept.seen)

@@ -47,15 +47,13 @@ class RunningSensor:
         pool: WorkerPool,
         *,
         max_frames: int | None,
-        warm_up: bool,
         on_over: Callable[[], object],
     ) -> None:
         self.opened, self.worker, self.ring = opened, worker, worker.ring
         self.failure: BaseException | None = None  # what ended the work, but for the stream
         self.over = threading.Event()  # the work has ended
         self._max_frames = max_frames
-        self._warm_up = warm_up
-        self._has_begun = self._must_look = self._is_stopped = False
+        self._is_stopped = False
         self._on_over = on_over
         self._pool = pool
         self._ask = partial(pool.ask, self._step)
@@ -64,6 +62,7 @@ class RunningSensor:
         self._reader = threading.Thread(target=self._read, name=name, daemon=True)
         self._first: int | None = None
         self._items: Iterator[Frame | float] | None = None
+        self.ring.post("begin", call=lambda _t_s: worker.begin())
 
     def start(self) -> None:
         """Start the reader; from now on the pool works on what the ring has."""
@@ -74,11 +73,6 @@ class RunningSensor:
             source.playback.begin_s = self._pool.begin_s()
         else:
             self._reader.start()
-        self._ask()
-
-    def look_up(self) -> None:
-        """Have the worker look whether nothing comes; for any thread, returns at once."""
-        self._must_look = True
         self._ask()
 
     def stop(self) -> None:
@@ -161,19 +155,9 @@ class RunningSensor:
         """Work on one item; return whether there was one, None at the end."""
         if self._is_stopped:
             return None
-        if not self._has_begun:
-            self._has_begun = True
-            if self._warm_up:
-                # While the frames of the first dwell come in.
-                self.opened.pipeline.warm_up()
-            self.worker.begin()
-            return True
         try:
             item = self.ring.next_item(0)
         except TimeoutError:
-            if self._must_look:
-                self._must_look = False
-                self.worker.look_up()
             return self._read_on(self._items) if self._items is not None else False
         if item is None:
             return None

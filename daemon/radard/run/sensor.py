@@ -22,13 +22,7 @@ from radard.health.health import STALE_S, Health, Status
 from radard.log_file import MARKS
 from radard.outputs.base import COMMANDS, Sink
 from radard.outputs.fanout import Outputs
-from radard.outputs.records import (
-    Record,
-    ended_record,
-    event_record,
-    marked,
-    status_record,
-)
+from radard.outputs.records import Record, ended_record, event_record, marked, status_record
 from radard.outputs.registry import tried
 from radard.pipeline import Pipeline
 from radard.run.components import (
@@ -92,6 +86,7 @@ class Sensor:
         self._is_live = config.sensor.kind != "replay"
         self._factor = speed_factor(config.sensor.speed, parse_port(self._port))
         self.health = Health(stale_s=STALE_S * max(1.0, 1.0 / (self._factor or 1.0)))
+        self.halt = threading.Event()  # the end was asked for
         self._end_wait: Callable[[], None] = lambda: None
         self._run: RunningSensor | None = None
         self._store: StateStore | None = None  # from the first stream or command on
@@ -151,11 +146,7 @@ class Sensor:
     @property
     def why_lost(self) -> str | None:
         """Why a kill would undo a command, as `EventLog.why_lost`."""
-        if self._run is not None:
-            return self._run.worker.why_lost
-        store = self._kept_state()
-        kept = store.load(is_armed=self._config.alarm.armed)
-        return store.why_lost(kept.is_armed, kept.mode, kept.alarm_id)
+        return self._kept_state().why_lost(self.panel())
 
     @property
     def can_wait(self) -> bool:
@@ -189,9 +180,7 @@ class Sensor:
         """Note what is wrong beside the stream, and tell of it; an empty reason takes it back."""
         self.tell(self.health.complain(source, reason))
 
-    def open(
-        self, on_notice: Notify, *, is_wanted: Callable[[], bool] = lambda: True
-    ) -> OpenedSensor:
+    def open(self, on_notice: Notify) -> OpenedSensor:
         """Open the port, which may mean to wait for a device, and what fits its stream."""
 
         def notice(kind: str, reason: str) -> None:
@@ -204,7 +193,7 @@ class Sensor:
 
         def on_wait(close: Callable[[], None]) -> None:
             self._end_wait = close
-            if not is_wanted():
+            if self.halt.is_set():
                 close()
 
         sensor = self._config.sensor
@@ -273,7 +262,6 @@ class Sensor:
                 self.make_worker(opened),
                 self._pool,
                 max_frames=None if duration_s is None else max(1, round(duration_s * rate_hz)),
-                warm_up=not self.can_wait,
                 on_over=on_over,
             )
         run.start()
@@ -295,11 +283,12 @@ class Sensor:
 
     def look_up(self) -> None:
         """Have its worker look whether nothing comes; returns at once."""
-        if self._worker() is not None and self._run is not None:
-            self._run.look_up()
+        if (worker := self._worker()) is not None:
+            worker.ring.post("look", call=lambda _t_s: worker.look_up())
 
     def stop(self) -> None:
         """Ask for the end, also of waiting for a device."""
+        self.halt.set()
         if self._run is not None:
             self._run.stop()
         self._end_wait()

@@ -12,13 +12,11 @@ from functools import partial
 from radard.alarm.events import Event, EventTracker
 from radard.alarm.panel import ARM_MODES, AlarmPanel
 from radard.alarm.sensor_state import SensorState, StateStore
-from radard.detect.calibration import Calibration
-from radard.errors import ConfigError
 from radard.health.health import Health, Status
 from radard.judge.decision import Decision, invalid_decision
 from radard.outputs.records import Record, decision_record, event_record, status_record
 from radard.run.components import Parts, logger_of, room_of
-from radard.run.room_calibration import RoomCalibration, can_calibrate, origin_of
+from radard.run.room_calibration import RoomCalibration, can_calibrate
 from radard.stream.frame_timing import RateWatch
 from radard.stream.ring import Dwell, Notice
 from x2radar.frame import Frame
@@ -80,12 +78,6 @@ class Worker:
             calibration=self._room.progress if self._room is not None else None,
         )
 
-    @property
-    def why_lost(self) -> str | None:
-        """Why a kill would change how it is armed, as `EventLog.why_lost`; for any thread."""
-        state = self.state
-        return self._store.why_lost(state.armed, state.mode, state.alarm_id)
-
     def command(self, name: str) -> None:
         """Queue a command, see `Host.command`; for any thread."""
         self.ring.post("command", call=partial(self._take_command, name))
@@ -135,8 +127,9 @@ class Worker:
         parts = self.parts
         self.n_decided += 1
         self._is_moved = False
-        if self._room is not None:
-            self._room.take(dwell)
+        if self._room is not None and (made := self._room.take(dwell)) is not None:
+            parts.pipeline.use(made)
+            self._relearn_tamper(self._t_s)
         decision = replace(self._decide(dwell), seq=self.n_decided)
         self._last, self._t_s = decision, decision.t_s
         self._tell(self._health.on_decision(decision))
@@ -223,26 +216,7 @@ class Worker:
             return
         if self._room is not None:
             self._room.stop("another one was asked for")
-        port = config.sensor.port or ""
-        origin = partial(origin_of, pipeline.stream, pipeline.classifier, port)
-
-        def take_up(made: Calibration) -> None:
-            """Take it up with the next item; called from the calibration's thread."""
-            self.ring.post("calibrated", call=lambda _t_s: self._take_calibration(made))
-
-        self._room = RoomCalibration(config, origin, t_s, take_up)
-
-    def _take_calibration(self, made: Calibration) -> None:
-        if not can_calibrate(self.parts.config):
-            # A reload came between.
-            return
-        try:
-            self.parts.pipeline.use(made)
-        except ConfigError as err:
-            # A reload came between, with a model that takes other bins.
-            self._log.warning("the calibration is not taken up: %s", err)
-        else:
-            self._relearn_tamper(self._t_s)
+        self._room = RoomCalibration(config, pipeline, t_s)
 
     def _relearn_tamper(self, t_s: float) -> None:
         """Take what is there now for the room; nothing else ends a tamper that lasts."""

@@ -294,21 +294,15 @@ class FrameRing:
         return self._stopped or needed is None or self._taken <= needed + self._capacity
 
     def _emit(self, t_mono_s: float) -> None:
-        first = self._taken - self._shape.n_slow
+        rate_hz, end = self.frame_rate_hz, self._taken
+        first = end - self._shape.n_slow
         at = first % self._capacity
         rows = self._rows[at : at + self._shape.n_slow]
         valid = self._valid[at : at + self._shape.n_slow].copy()
         gaps = [len(list(run)) for is_here, run in groupby(valid.tolist()) if not is_here]
+        t_s, gap_s = (self._index + 1) / rate_hz, max(gaps, default=0) / rate_hz
         dwell = Dwell(
-            rows,
-            valid,
-            self.axis,
-            self.frame_rate_hz,
-            (self._index + 1) / self.frame_rate_hz,
-            sum(gaps),
-            max(gaps, default=0) / self.frame_rate_hz,
-            t_mono_s,
-            self._taken,
+            rows, valid, self.axis, rate_hz, t_s, sum(gaps), gap_s, t_mono_s, self._taken
         )
         self._before_s, self._lead_s = self._lead_s, math.inf
         # The next dwell is due a hop later, or is the first whole one behind a gap.

@@ -188,7 +188,6 @@ class ReplaySource:
         """Yield frames that are due; and while none is, in how many seconds one may be."""
         rate_hz, playback = self.stream.frame_rate_hz, self.playback
         start_s, offset, index = self._start_s, 0, -1
-        is_first_round = True
         while True:
             seek_s: float | None = None
             for n, frame in enumerate(self._reader.frames(start_s)):
@@ -198,23 +197,16 @@ class ReplaySource:
                     return
                 if (seek_s := playback.take_seek()) is not None:
                     break
-                index = frame.index + offset
                 # Where one round ends and the next begins, time does not go on smoothly.
-                is_jump = n == 0 and not is_first_round
+                is_jump = n == 0 and index >= 0
+                index = frame.index + offset
                 if is_jump:
                     at_s = frame.index / rate_hz
                     self._on_notice("moved", f"the replay goes on at {at_s:.1f} s")
+                lost = 0 if offset or is_jump else frame.lost
+                is_new, due_s = is_jump or frame.restarted, playback.due_s
                 # By itself: `replace` takes longer than the ring does.
-                yield Frame(
-                    frame.samples,
-                    frame.counter,
-                    index,
-                    0 if offset or is_jump else frame.lost,
-                    is_jump or frame.restarted,
-                    frame.axis,
-                    playback.due_s,
-                )
-            is_first_round = False
+                yield Frame(frame.samples, frame.counter, index, lost, is_new, frame.axis, due_s)
             if seek_s is not None:
                 start_s = seek_s
                 continue
