@@ -168,7 +168,8 @@ class MqttSink(ThreadSink):
         name += f"/{context.sensor}" if context.is_one_of_several else ""
         super().__init__(name)
         self._keeper = StateKeeper(name, "not connected yet")
-        self._context = context
+        assert context.host is not None  # noqa: S101 - several sensors share no client
+        self._host = context.host
         # Any client that can publish there can disarm.
         words = (options.mqtt.password_file, options.mqtt.password_env, options.mqtt.cert_file)
         is_safe, commands = broker.is_tls and words != (None, None, None), options.mqtt.commands
@@ -244,9 +245,8 @@ class MqttSink(ThreadSink):
             self._publish(self._topics.announce(now_s))
             # Who has the picture may have lost it.
             self._seen_ns = 0
-        if (host := self._context.host) is not None:
-            status = (health := host.health.status).state, health.reason
-            self._publish(self._topics.refresh(now_s, status, host.panel()))
+        status, panel = self._host.health.status, self._host.panel()
+        self._publish(self._topics.refresh(now_s, status, panel))
         if not self.cursor:
             self._owed_s = now_s
         # Not for ever: they may be refused.
@@ -298,14 +298,12 @@ class MqttSink(ThreadSink):
                 return
             name, value = self._reader.read(topic, payload, is_retained=is_retained)
             log.info("%s: command %s", self.name, f"{name} {value}".rstrip())
-            if (host := self._context.host) is None:
-                return
             if name != "sensitivity":
-                host.command(name)
+                self._host.command(name)
                 return
-            path = saved_file(host.config(), "settings")
+            path = saved_file(self._host.config(), "settings")
             change(path, "settings", {"alarm": {"sensitivity": value}})
-            host.reload()
+            self._host.reload()
         except Exception as err:  # noqa: BLE001 - in the library's thread, which must go on
             if (now_s := time.monotonic()) - self._warned_s >= _WARN_S:
                 log.warning("%s: %s", self.name, err)
