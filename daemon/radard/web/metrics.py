@@ -13,8 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 from radard.config.sink_table import KINDS
-from radard.outputs.base import Record, Sink
-from radard.stream.frame_timing import Drift
+from radard.outputs.base import Host, Record, Sink
 from x2radar import wall_clock
 
 _BUCKETS = {
@@ -76,25 +75,19 @@ class Metrics:
                 self._set("radard_build_info", 1, **about)
                 self._set("radard_frame_rate_hertz", record["frame_rate_hz"])
 
-    def refresh(
-        self,
-        *,
-        state: str,
-        is_armed: bool,
-        driver: Mapping[str, int] | None = None,
-        drift: Drift | None = None,
-    ) -> None:
+    def refresh(self, host: Host) -> None:
         """Take what holds at this moment: a thread that hangs writes no record."""
+        state, panel = host.health.status.state, host.panel()
         with self._lock:
             for each in _STATES:
                 self._set("radard_state", state == each, state=each)
             self._set("radard_up", state in {"online", "degraded"})
-            self._set("radard_armed", is_armed)
-            for what, n in (driver or {}).items():
+            self._set("radard_armed", panel is None or panel.armed)
+            for what, n in host.driver().items():
                 if what in _DRIVER:
                     name, labels = _DRIVER[what]
                     self._set(name, n, **labels)
-            if drift is not None:
+            if panel is not None and (drift := panel.clock_drift) is not None:
                 self._set("radard_module_clock_drift_ratio", drift.ratio)
                 self._set("radard_module_clock_drift_uncertainty_ratio", drift.uncertainty)
 
