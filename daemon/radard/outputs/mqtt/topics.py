@@ -125,13 +125,11 @@ class MqttTopics:
         # The last will: what the broker publishes when the connection is lost.
         self.will = Publication(f"{self.base}/availability", "offline")
         self.birth_topic = f"{self.options.discovery_prefix}/status"  # Home Assistant has started
-        self._hello: Record | None = None
+        self._hello: Record = {}
+        self._decision: Record = {"label": "none", "gate": "closed", "t_s": 0.0}
         self._open: dict[str, str] = {}
         self._panel = SensorState()
         self._calibration: str | None = None
-        self._label: str | None = "none"
-        self._gate = "closed"
-        self._t_s = 0.0
         self._status = Status("starting", "")
         self._decided_s = self._stated_s = float("-inf")
         self._published: dict[str, str] = {}
@@ -175,11 +173,10 @@ class MqttTopics:
         return self._changes(float("inf"))
 
     def _on_decision(self, record: Record, now_s: float) -> list[Publication]:
-        self._label, self._gate, self._t_s = record["label"], record["gate"], record["t_s"]
-        self._decided_s = now_s
+        self._decision, self._decided_s = record, now_s
         # The state is published every third of its expiry; the next decision would be too late.
         # So is that it is there: a broker may publish the will of a connection that was replaced.
-        hop_s = max(_HOP_S, (self._hello or {}).get("hop_s", _HOP_S))
+        hop_s = max(_HOP_S, self._hello.get("hop_s", _HOP_S))
         if now_s - self._stated_s >= self.options.expire_after_s / 3 - hop_s:
             for name in ("state", "availability"):
                 self._published.pop(name, None)
@@ -205,10 +202,10 @@ class MqttTopics:
                 "panel": panel_state(self._panel, is_on=is_on),
                 "sensitivity": self._panel.sensitivity,
                 "alarm": is_on,
-                "label": self._label,
-                "gate": self._gate,
+                "label": self._decision["label"],
+                "gate": self._decision["gate"],
             }
-            if state_messages := self._if_changed("state", held, t_s=self._t_s):
+            if state_messages := self._if_changed("state", held, t_s=self._decision["t_s"]):
                 self._stated_s = now_s
             messages += state_messages
         availability = "online" if self._status.is_well else "offline"
@@ -228,11 +225,11 @@ class MqttTopics:
 
     def discovery(self) -> list[Publication]:
         """Return what Home Assistant is told, once there was a `hello`; empty payloads remove."""
-        if self._hello is None:
+        if not self._hello:
             return []
         o, sensor = self.options, self.sensor
         prefix, form = o.discovery_prefix, o.discovery
-        about = self._about(self._hello)
+        about = self._about()
         # A button asks for no code.
         lacks = {_DISARM.key} if self.code_form else set()
         lacks |= set() if o.picture else {_PICTURE.key}
@@ -253,7 +250,8 @@ class MqttTopics:
         # What an earlier version or setting left there.
         return found if o.picture else [*found, self.picture(b"")]
 
-    def _about(self, hello: Record) -> dict[str, Any]:
+    def _about(self) -> dict[str, Any]:
+        hello = self._hello
         version, module = str(hello.get("version", "unknown")), hello.get("module")
         device = {"ids": [f"radard_{self.sensor}"], "name": self.sensor, "sw": version}
         mark = next((mark for mark in ("simulated", "replayed") if hello.get(mark)), None)
