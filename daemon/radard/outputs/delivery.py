@@ -27,10 +27,9 @@ _TRANSIENT = 100  # of states and decisions only the newest matter
 class Delivery(ThreadSink):
     """A sink that hands on what its cursor owes; `start` it once it is built.
 
-    `target` is what tells this far end from others, and may be secret; `wants` says whether a
-    record is for this sink. `send` hands on one entry; it raises DeliveryError unless the far end
-    has confirmed it. Records that are no events wait in memory, the newest hundred; their number
-    is 0.
+    `target` tells this far end from others, and may be secret; `wants` says whether a record is
+    for this sink. `send` hands on one entry, of number 0 for what is no event; it raises
+    DeliveryError unless the far end has confirmed it.
     """
 
     def __init__(  # noqa: PLR0917 - all are what it is made of

@@ -10,7 +10,6 @@ import os
 import select
 import socket
 import ssl
-import stat
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -103,9 +102,9 @@ class SyslogSink(DirectSink):
     def _connect(self) -> socket.socket:
         address, self._form = self._address, self._plain
         if not address:
-            is_journal = JOURNAL.exists() and stat.S_ISSOCK(JOURNAL.stat().st_mode)
-            address = str(JOURNAL if is_journal else DEV_LOG)
-            self._form = self._journal if is_journal else self._plain
+            address = str(DEV_LOG)
+            if JOURNAL.is_socket():
+                address, self._form = str(JOURNAL), self._journal
         if isinstance(address, Server):
             self._form = self._dated
             if address.scheme != "udp":

@@ -1,8 +1,6 @@
 """WebSink: the dashboard as an output, served by uvicorn in a thread of its own.
 
-`write` keeps a record and returns; that is all it does in the worker's thread. The server starts
-as soon as the port is free: a busy one is logged once and tried again, and the run goes on
-without a dashboard meanwhile.
+`write` keeps a record and returns. While the port is not free the run goes on without a dashboard.
 """
 
 import asyncio

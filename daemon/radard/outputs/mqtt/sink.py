@@ -174,7 +174,12 @@ class MqttSink(ThreadSink):
         words = (options.mqtt.password_file, options.mqtt.password_env, options.mqtt.cert_file)
         is_safe, commands = broker.is_tls and words != (None, None, None), options.mqtt.commands
         takes_commands = commands == "always" or (commands == "auto" and is_safe)
-        self._must_say_so = not takes_commands and commands == "auto"
+        if not takes_commands and commands == "auto":
+            log.warning(
+                "%s: takes no commands: that needs mqtts:// with a password or a client "
+                "certificate, or mqtt.commands: always (off: without this line)",
+                name,
+            )
         code = code_of(options.mqtt)
         self._topics = topics = MqttTopics(
             context.marked_sensor,
@@ -222,12 +227,6 @@ class MqttSink(ThreadSink):
 
     def _begin(self) -> None:
         self.cursor = self._delivery.start().cursor
-        if self._must_say_so:
-            log.warning(
-                "%s: takes no commands: that needs mqtts:// with a password or a client "
-                "certificate, or mqtt.commands: always (off: without this line)",
-                self.name,
-            )
         self._ticked_s = time.monotonic()
         self._link.start()
 
