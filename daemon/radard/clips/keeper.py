@@ -143,7 +143,6 @@ class ClipKeeper:
         """End the clip at hand; return whether all is on the disk."""
         if self._running is not None:
             self._finish(self._running)
-        self._writer.shutdown(wait=False)
         return self._last is None or bool(wait([self._last], timeout_s).done)
 
     def _look_for_room(self) -> None:
