@@ -120,7 +120,8 @@ class Alone:
 def open_sink(url, options=None, *, state_dir=None, **context):
     """Open one output with a log of its own, which goes on in `state_dir`."""
     log = EventLog(state_dir / "log.db" if state_dir is not None else None)
-    context = SinkContext(**{"sensor": "hall", "log": log, **context})
+    given = {"sensor": "hall", "log": log, **context}
+    context = SinkContext(**{**given, "host": given.get("host") or well_host()})
     sink = make_output(url, options or SinkOptions(), context)
     start_sink(sink)
     return Alone(sink, log)

@@ -322,7 +322,7 @@ def test_a_clip_is_named_by_its_path_once_a_slow_disk_answers(tmp_path):
     keeper.after(feeder.t_s, is_seen=True, event={**event(0), "clip": None})
     assert keeper.named_of(ulid(0)) is None
     disk.set()
-    assert keeper._room.wait(60)
+    keeper._room.result(60)
     path = tmp_path / "clips" / f"{ulid(0)}.h5"
     assert keeper.named_of(ulid(0)) == str(path)
     feeder.hop()

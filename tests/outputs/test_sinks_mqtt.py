@@ -7,6 +7,7 @@ import pytest
 
 from radard.alarm.sensor_state import SensorState
 from radard.config.sink_table import MqttSection, SinkOptions
+from radard.health.health import Status
 from radard.outputs.base import SinkContext
 from radard.outputs.mqtt import link as link_module
 from radard.outputs.mqtt.link import MqttLink, PacketLimits, Publication
@@ -53,10 +54,13 @@ def test_topics_of_a_run_and_their_clean_end(publish, listen):
 def test_that_it_is_there_is_said_again_and_again():
     """Before, the will of a connection that was replaced, or of another daemon, was the last."""
     topics = MqttTopics("hall", "radard", MqttSection(), takes_commands=False)
+    topics.on_record(hello(), 0.0)
     told = []
     for k in range(30):
-        for record in (hello(), status("online"), decision(k + 1)) if k == 0 else (decision(k),):
-            found = topics.on_record(record, float(k))
+        for found in (
+            topics.refresh(float(k), Status("online", ""), None),
+            topics.on_record(decision(k), float(k)),
+        ):
             told += [k for each in found if each.topic.endswith("/availability")]
     assert sorted(set(told)) == [0, 9, 18, 27]
 
@@ -122,7 +126,9 @@ def test_what_takes_commands(given, tmp_path, monkeypatch):
     for scheme in ("mqtt", "mqtts"):
         for name, section in (("-", {}), ("password", password), ("certificate", certificate)):
             options = SinkOptions(mqtt=MqttSection(commands=given, **section))
-            sink = make_output(f"{scheme}://h", options, SinkContext(sensor="hall"))
+            sink = make_output(
+                f"{scheme}://h", options, SinkContext(sensor="hall", host=far.well_host())
+            )
             topics = sink._link.subscriptions
             taken |= {f"{scheme} {name}"} if f"{BASE}/command/+" in topics else set()
     everything = {f"{s} {n}" for s in ("mqtt", "mqtts") for n in ("-", "password", "certificate")}

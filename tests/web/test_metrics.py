@@ -7,11 +7,12 @@ import time
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
+from radard.alarm.sensor_state import SensorState
 from radard.pipeline import Pipeline
 from radard.stream.frame_timing import Drift
 from radard.web.metrics import HELP, Metrics, exposition
 from tests import alarm_helpers
-from tests.sink_helpers import event
+from tests.sink_helpers import event, well_host
 from tests.waiting import free_port, wait_for
 from tests.web_helpers import ask, wait
 
@@ -89,8 +90,9 @@ def test_a_daemon_that_decides_nothing_is_not_up(scraped, monkeypatch, gate):
 def test_drift_is_told_where_it_is_known_and_numbers_of_ours_alone():
     both = []
     for name, drift in (("hall", Drift(2e-5, 1e-6)), ("attic", None)):
-        metrics = Metrics(name)
-        metrics.refresh(state="online", is_armed=True, driver={"frames": 7, "odd": 1}, drift=drift)
+        metrics, host = Metrics(name), well_host()
+        host.driver, host.state = lambda: {"frames": 7, "odd": 1}, SensorState(clock_drift=drift)
+        metrics.refresh(host)
         both.append(metrics)
     text = exposition(both)
     found = samples(text)

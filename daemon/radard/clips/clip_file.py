@@ -44,28 +44,25 @@ class ClipFile:
         self.path = path
         self._stream_t_s = first_index / stream.frame_rate_hz
         self._picture = PictureMaker(stream)
-        try:
-            self._writer = RecordingWriter(
-                path,
-                stream,
-                started_utc=started_utc,
-                device={"name": stream.device},
-                first_index=first_index,
-                attributes={**attributes, "stream_t_s": self._stream_t_s},
-            )
-        except RecordingError as err:
-            raise OutputError(str(err)) from err
+        self._writer = RecordingWriter(
+            path,
+            stream,
+            started_utc=started_utc,
+            device={"name": stream.device},
+            first_index=first_index,
+            attributes={**attributes, "stream_t_s": self._stream_t_s},
+        )
 
     def write(self, frames: list[Frame]) -> None:
-        """Keep frames; OutputError if that cannot be done: then the file is left as it is."""
+        """Keep frames; if that cannot be done, the file is left as it is."""
         try:
             for frame in frames:
                 self._writer.write(frame)
             self._picture.push(frames)
-        except (RecordingError, FeatureError) as err:
+        except (RecordingError, FeatureError):
             with contextlib.suppress(RecordingError, OSError, RuntimeError):
                 self._writer.close()
-            raise OutputError(str(err)) from err
+            raise
 
     def preview(self) -> None:
         """Draw what there is up to now, for those who are told of the alarm while it is on."""

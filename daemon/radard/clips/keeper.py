@@ -5,12 +5,11 @@ of its own writes them. The first is the first of a dwell, so a replay of the cl
 dwells.
 """
 
-import contextlib
 import logging
-import queue
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from datetime import timedelta
 from pathlib import Path
@@ -18,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from radard.clips.room import date_last, limit_size, prepare_folder
 from radard.config.sections import ClipsSection
-from radard.errors import FeatureError, OutputError
+from radard.errors import OutputError
 from x2radar import wall_clock
 from x2radar.frame import Frame, StreamInfo
 
@@ -26,11 +25,9 @@ if TYPE_CHECKING:
     from radard.clips.clip_file import ClipFile
 
 log = logging.getLogger("radard")
-Job = Callable[[], object]
 _SLACK_S = 4.0  # held beyond `pre_s`; a decision is never so late
 _MAX_JOBS = 200  # that wait for the disk; some minutes
 _WAIT_S = 0.5  # as long as an alarm waits for the disk of the event log
-_POLL_S = 0.1  # a clip that ends late holds up the end of the process by so much
 _MAX_PAST = 512  # decisions; twice the longest `pre_s`, of the shortest hop
 
 
@@ -67,10 +64,12 @@ class ClipKeeper:
         self._lock = threading.Lock()
         self._past: deque[tuple[int, Mapping[str, Any]]] = deque(maxlen=_MAX_PAST)
         self._running: _Running | None = None
-        self._jobs: queue.Queue[Job | None] = queue.Queue(_MAX_JOBS)
-        self._thread: threading.Thread | None = None
+        # The interpreter ends only when its jobs are done: it may hold HDF5's lock.
+        self._writer = ThreadPoolExecutor(1, "clips")
+        self._free_jobs = threading.Semaphore(_MAX_JOBS)
+        self._last: Future[None] | None = None
         self._file: ClipFile | None = None  # of the clips' own thread alone
-        self._room = threading.Event()
+        self._room: Future[None] | None = None  # done once there was an answer
         self.complaint = ""  # why the last clip was not made, or empty; for any thread
 
     def push(self, frame: Frame) -> None:
@@ -101,8 +100,8 @@ class ClipKeeper:
         """
         if self._running is not None:
             return None
-        self._room = room = self._ask_for_room()
-        if room.is_set() and self.complaint:
+        self._room = room = self._do(self._look_for_room)
+        if room is not None and wait([room], _WAIT_S).done and self.complaint:
             return None
         end = round(t_s * self._rate_hz)
         earliest = end - self._n_slow - round(self._settings.pre_s * self._rate_hz)
@@ -114,8 +113,7 @@ class ClipKeeper:
         event = {**event, "clip": str(path)}
         self._running = _Running(event, first, last, t_s, [record for _, record in past])
         began = wall_clock.now() - timedelta(seconds=(end - first) / self._rate_hz)
-        about = self._attributes
-        self._do(lambda: self._open(path, first, wall_clock.utc_text(began), about))
+        self._do(self._open, path, first, wall_clock.utc_text(began), self._attributes)
         self._take(self._running, end)
         self._do(self._preview)
         return self.named_of(event["id"])
@@ -125,7 +123,8 @@ class ClipKeeper:
         running = self._running
         if running is None or running.event["id"] != event_id or self.complaint:
             return None
-        return str(running.event["clip"]) if self._room.is_set() else None
+        is_answered = self._room is not None and self._room.done()
+        return str(running.event["clip"]) if is_answered else None
 
     def after(self, t_s: float, *, is_seen: bool, event: Mapping[str, Any] | None = None) -> None:
         """Note whether somebody is in sight, and what the clip's event has become."""
@@ -144,40 +143,11 @@ class ClipKeeper:
         """End the clip at hand; return whether all is on the disk."""
         if self._running is not None:
             self._finish(self._running)
-        if self._thread is None:
-            return True
-        with contextlib.suppress(queue.Full):
-            self._jobs.put(None, timeout=timeout_s)
-            self._thread.join(timeout_s)
-            if not self._thread.is_alive():
-                return True
-        # It may hold HDF5's lock, on which the interpreter's own end would wait for ever: this
-        # thread, which is no daemon, lets that end begin only when the clip has been written.
-        name, args = "end of clips", (self._thread,)
-        threading.Thread(target=self._wait, args=args, name=name, daemon=False).start()
-        return False
+        return self._last is None or bool(wait([self._last], timeout_s).done)
 
-    def _wait(self, thread: threading.Thread) -> None:
-        while thread.is_alive():
-            with contextlib.suppress(queue.Full):
-                self._jobs.put_nowait(None)
-            thread.join(_POLL_S)
-
-    def _ask_for_room(self) -> threading.Event:
-        """Let the clips' own thread look for room; return what is set once it has."""
-        is_answered = threading.Event()
-
-        def look() -> None:
-            try:
-                prepare_folder(self._folder, free_bytes=self._settings.free_mb * 1e6)
-                self.complaint = ""
-            except (OutputError, OSError) as err:
-                self._complain(err)
-            is_answered.set()
-
-        self._do(look)
-        is_answered.wait(_WAIT_S)
-        return is_answered
+    def _look_for_room(self) -> None:
+        prepare_folder(self._folder, free_bytes=self._settings.free_mb * 1e6)
+        self.complaint = ""
 
     def _take(self, running: _Running, end: int) -> None:
         first, last = running.taken, min(end, running.end)
@@ -185,22 +155,29 @@ class ClipKeeper:
             frames = [f for f in self._held if first <= f.index < last]
         running.taken = max(first, last)
         if frames:
-            self._do(lambda: self._write(frames))
+            self._do(self._write, frames)
 
     def _finish(self, running: _Running) -> None:
         self._running = None
-        self._do(lambda: self._end(running))
+        self._do(self._end, running)
 
-    def _do(self, job: Job) -> None:
-        if self._thread is None:
-            self._thread = threading.Thread(target=self._write_all, name="clips", daemon=True)
-            self._thread.start()
+    def _do(self, job: Callable[..., object], *given: object) -> Future[None] | None:
+        """Let the clips' own thread do a job, behind all others; None where too many wait."""
+        if self._free_jobs.acquire(blocking=False):
+            self._last = self._writer.submit(self._done, job, *given)
+            return self._last
+        if not self.complaint:
+            of = f"{self._running.event['clip']}: " if self._running else ""
+            self._complain(OutputError(f"{of}the disk is too slow, or hangs"))
+        return None
+
+    def _done(self, job: Callable[..., object], *given: object) -> None:
         try:
-            self._jobs.put_nowait(job)
-        except queue.Full:
-            if not self.complaint:
-                of = f"{self._running.event['clip']}: " if self._running else ""
-                self._complain(OutputError(f"{of}the disk is too slow, or hangs"))
+            job(*given)
+        except Exception as err:  # noqa: BLE001 - a clip must not cost the others
+            self._complain(err)
+        finally:
+            self._free_jobs.release()
 
     def _open(self, path: Path, first: int, utc: str, about: Mapping[str, str]) -> None:
         if self.complaint:
@@ -232,13 +209,6 @@ class ClipKeeper:
             file.finish(running.decisions, running.event)
             limit_size(self._folder, keep_bytes=self._settings.keep_mb * 1e6)
             self.complaint = ""
-
-    def _write_all(self) -> None:
-        while (job := self._jobs.get()) is not None:
-            try:
-                job()
-            except (OutputError, OSError, FeatureError) as err:
-                self._complain(err)
 
     def _complain(self, err: Exception) -> None:
         why = err.strerror if isinstance(err, OSError) else None

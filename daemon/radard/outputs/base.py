@@ -35,8 +35,7 @@ class DeliveryError(Exception):
     """A record could not be handed on; it is tried again.
 
     `reason` is for people and must hold no secrets. `is_refusal`: the far end answered, and did
-    not want this record. Such a record is tried only so often, because it keeps those behind it
-    waiting.
+    not want this record, which is then tried only so often: it keeps others waiting.
     """
 
     def __init__(self, reason: str, *, is_refusal: bool = False) -> None:

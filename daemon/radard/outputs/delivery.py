@@ -27,10 +27,9 @@ _TRANSIENT = 100  # of states and decisions only the newest matter
 class Delivery(ThreadSink):
     """A sink that hands on what its cursor owes; `start` it once it is built.
 
-    `target` is what tells this far end from others, and may be secret; `wants` says whether a
-    record is for this sink. `send` hands on one entry; it raises DeliveryError unless the far end
-    has confirmed it. Records that are no events wait in memory, the newest hundred; their number
-    is 0.
+    `target` tells this far end from others, and may be secret; `wants` says whether a record is
+    for this sink. `send` hands on one entry, of number 0 for what is no event; it raises
+    DeliveryError unless the far end has confirmed it.
     """
 
     def __init__(  # noqa: PLR0917 - all are what it is made of
@@ -140,20 +139,19 @@ class Delivery(ThreadSink):
 
     def _gives_up(self, entry: Entry, err: DeliveryError) -> bool:
         self._n_refused += err.is_refusal
-        is_refused = self._n_refused >= self._options.attempts
         if time.monotonic() - entry.put_s > self._options.give_up_h * 3600:
             self._give_up(entry, "too old")
-        elif is_refused and entry.record.get("kind") == "alarm":
-            log.error("%s: refuses %s %d times", self.name, entry.key, self._n_refused)
-            self._n_refused = 0
-            if self.cursor is not None:
-                self.cursor.defer(entry)
+            return True
+        if self._n_refused < self._options.attempts:
             return False
-        elif is_refused:
+        if entry.record.get("kind") != "alarm":
             self._give_up(entry, f"refused {self._n_refused} times")
-        else:
-            return False
-        return True
+            return True
+        log.error("%s: refuses %s %d times", self.name, entry.key, self._n_refused)
+        self._n_refused = 0
+        if self.cursor is not None:
+            self.cursor.defer(entry)
+        return False
 
     def _give_up(self, entry: Entry, why: str) -> None:
         log.error("%s: gives up %s: %s", self.name, entry.key, why)

@@ -22,15 +22,14 @@ _FLAGS = os.O_WRONLY | os.O_APPEND | os.O_CLOEXEC | os.O_NONBLOCK
 _BEGINS = frozenset(b"{ \r\n\0")  # a power cut may leave zeros where lines were
 
 
-def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "JsonLinesSink":
-    """Return the sink of `json:FILE`; pipes and terminals work too, without rotation."""
-    return JsonLinesSink(named_file(url), options, context)
-
-
 class JsonLinesSink(DirectSink):
-    """Append records to a file; rotates nothing if the stream can wait, so that none is lost."""
+    """Append records to the FILE of `json:FILE`; pipes and terminals work too, without rotation.
 
-    def __init__(self, path: Path, options: SinkOptions, context: SinkContext) -> None:
+    It rotates nothing if the stream can wait, so that no record is lost.
+    """
+
+    def __init__(self, url: str, options: SinkOptions, context: SinkContext) -> None:
+        path = named_file(url)
         super().__init__(f"json:{path}", Backoff(0.5, 10.0, str(path)), context, str(path))
         self._path = path
         self._most_bytes = float("inf") if context.can_wait else options.jsonl.rotate_mb * 1e6
@@ -131,6 +130,9 @@ class JsonLinesSink(DirectSink):
                     # Nothing can be taken back from a pipe; its reader sees the end of it.
                     self._shut()
             raise
+
+
+open_from_url = JsonLinesSink
 
 
 def _is_other(path: Path) -> bool:

@@ -24,18 +24,13 @@ _CONFIGS = ("lsl_api.cfg", "~/lsl_api/lsl_api.cfg", "/etc/lsl_api/lsl_api.cfg")
 """Where liblsl looks for a configuration, behind the variable LSLAPICFG."""
 
 
-def open_from_url(url: str, _options: SinkOptions, context: SinkContext) -> "LslSink":
-    """Return the sink of `lsl:` or `lsl:NAME`; raises MissingExtra without pylsl."""
-    name = url.partition(":")[2] or f"radard-{context.marked_sensor}"
-    return LslSink(needed("pylsl", what=f"--output lsl:{name}"), name, context)
-
-
 class LslSink(DirectSink):
-    """Publishes decisions as samples and events as markers of Lab Streaming Layer."""
+    """Publishes decisions and events for `lsl:NAME`; raises MissingExtra without pylsl."""
 
-    def __init__(self, lsl: Any, name: str, context: SinkContext) -> None:
+    def __init__(self, url: str, _options: SinkOptions, context: SinkContext) -> None:
+        name = url.partition(":")[2] or f"radard-{context.marked_sensor}"
+        self._lsl = needed("pylsl", what=f"--output lsl:{name}")
         super().__init__(f"lsl:{name}", Backoff(1.0, 10.0, name), kinds={"decision", "event"})
-        self._lsl = lsl
         self._stream = name
         self._source = f"radard {context.marked_sensor} {name}"
         host = context.host
@@ -71,3 +66,6 @@ class LslSink(DirectSink):
     def _shut(self) -> None:
         # Their destructors end the streams.
         self._decisions = self._events = None
+
+
+open_from_url = LslSink

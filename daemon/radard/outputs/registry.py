@@ -118,19 +118,17 @@ class _Seen:
     ok_s: float
     moved_s: float
     dropped_s: float = float("-inf")
-    counts: tuple[int, int, int] = (0, 0, 0)
-    n_dropped: int = 0
+    counts: tuple[int, int, int] = (0, 0, 0)  # sent, dropped, failures
 
     def trouble(self, state: SinkState, now_s: float) -> str:
         """Return what is wrong with the sink by its state at a time; empty if nothing is."""
         counts = (state.n_sent, state.n_dropped, state.n_failures)
+        if state.n_dropped > self.counts[1]:
+            self.dropped_s = now_s
         if counts != self.counts or not state.n_waiting:
             self.counts, self.moved_s = counts, now_s
         if state.is_ok:
             self.ok_s = now_s
-        if state.n_dropped > self.n_dropped:
-            self.dropped_s = now_s
-        self.n_dropped = state.n_dropped
         reasons = [state.remark] if state.remark else []
         if now_s - self.ok_s >= GRACE_S:
             reasons.insert(0, state.reason or "does not work")

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from radard.config.sink_table import SinkOptions
 from radard.errors import OutputError
 from radard.log_file import marks_of
-from radard.outputs.base import Record, Sink, SinkContext, SinkState
-from radard.outputs.thread_sink import DirectSink
+from radard.outputs.base import Record, Sink, SinkContext
+from radard.outputs.thread_sink import DirectSink, ThreadSink
 from x2radar.backoff import Backoff
 
 _HEAD = "    time  gate      power   floor   range  human   pet  who"
@@ -26,7 +26,7 @@ _RED, _DIM, _PLAIN = "\x1b[1;31m", "\x1b[2m", "\x1b[0m"
 def open_from_url(name: str, _options: SinkOptions, context: SinkContext) -> Sink:
     """Return the sink of `json`, `table` or `null`."""
     if name == "null":
-        return NullSink()
+        return ThreadSink(name, waits=context.can_wait)  # which does nothing with a record
     render = json_line
     if name == "table":
         render = Table(has_colour=sys.stdout is not None and sys.stdout.isatty()).render
@@ -68,22 +68,6 @@ class StdoutSink(DirectSink):
             self._fail_for_good(err)
         except OSError as err:
             self._fail_for_good(OutputError(f"--output {self.name}: stdout: {err.strerror}"))
-
-
-class NullSink:
-    """Takes records and forgets them."""
-
-    name = "null"
-    waits = False
-    state = SinkState()
-
-    def write(self, record: Record) -> None:
-        """Drop a record."""
-
-    def finish(self, timeout_s: float | None = None) -> None:
-        """Do nothing."""
-
-    close = finish
 
 
 @dataclass(slots=True)

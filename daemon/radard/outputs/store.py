@@ -61,21 +61,16 @@ DELETE FROM {0} WHERE n IN (
 """
 
 
-def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "StoreSink":
-    """Return the sink of `store:FILE`."""
-    return StoreSink(named_file(url), options.store, context)
-
-
 class StoreSink(DirectSink):
-    """Keep records in a SQLite file."""
+    """Keep records in the SQLite file of `store:FILE`."""
 
     tick_s = 1.0
 
-    def __init__(self, path: Path, options: StoreSection, context: SinkContext) -> None:
-        kinds = {"event", "status"} | ({"decision"} if options.decisions else set())
+    def __init__(self, url: str, options: SinkOptions, context: SinkContext) -> None:
+        path, self._options = named_file(url), options.store
+        kinds = {"event", "status"} | ({"decision"} if self._options.decisions else set())
         backoff, target = Backoff(0.5, 10.0, str(path)), str(path)
         super().__init__(f"store:{path}", backoff, context, target, kinds=kinds)
-        self._options = options
         self._sensor = context.sensor
         self._path = path
         self._n_open = 0
@@ -180,6 +175,9 @@ class StoreSink(DirectSink):
         except (OSError, sqlite3.Error, ForeignDatabase):
             return False
         return True
+
+
+open_from_url = StoreSink
 
 
 def _never_was_one(path: Path) -> bool:

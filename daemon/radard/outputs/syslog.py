@@ -10,7 +10,6 @@ import os
 import select
 import socket
 import ssl
-import stat
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -49,13 +48,6 @@ class Server(NamedTuple):
     port: int
 
 
-def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "SyslogSink":
-    """Return the sink of `syslog:`, with nothing, `/socket` or a server's URL behind it."""
-    rest = url.partition(":")[2]
-    address = rest if not rest or rest.startswith("/") else _parse_server(rest)
-    return SyslogSink(address, options, context)
-
-
 def _parse_server(rest: str) -> Server:
     shown = repr(redact(f"syslog:{rest}"))
     try:
@@ -71,10 +63,11 @@ def _parse_server(rest: str) -> Server:
 
 
 class SyslogSink(DirectSink):
-    """Send messages to a log: a server's, a socket's path, or this machine's own (empty)."""
+    """Send messages to the log of `syslog:URL`, `syslog:/socket`, or this machine's: `syslog:`."""
 
-    def __init__(self, address: str | Server, options: SinkOptions, context: SinkContext) -> None:
-        name, o = f"syslog:{address}", options.log
+    def __init__(self, url: str, options: SinkOptions, context: SinkContext) -> None:
+        name, rest, o = url, url.partition(":")[2], options.log
+        address = rest if not rest or rest.startswith("/") else _parse_server(rest)
         if isinstance(address, Server):
             name = f"syslog:{address.scheme}://{shown_host(address.host)}:{address.port}"
         backoff = Backoff(o.first_retry_s, o.longest_retry_s, name)
@@ -109,14 +102,17 @@ class SyslogSink(DirectSink):
     def _connect(self) -> socket.socket:
         address, self._form = self._address, self._plain
         if not address:
-            is_journal = JOURNAL.exists() and stat.S_ISSOCK(JOURNAL.stat().st_mode)
-            address = str(JOURNAL if is_journal else DEV_LOG)
-            self._form = self._journal if is_journal else self._plain
+            address = str(DEV_LOG)
+            if JOURNAL.is_socket():
+                address, self._form = str(JOURNAL), self._journal
         if isinstance(address, Server):
             self._form = self._dated
-            kind = socket.SOCK_DGRAM if address.scheme == "udp" else socket.SOCK_STREAM
-            where = socket.getaddrinfo(address.host, address.port, type=kind)[0]
-            return _connected(where[0], kind, where[4], self._tls, address.host)
+            if address.scheme != "udp":
+                sock = socket.create_connection(address[1:], _SEND_S)
+                tls = self._tls
+                return tls.wrap_socket(sock, server_hostname=address.host) if tls else sock
+            where = socket.getaddrinfo(*address[1:], type=socket.SOCK_DGRAM)[0]
+            return _connected(where[0], where[1], where[4])
         try:
             return _connected(socket.AF_UNIX, socket.SOCK_DGRAM, address)
         except OSError as err:
@@ -163,6 +159,9 @@ class SyslogSink(DirectSink):
         return told
 
 
+open_from_url = SyslogSink
+
+
 def _message_of(record: Record) -> tuple[int, str]:
     kind = record["type"]
     if kind == "event":
@@ -195,18 +194,12 @@ def _is_closed(sock: socket.socket) -> bool:
         sock.settimeout(_SEND_S)
 
 
-def _connected(
-    family: int,
-    kind: socket.SocketKind,
-    target: str | tuple[object, ...],
-    tls: ssl.SSLContext | None = None,
-    host: str = "",
-) -> socket.socket:
+def _connected(family: int, kind: int, target: str | tuple[object, ...]) -> socket.socket:
     sock = socket.socket(family, kind)
     try:
         sock.settimeout(_SEND_S)
         sock.connect(target)
-        return sock if tls is None else tls.wrap_socket(sock, server_hostname=host)
     except OSError:
         sock.close()
         raise
+    return sock

@@ -1,8 +1,4 @@
-"""Sinks with a bounded queue and a thread that empties it.
-
-A `DirectSink` hands every record on in the order in which they came; what delivers events over the
-network, and what else there is behind them, is a `radard.outputs.delivery.Delivery`.
-"""
+"""Sinks with a bounded queue and a thread that empties it; `Delivery` is one for networks."""
 
 import logging
 import threading

@@ -12,7 +12,4 @@ and a request's way::
     server          limits on connections
     auth, guard     hosts, origins, bodies; roles: who may see, who may arm
     api, events     the routes
-
-Nothing in here can hold up a decision: `write` appends to a list and returns, and the
-pictures are made of what the ring still has, without its lock.
 """

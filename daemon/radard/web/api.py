@@ -25,7 +25,7 @@ from radard.config.saved import KINDS, Kind, change, forget
 from radard.config.sections import AUTO_MODEL
 from radard.config.sink_table import named_file
 from radard.detect.calibration import load_calibration, restless_spans
-from radard.errors import ConfigError, ModelMismatch
+from radard.errors import ConfigError, ModelMismatch, UsageError
 from radard.health.health import Status, overall
 from radard.judge.bundle import read_card
 from radard.outputs.base import COMMANDS
@@ -33,10 +33,11 @@ from radard.web.auth import SESSION_S, AccessControl, Role, address_of
 from radard.web.events import EventRoutes
 from radard.web.guard import (
     Guard,
+    Refusal,
     SecurityMiddleware,
     json_body,
     query_number,
-    refusal,
+    refuse,
     whole_number,
 )
 from radard.web.hub import serve
@@ -89,7 +90,10 @@ class Api:
             Mount("/static", GZipMiddleware(StaticFiles(directory=_STATIC))),
         ]
         # The routes as an application, behind the checks of every request.
-        self.app = SecurityMiddleware(Starlette(routes=self.routes), access)
+        app = Starlette(
+            routes=self.routes, exception_handlers={Refusal: refuse, UsageError: refuse}
+        )
+        self.app = SecurityMiddleware(app, access)
 
     async def _told(self, is_good: Callable[[Status], bool], request: Request) -> Response:
         """Return the state, 200 or 503; the reason for those who may look."""
@@ -141,7 +145,7 @@ class Api:
         view, history = self._view, self._view.history
         held = history.around(seq) if seq is not None else []
         if not held:
-            return refusal(404, "this decision is not remembered any more")
+            raise Refusal(404, "this decision is not remembered any more")
         records, states = zip(*held, strict=True)
         reasons = explain(records, history.hello, view.config, history.events(), states[-1])
         return JSONResponse({"decision": dict(records[-1]), **reasons})
@@ -192,13 +196,13 @@ class Api:
     async def _command(self, body: dict[str, Any]) -> Response:
         name = body.get("command")
         if not isinstance(name, str) or name not in COMMANDS:
-            return refusal(400, f"command is one of {', '.join(COMMANDS)}")
+            raise Refusal(400, f"command is one of {', '.join(COMMANDS)}")
         host = self._view.host
         log.info("command from the dashboard: %s", name)
         try:
             host.command(name)
         except ValueError as err:
-            return refusal(409, str(err))
+            raise Refusal(409, str(err)) from err
         return JSONResponse({"accepted": name}, 202)
 
     async def _change(self, kind: Kind, body: dict[str, Any]) -> Response:
@@ -225,7 +229,7 @@ class Api:
     async def _playback(self, body: dict[str, Any]) -> Response:
         playback = self._view.host.playback()
         if playback is None:
-            return refusal(409, "this is no replay")
+            raise Refusal(409, "this is no replay")
         action, value = body.get("action"), body.get("value")
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
         if action in {"play", "pause"}:
@@ -235,22 +239,19 @@ class Api:
         elif action == "speed" and (is_number or value is None):
             playback.set_speed(None if value is None else float(value))
         else:
-            return refusal(400, "action is play, pause, seek or speed, with its value")
+            raise Refusal(400, "action is play, pause, seek or speed, with its value")
         return JSONResponse(self._view.now()["playback"], 202)
 
     async def _log_in(self, request: Request) -> Response:
-        body = await json_body(request)
-        if isinstance(body, Response):
-            return body
-        token = body.get("token")
+        token = (await json_body(request)).get("token")
         if not isinstance(token, str) or len(token) > _MAX_TOKEN:
-            return refusal(400, "a token is wanted")
+            raise Refusal(400, "a token is wanted")
         address = address_of(request)
         if self._access.is_locked(address):
-            return refusal(429, "too many wrong tokens from this address; wait a minute")
+            raise Refusal(429, "too many wrong tokens from this address; wait a minute")
         role, session = self._access.log_in(token, address)
         if role == "nobody":
-            return refusal(401, "this is not the token")
+            raise Refusal(401, "this is not the token")
         answer = JSONResponse({"role": role})
         answer.set_cookie(
             self._access.cookie,

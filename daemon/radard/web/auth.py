@@ -10,7 +10,6 @@ import secrets
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import Literal
 from urllib.parse import urlsplit
 
@@ -27,13 +26,11 @@ _MAX_SESSIONS = 64  # a household's browsers; beyond that the oldest ends
 _MAX_GUESSES, _GUESSES_PER_S = 50, 10 / 60
 _MAX_ADDRESSES = 1024  # a hundred kB; the one that guessed longest ago is forgotten
 _MIN_LENGTH = 12  # characters of a token: those guesses then find none
-_LOOPBACK = {"localhost", "127.0.0.1", "::1"}
 
 
-@lru_cache(maxsize=1024)
 def is_loopback(host: str) -> bool:
     """Return whether an address is of this machine alone."""
-    if host.lower() in _LOOPBACK:
+    if host.lower() == "localhost":
         return True
     try:
         address = ipaddress.ip_address(host)

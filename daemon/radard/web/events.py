@@ -21,15 +21,14 @@ from starlette.routing import Route
 
 from radard.clips.spectrogram_png import decode_png, encode_png
 from radard.config.sink_table import KINDS
-from radard.errors import RadardError, UsageError
+from radard.errors import RadardError
 from radard.log_file import MARKS, StoredEvent, newest_events, parse_since
-from radard.web.guard import Guard, attached, query_number, refusal
+from radard.web.guard import Guard, Refusal, attached, query_number
 from radard.web.labels import LABELS, add_label, read_labels
 from radard.web.pictures.clip_view import ClipTimeoutError, read_clip
 from radard.web.view import View
 from x2radar import wall_clock
 
-_NO_CLIP = "there is no clip of this event"
 _ULID = re.compile(r"[0-9A-HJKMNP-TV-Z]{26}")
 _MAX_EVENTS = 2000  # of an answer: some hundred kilobytes
 _SENT_BYTES = 65536  # of a clip at a time
@@ -68,43 +67,41 @@ class EventRoutes:
         return Response(text, media_type=kind, headers=attached(name))
 
     async def _clip(self, request: Request) -> Response:
-        if (path := await self._read(self._clip_of, request.path_params["id"])) is None:
-            return refusal(404, _NO_CLIP)
+        path = await self._read(self._clip_of, request.path_params["id"])
         try:
             copy, size = await self._read(_copied, path)
         except OSError as err:
-            return refusal(503, f"the clip cannot be sent: {err.strerror or err}")
+            raise Refusal(503, f"the clip cannot be sent: {err.strerror or err}") from err
         headers = {**attached(path.name), "Content-Length": str(size)}
         return StreamingResponse(_sent(copy), media_type="application/x-hdf5", headers=headers)
 
     async def _pictures(self, request: Request) -> Response:
-        if (path := await self._read(self._clip_of, request.path_params["id"])) is None:
-            return refusal(404, _NO_CLIP)
+        path = await self._read(self._clip_of, request.path_params["id"])
         if self._painting.statistics().tasks_waiting >= _MAX_WAITING:
-            return refusal(503, "others wait for pictures; try again soon")
+            raise Refusal(503, "others wait for pictures; try again soon")
         try:
             async with self._painting:
                 data = await read_clip(path)
         except (RadardError, OSError) as err:
             code = 504 if isinstance(err, ClipTimeoutError) else 422
-            return refusal(code, f"the clip cannot be shown: {' '.join(str(err).split())}")
+            raise Refusal(code, f"the clip cannot be shown: {' '.join(str(err).split())}") from err
         return Response(data, media_type="application/octet-stream")
 
     async def _thumbnail(self, request: Request) -> Response:
-        clip = await self._read(self._clip_of, request.path_params["id"])
-        if clip is None or not (path := clip.with_suffix(".png")).is_file():
-            return refusal(404, "there is no picture of this event")
+        path = (await self._read(self._clip_of, request.path_params["id"])).with_suffix(".png")
+        if not path.is_file():
+            raise Refusal(404, "there is no picture of this event")
         try:
             return JSONResponse(await self._read(_thumbnail, path))
         except (OSError, ValueError) as err:
-            return refusal(422, f"the picture cannot be shown: {err}")
+            raise Refusal(422, f"the picture cannot be shown: {err}") from err
 
     async def _label(self, body: dict[str, Any]) -> Response:
         event_id, label = body.get("event"), body.get("label")
         if label not in LABELS or not isinstance(event_id, str):
-            return refusal(400, f"event and a label of {', '.join(LABELS)} are wanted")
+            raise Refusal(400, f"event and a label of {', '.join(LABELS)} are wanted")
         if (event := await self._read(self._event, event_id)) is None:
-            return refusal(404, "this event is not known")
+            raise Refusal(404, "this event is not known")
         line = {
             "event": event_id,
             "label": label,
@@ -134,12 +131,13 @@ class EventRoutes:
         found = self._events(text=event_id, limit=1) if _ULID.fullmatch(event_id) else []
         return found[0] if found else None
 
-    def _clip_of(self, event_id: str) -> Path | None:
-        """Return the clip of an event, if it is there and named by the event's own id."""
+    def _clip_of(self, event_id: str) -> Path:
+        """Return the clip of an event; Refusal unless it is there and named by the event's id."""
         event = self._event(event_id)
-        path = Path(event["clip"]) if event and event["clip"] else None
-        is_own = path is not None and path.name == f"{event_id}.h5" and path.is_file()
-        return path if is_own else None
+        path = Path(event["clip"] or "") if event else Path()
+        if path.name != f"{event_id}.h5" or not path.is_file():
+            raise Refusal(404, "there is no clip of this event")
+        return path
 
     def _shown(self, event: StoredEvent, labels: Mapping[str, str]) -> dict[str, Any]:
         clip = Path(event.clip) if event.clip else None
@@ -164,7 +162,7 @@ def _filter(request: Request) -> dict[str, Any]:
     label, text, since = (query.get(name, "")[:200] for name in ("label", "text", "since"))
     if not set(kinds) <= set(KINDS) or label not in {"", "none", *LABELS}:
         msg = f"kind is one of {', '.join(KINDS)}; label one of none, {', '.join(LABELS)}"
-        raise UsageError(msg)
+        raise Refusal(400, msg)
     return {
         "kinds": kinds,
         "since_s": parse_since(since, wall_clock.now_s()) if since else None,

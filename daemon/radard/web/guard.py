@@ -20,7 +20,7 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from radard.errors import ConfigError, OutputError, UsageError
+from radard.errors import ConfigError, OutputError
 from radard.web.auth import AccessControl, RateLimit
 from x2radar.keys import unrepeated
 
@@ -46,9 +46,17 @@ _HEADERS = {
 }
 
 
-def refusal(code: int, reason: str) -> JSONResponse:
-    """Return an error response with its reason."""
-    return JSONResponse({"error": reason}, status_code=code)
+class Refusal(Exception):
+    """A request that is answered with a code and the reason for it."""
+
+    def __init__(self, code: int, reason: str) -> None:
+        super().__init__(reason)
+        self.answer = JSONResponse({"error": reason}, status_code=code)
+
+
+async def refuse(_request: Request, err: Exception) -> Response:
+    """Return the answer to a Refusal; a UsageError is a bad request."""
+    return (err if isinstance(err, Refusal) else Refusal(400, str(err))).answer
 
 
 def attached(name: str) -> dict[str, str]:
@@ -64,31 +72,32 @@ def whole_number(text: str, most: int) -> int | None:
 
 
 def query_number(request: Request, name: str, default: int, most: int) -> int:
-    """Return a whole number of a query; raises UsageError if it is none or above `most`."""
+    """Return a whole number of a query; raises Refusal if it is none or above `most`."""
     number = whole_number(request.query_params.get(name, str(default)), most)
     if number is None:
-        raise UsageError(f"{name}: a whole number up to {most} is wanted")
+        raise Refusal(400, f"{name}: a whole number up to {most} is wanted")
     return number
 
 
-async def json_body(request: Request) -> dict[str, Any] | JSONResponse:
-    """Return the JSON object of a body, or the answer to one that is none, or late, or long."""
+async def json_body(request: Request) -> dict[str, Any]:
+    """Return the JSON object of a body; raises Refusal if it is none, or late, or long."""
     data = b""
     try:
         async with asyncio.timeout(_BODY_S):
             async for chunk in request.stream():
                 data += chunk
                 if len(data) > MAX_BODY:
-                    return refusal(413, "the body is too long")
+                    raise Refusal(413, "the body is too long")
         # NaN and infinities are no JSON; int() refuses them.
         body = json.loads(data, parse_constant=int, object_pairs_hook=unrepeated)
-    except TimeoutError:
-        return refusal(408, "the body does not come")
+    except TimeoutError as err:
+        raise Refusal(408, "the body does not come") from err
     except (ValueError, RecursionError, ClientDisconnect):
         body = None
     kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
-    is_right = kind == "application/json" and isinstance(body, dict)
-    return body if is_right else refusal(400, "no JSON object")
+    if kind != "application/json" or not isinstance(body, dict):
+        raise Refusal(400, "no JSON object")
+    return body
 
 
 class Guard:
@@ -106,15 +115,12 @@ class Guard:
         return await to_thread.run_sync(call, *arguments, limiter=self._reading)
 
     def viewing(self, path: str, endpoint: Callable[[Request], Awaitable[Response]]) -> Route:
-        """Return a GET route for viewers; a UsageError of it is a bad request."""
+        """Return a GET route for viewers."""
 
         async def guarded(request: Request) -> Response:
             if self.access.role(request) == "nobody":
-                return refusal(401, "show a token")
-            try:
-                return await endpoint(request)
-            except UsageError as err:
-                return refusal(400, str(err))
+                raise Refusal(401, "show a token")
+            return await endpoint(request)
 
         return Route(path, guarded)
 
@@ -132,22 +138,20 @@ class Guard:
         async def guarded(request: Request) -> Response:
             role = self.access.role(request)
             if role == "nobody":
-                return refusal(401, "show a token")
+                raise Refusal(401, "show a token")
             if role != "operator":
-                return refusal(403, "only an operator may do this")
+                raise Refusal(403, "only an operator may do this")
             if not self._rate_limit.take():
-                return refusal(429, "too much at once; wait a moment")
+                raise Refusal(429, "too much at once; wait a moment")
             body = await json_body(request)
-            if isinstance(body, Response):
-                return body
             try:
                 return await handler(body)
-            except OverflowError:
-                return refusal(400, "a number is too large")
+            except OverflowError as err:
+                raise Refusal(400, "a number is too large") from err
             except ValueError as err:
-                return refusal(400, str(err))
+                raise Refusal(400, str(err)) from err
             except (OutputError, ConfigError) as err:
-                return refusal(507, str(err))
+                raise Refusal(507, str(err)) from err
 
         return Route(path, guarded, methods=["POST"])
 
@@ -182,22 +186,24 @@ class SecurityMiddleware:
 
         _to_origin_form(scope)
         app = self.app
-        if scope["type"] == "http":
-            app = self._fault(scope["method"], Headers(scope=scope)) or app
+        try:
+            if scope["type"] == "http":
+                self._check(scope["method"], Headers(scope=scope))
+        except Refusal as err:
+            app = err.answer
         await app(scope, receive, shielded)
 
-    def _fault(self, method: str, headers: Headers) -> JSONResponse | None:
+    def _check(self, method: str, headers: Headers) -> None:
         if not self.access.is_right_host(headers):
             told = f"Host is '{headers.get('host', '')}': without tokens, only this machine's own"
-            return refusal(421, f"{told} addresses are served; name tokens in the web section")
+            raise Refusal(421, f"{told} addresses are served; name tokens in the web section")
         if method in _SAFE:
-            return None
+            return
         if whole_number(headers.get("content-length", "0"), MAX_BODY) is None:
-            return refusal(413, "the body is too long")
+            raise Refusal(413, "the body is too long")
         if not self.access.is_same_origin(headers):
             told = f"the page is of {headers.get('origin', 'another site')}, Host is "
             told += f"'{headers.get('host', '')}': only the dashboard itself may do this, and a"
-            return refusal(403, f"{told} proxy before it must hand on the Host that it was given")
+            raise Refusal(403, f"{told} proxy before it must hand on the Host that it was given")
         if _OWN_HEADER not in headers:
-            return refusal(403, "only the dashboard itself may do this: X-Radard is missing")
-        return None
+            raise Refusal(403, "only the dashboard itself may do this: X-Radard is missing")

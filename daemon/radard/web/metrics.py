@@ -13,8 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 from radard.config.sink_table import KINDS
-from radard.outputs.base import Record, Sink
-from radard.stream.frame_timing import Drift
+from radard.outputs.base import Host, Record, Sink
 from x2radar import wall_clock
 
 _BUCKETS = {
@@ -60,7 +59,6 @@ class Metrics:
             self._set(f"{name}_count", 0)
         for kind in KINDS:
             self._set("radard_event_active", 0, kind=kind)
-        self._set_moment("starting", is_armed=True)
 
     def on_record(self, record: Record) -> None:
         """Take a record, from any thread."""
@@ -71,31 +69,25 @@ class Metrics:
             elif kind == "event" and not record.get("test"):
                 self._add("radard_events_total", kind=record["kind"], phase=record["phase"])
                 self._set("radard_event_active", record["phase"] != "end", kind=record["kind"])
-            elif kind == "status":
-                self._set_moment(record["state"])
             elif kind == "hello":
                 model, sensor = record["model"] or "none", record.get("sensor", "radar")
                 about = {"version": record["version"], "model": model, "sensor": sensor}
                 self._set("radard_build_info", 1, **about)
                 self._set("radard_frame_rate_hertz", record["frame_rate_hz"])
-                self._set("radard_armed", bool(record.get("armed", True)))
 
-    def refresh(
-        self,
-        *,
-        state: str,
-        is_armed: bool,
-        driver: Mapping[str, int] | None = None,
-        drift: Drift | None = None,
-    ) -> None:
+    def refresh(self, host: Host) -> None:
         """Take what holds at this moment: a thread that hangs writes no record."""
+        state, panel = host.health.status.state, host.panel()
         with self._lock:
-            self._set_moment(state, is_armed=is_armed)
-            for what, n in (driver or {}).items():
+            for each in _STATES:
+                self._set("radard_state", state == each, state=each)
+            self._set("radard_up", state in {"online", "degraded"})
+            self._set("radard_armed", panel is None or panel.armed)
+            for what, n in host.driver().items():
                 if what in _DRIVER:
                     name, labels = _DRIVER[what]
                     self._set(name, n, **labels)
-            if drift is not None:
+            if panel is not None and (drift := panel.clock_drift) is not None:
                 self._set("radard_module_clock_drift_ratio", drift.ratio)
                 self._set("radard_module_clock_drift_uncertainty_ratio", drift.uncertainty)
 
@@ -119,13 +111,6 @@ class Metrics:
         self._add(f"{name}_bucket", le="+Inf")
         self._add(f"{name}_sum", value)
         self._add(f"{name}_count")
-
-    def _set_moment(self, now: str, *, is_armed: bool | None = None) -> None:
-        for state in _STATES:
-            self._set("radard_state", now == state, state=state)
-        self._set("radard_up", now in {"online", "degraded"})
-        if is_armed is not None:
-            self._set("radard_armed", is_armed)
 
     def _on_decision(self, record: Record) -> None:
         label = record["label"] or "unknown"

@@ -1,8 +1,6 @@
 """WebSink: the dashboard as an output, served by uvicorn in a thread of its own.
 
-`write` keeps a record and returns; that is all it does in the worker's thread. The server starts
-as soon as the port is free: a busy one is logged once and tried again, and the run goes on
-without a dashboard meanwhile.
+`write` keeps a record and returns. While the port is not free the run goes on without a dashboard.
 """
 
 import asyncio
@@ -160,13 +158,6 @@ class WebSink:
             with contextlib.suppress(RuntimeError):
                 self._loop.call_soon_threadsafe(call, *values)
 
-    async def _poll_views(self) -> None:
-        """Send pages what changes without a record."""
-        while True:
-            await asyncio.sleep(_POLL_S)
-            for view in self._all_views():
-                view.poll()
-
     def _bind(self) -> socket.socket | None:
         sock: socket.socket | None = None
         try:
@@ -226,18 +217,14 @@ class WebSink:
         server = uvicorn.Server(config)
         self._loop = asyncio.get_running_loop()
         self._loop.set_exception_handler(self._fault)
-        beside = [
-            asyncio.create_task(self._poll_views()),
-            asyncio.create_task(self._until_stopped(server)),
-        ]
+        beside = asyncio.create_task(self._tend_pages(server))
         try:
             if not self._stop.is_set():
                 # Signals are the main thread's business.
                 await server.serve(sockets=[sock])
         finally:
-            for task in beside:
-                task.cancel()
-            await asyncio.gather(*beside, return_exceptions=True)
+            beside.cancel()
+            await asyncio.gather(beside, return_exceptions=True)
 
     def _fault(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         """Say once a minute that no page can be taken, which asyncio says many times a second."""
@@ -248,9 +235,13 @@ class WebSink:
             self._quiet_until_s = loop.time() + _SAID_S
             log.warning("no further page can be opened: %s", err.strerror)
 
-    async def _until_stopped(self, server: uvicorn.Server) -> None:
-        await self._stopping.wait()
-        # Every page shall know how the run has ended.
+    async def _tend_pages(self, server: uvicorn.Server) -> None:
+        """Send pages what changes without a record; then how the run has ended, and stop."""
+        while not self._stopping.is_set():
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._stopping.wait(), _POLL_S)
+            for view in self._all_views():
+                view.poll()
         told = asyncio.gather(*(view.hub.has_sent_all() for view in self._all_views()))
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(told, _LAST_WORDS_S)

@@ -146,11 +146,5 @@ class View:
 
     def refreshed_metrics(self) -> Metrics:
         """Return the counters, with what holds at this moment."""
-        panel = self.host.panel()
-        self.metrics.refresh(
-            state=self.host.health.status.state,
-            is_armed=panel is None or panel.armed,
-            driver=self.host.driver(),
-            drift=panel.clock_drift if panel is not None else None,
-        )
+        self.metrics.refresh(self.host)
         return self.metrics

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import paho.mqtt.client as paho
 from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode
@@ -31,7 +31,6 @@ _MAX_UNSENT = 50  # messages in flight beyond which decisions go: a minute of th
 _NO_ANSWER = "no answer; is it an MQTT broker?"
 _HEAD = 12  # bytes of a packet beside topic and payload, at most
 _MIN_SUSPECT = 1024  # no broker limits packets to less; events and states are below it
-_BREAKS = 2  # one may have had another cause
 _FORGOTTEN_S = 86_400.0  # a broker may have been set right since
 
 
@@ -45,32 +44,25 @@ class Publication:
     is_retained: bool = True
 
 
-class _Suspect(NamedTuple):
-    """The largest message of a topic that was in flight when a line broke."""
-
-    size: int = 0
-    n: int = 0
-    at_s: float = float("-inf")
-
-
 class PacketLimits:
     """Learn what a broker takes; any thread may ask. `say` is told what is left out, once."""
 
     def __init__(self, say: Callable[[str], None]) -> None:
         self._say = say
         self._flying: list[tuple[str, int, Callable[[], bool]]] = []
-        self._suspects: dict[str, _Suspect] = {}
+        self._broke_s: dict[str, float] = {}  # when it last was the largest as the line broke
+        self._too_large: dict[str, int] = {}  # once it did so twice: one may have another cause
         self._said: set[str] = set()
         self.can_retain = True  # whether the broker keeps messages
         self.max_bytes: int | None = None  # the largest packet that the broker states
 
     def takes(self, message: Publication) -> bool:
         """Return whether to send a message."""
-        size, suspect = _size_of(message), self._suspects.get(message.topic, _Suspect())
+        size = _size_of(message)
         if self.max_bytes is not None and size > self.max_bytes:
             self.leave_out(message.topic, f"{size} bytes, and the broker takes {self.max_bytes}")
             return False
-        return suspect.n < _BREAKS or size < suspect.size
+        return size < self._too_large.get(message.topic, size + 1)
 
     def sent(self, message: Publication, is_done: Callable[[], bool]) -> None:
         """Note a message in flight, until `is_done` says that it is confirmed."""
@@ -82,11 +74,12 @@ class PacketLimits:
         topic, size, _ = max(flying, key=lambda each: each[1], default=("", 0, None))
         if size < _MIN_SUSPECT:
             return False
-        now_s, before = time.monotonic(), self._suspects.get(topic, _Suspect())
-        n = before.n + 1 if now_s - before.at_s < _FORGOTTEN_S else 1
-        self._suspects[topic] = _Suspect(size, n, now_s)
-        if n >= _BREAKS:
-            self.leave_out(topic, f"the line broke {n} times while its {size} bytes were sent")
+        now_s, before_s = time.monotonic(), self._broke_s.get(topic, float("-inf"))
+        self._broke_s[topic] = now_s
+        self._too_large.pop(topic, None)
+        if now_s - before_s < _FORGOTTEN_S:
+            self._too_large[topic] = size
+            self.leave_out(topic, f"the line broke 2 times while its {size} bytes were sent")
         return True
 
     def leave_out(self, topic: str, why: str) -> None:

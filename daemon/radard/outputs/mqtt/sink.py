@@ -168,12 +168,18 @@ class MqttSink(ThreadSink):
         name += f"/{context.sensor}" if context.is_one_of_several else ""
         super().__init__(name)
         self._keeper = StateKeeper(name, "not connected yet")
-        self._context = context
+        assert context.host is not None  # noqa: S101 - several sensors share no client
+        self._host = context.host
         # Any client that can publish there can disarm.
         words = (options.mqtt.password_file, options.mqtt.password_env, options.mqtt.cert_file)
         is_safe, commands = broker.is_tls and words != (None, None, None), options.mqtt.commands
         takes_commands = commands == "always" or (commands == "auto" and is_safe)
-        self._must_say_so = not takes_commands and commands == "auto"
+        if not takes_commands and commands == "auto":
+            log.warning(
+                "%s: takes no commands: that needs mqtts:// with a password or a client "
+                "certificate, or mqtt.commands: always (off: without this line)",
+                name,
+            )
         code = code_of(options.mqtt)
         self._topics = topics = MqttTopics(
             context.marked_sensor,
@@ -221,12 +227,6 @@ class MqttSink(ThreadSink):
 
     def _begin(self) -> None:
         self.cursor = self._delivery.start().cursor
-        if self._must_say_so:
-            log.warning(
-                "%s: takes no commands: that needs mqtts:// with a password or a client "
-                "certificate, or mqtt.commands: always (off: without this line)",
-                self.name,
-            )
         self._ticked_s = time.monotonic()
         self._link.start()
 
@@ -244,9 +244,8 @@ class MqttSink(ThreadSink):
             self._publish(self._topics.announce(now_s))
             # Who has the picture may have lost it.
             self._seen_ns = 0
-        if (host := self._context.host) is not None:
-            status = (health := host.health.status).state, health.reason
-            self._publish(self._topics.refresh(now_s, status, host.panel()))
+        status, panel = self._host.health.status, self._host.panel()
+        self._publish(self._topics.refresh(now_s, status, panel))
         if not self.cursor:
             self._owed_s = now_s
         # Not for ever: they may be refused.
@@ -298,14 +297,12 @@ class MqttSink(ThreadSink):
                 return
             name, value = self._reader.read(topic, payload, is_retained=is_retained)
             log.info("%s: command %s", self.name, f"{name} {value}".rstrip())
-            if (host := self._context.host) is None:
-                return
             if name != "sensitivity":
-                host.command(name)
+                self._host.command(name)
                 return
-            path = saved_file(host.config(), "settings")
+            path = saved_file(self._host.config(), "settings")
             change(path, "settings", {"alarm": {"sensitivity": value}})
-            host.reload()
+            self._host.reload()
         except Exception as err:  # noqa: BLE001 - in the library's thread, which must go on
             if (now_s := time.monotonic()) - self._warned_s >= _WARN_S:
                 log.warning("%s: %s", self.name, err)

@@ -9,12 +9,13 @@ makes an entity unavailable when a daemon hangs and sends no state.
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal, NamedTuple
 
 from radard.alarm.sensitivity import SENSITIVITIES
 from radard.alarm.sensor_state import SensorState
 from radard.config.sink_table import KINDS, PHASES, MqttSection
+from radard.health.health import Status
 from radard.outputs.base import Record
 from radard.outputs.mqtt.link import Publication
 
@@ -47,8 +48,14 @@ def _button(key: str, name: str, **more: Any) -> Entity:
     return _entity("button", key, name, cmd_t=f"~/command/{key}", pl_prs="", **more)
 
 
+def _choice(platform: str, key: str, name: str, **more: Any) -> Entity:
+    more |= {"stat_t": "~/state", "val_tpl": f"{{{{ value_json.{key} }}}}"}
+    return _entity(platform, key, name, cmd_t=f"~/command/{key}", **more)
+
+
 _LABELS = ["human", "pet", "other", "pending", "none", "invalid"]
 _OPEN = "value_json.gate == 'open'"
+_HEALTH = {"topic": "health", "json_attr_t": "~/health"}
 _PROBLEM = "value_json.state != 'online' or value_json.fault"
 _STATE_ENTITIES = (
     _flag("alarm", "Alarm", "value_json.alarm", dev_cla="motion"),
@@ -57,15 +64,7 @@ _STATE_ENTITIES = (
     _flag("armed", "Armed", "value_json.armed", ic="mdi:shield"),
     _value("label", "Who", "state", "value_json.label or 'none'", dev_cla="enum", ops=_LABELS),
     _flag("tamper", "Tamper", "value_json.tamper", topic="health", dev_cla="tamper"),
-    _flag(
-        "problem",
-        "Problem",
-        _PROBLEM,
-        topic="health",
-        dev_cla="problem",
-        ent_cat="diagnostic",
-        json_attr_t="~/health",
-    ),
+    _flag("problem", "Problem", _PROBLEM, dev_cla="problem", ent_cat="diagnostic", **_HEALTH),
 )
 _PERCENT = {"unit_of_meas": "%", "stat_cla": "measurement", "sug_dsp_prc": 0, "en": False}
 _METRES = {**_PERCENT, "unit_of_meas": "m", "dev_cla": "distance", "sug_dsp_prc": 1}
@@ -76,39 +75,18 @@ _DECISION_ENTITIES = (
 )
 """Disabled at first: a value every second fills Home Assistant's database."""
 _PICTURE = _entity("image", "picture", "Last alarm", img_t="~/picture", cont_type="image/png")
+_EVENT_TYPES = [f"{kind}_{phase}" for kind in KINDS for phase in PHASES]
+_OF_EVENT = (
+    "{{ {'event_type': value_json.kind ~ '_' ~ value_json.phase, 'id': value_json.id, "
+    "'reason': value_json.reason, 'test': value_json.test | default(false)} | to_json }}"
+)
 _EVENT = _entity(
-    "event",
-    "event",
-    "Event",
-    stat_t="~/event",
-    evt_typ=[f"{kind}_{phase}" for kind in KINDS for phase in PHASES],
-    val_tpl=(
-        "{{ {'event_type': value_json.kind ~ '_' ~ value_json.phase, 'id': value_json.id, "
-        "'reason': value_json.reason, 'test': value_json.test | default(false)} | to_json }}"
-    ),
+    "event", "event", "Event", stat_t="~/event", evt_typ=_EVENT_TYPES, val_tpl=_OF_EVENT
 )
-_PANEL = _entity(
-    "alarm_control_panel",
-    "panel",
-    "Panel",
-    stat_t="~/state",
-    val_tpl="{{ value_json.panel }}",
-    cmd_t="~/command/panel",
-    sup_feat=["arm_home", "arm_away"],
-    cod_arm_req=False,
-    cod_dis_req=False,
-)
-_SENSITIVITY = _entity(
-    "select",
-    "sensitivity",
-    "Sensitivity",
-    stat_t="~/state",
-    val_tpl="{{ value_json.sensitivity }}",
-    cmd_t="~/command/sensitivity",
-    ops=list(SENSITIVITIES["fused"]),
-    ent_cat="config",
-    ic="mdi:tune-vertical",
-)
+_CODELESS = {"sup_feat": ["arm_home", "arm_away"], "cod_arm_req": False, "cod_dis_req": False}
+_PANEL = _choice("alarm_control_panel", "panel", "Panel", **_CODELESS)
+_CHOICES = {"ops": list(SENSITIVITIES["fused"]), "ent_cat": "config", "ic": "mdi:tune-vertical"}
+_SENSITIVITY = _choice("select", "sensitivity", "Sensitivity", **_CHOICES)
 _DISARM = _button("disarm", "Disarm", ic="mdi:shield-off")
 _COMMAND_ENTITIES = (
     _PANEL,
@@ -147,14 +125,12 @@ class MqttTopics:
         # The last will: what the broker publishes when the connection is lost.
         self.will = Publication(f"{self.base}/availability", "offline")
         self.birth_topic = f"{self.options.discovery_prefix}/status"  # Home Assistant has started
-        self._hello: Record | None = None
+        self._hello: Record = {}
+        self._decision: Record = {"label": "none", "gate": "closed", "t_s": 0.0}
         self._open: dict[str, str] = {}
         self._panel = SensorState()
         self._calibration: str | None = None
-        self._label: str | None = "none"
-        self._gate = "closed"
-        self._t_s = 0.0
-        self._status = ("starting", "")
+        self._status = Status("starting", "")
         self._decided_s = self._stated_s = float("-inf")
         self._published: dict[str, str] = {}
 
@@ -167,17 +143,10 @@ class MqttTopics:
         kind = record["type"]
         if kind == "hello":
             self._hello = record
-            self._panel = SensorState(
-                armed=bool(is_armed := record.get("armed", self._panel.armed)),
-                panel="armed" if is_armed else "disarmed",
-                sensitivity=record.get("sensitivity", self._panel.sensitivity),
-            )
             return []
         if kind == "decision":
             return self._on_decision(record, now_s)
-        if kind == "status":
-            self._status = (record["state"], record["reason"])
-        elif kind == "event" and not record.get("test"):
+        if kind == "event" and not record.get("test"):
             # A test sounds no siren: it is among the events alone.
             self._open.pop(record["kind"], None)
             if record["phase"] != "end":
@@ -185,12 +154,9 @@ class MqttTopics:
         return self._changes(now_s)
 
     def refresh(
-        self,
-        now_s: float,
-        status: tuple[str, str],
-        panel: SensorState | None,
+        self, now_s: float, status: Status, panel: SensorState | None
     ) -> list[Publication]:
-        """Take state and reason, and what a stream's panel is; return what changed."""
+        """Take the status, and what a stream's panel is; return what changed."""
         room = panel.calibration if panel is not None else None
         self._calibration = f"{room.phase}: {room.text}".removesuffix(": ") if room else None
         self._status, self._panel = status, panel or self._panel
@@ -203,15 +169,14 @@ class MqttTopics:
 
     def at_end(self) -> list[Publication]:
         """Return what to publish at a clean end."""
-        self._status = ("offline", self._status[1] or "stopped")
+        self._status = Status("offline", self._status.reason or "stopped")
         return self._changes(float("inf"))
 
     def _on_decision(self, record: Record, now_s: float) -> list[Publication]:
-        self._label, self._gate, self._t_s = record["label"], record["gate"], record["t_s"]
-        self._decided_s = now_s
+        self._decision, self._decided_s = record, now_s
         # The state is published every third of its expiry; the next decision would be too late.
         # So is that it is there: a broker may publish the will of a connection that was replaced.
-        hop_s = max(_HOP_S, (self._hello or {}).get("hop_s", _HOP_S))
+        hop_s = max(_HOP_S, self._hello.get("hop_s", _HOP_S))
         if now_s - self._stated_s >= self.options.expire_after_s / 3 - hop_s:
             for name in ("state", "availability"):
                 self._published.pop(name, None)
@@ -222,11 +187,8 @@ class MqttTopics:
         return messages
 
     def _changes(self, now_s: float) -> list[Publication]:
-        state, reason = self._status
-        is_well = state in {"online", "degraded"}
         health = {
-            "state": state,
-            "reason": reason,
+            **asdict(self._status),
             "fault": self._open.get("fault"),
             "tamper": self._open.get("tamper"),
             "calibration": self._calibration,
@@ -240,18 +202,18 @@ class MqttTopics:
                 "panel": panel_state(self._panel, is_on=is_on),
                 "sensitivity": self._panel.sensitivity,
                 "alarm": is_on,
-                "label": self._label,
-                "gate": self._gate,
+                "label": self._decision["label"],
+                "gate": self._decision["gate"],
             }
-            if state_messages := self._if_changed("state", held, t_s=self._t_s):
+            if state_messages := self._if_changed("state", held, t_s=self._decision["t_s"]):
                 self._stated_s = now_s
             messages += state_messages
-        availability = "online" if is_well else "offline"
+        availability = "online" if self._status.is_well else "offline"
         if self._published.get("availability") != availability:
             self._published["availability"] = availability
             message = Publication(f"{self.base}/availability", availability)
             # `online` after the state topics, `offline` before them.
-            messages.insert(len(messages) if is_well else 0, message)
+            messages.insert(len(messages) if self._status.is_well else 0, message)
         return messages
 
     def _if_changed(self, name: str, held: Mapping[str, Any], **more: Any) -> list[Publication]:
@@ -263,11 +225,11 @@ class MqttTopics:
 
     def discovery(self) -> list[Publication]:
         """Return what Home Assistant is told, once there was a `hello`; empty payloads remove."""
-        if self._hello is None:
+        if not self._hello:
             return []
         o, sensor = self.options, self.sensor
         prefix, form = o.discovery_prefix, o.discovery
-        about = self._about(self._hello)
+        about = self._about()
         # A button asks for no code.
         lacks = {_DISARM.key} if self.code_form else set()
         lacks |= set() if o.picture else {_PICTURE.key}
@@ -288,7 +250,8 @@ class MqttTopics:
         # What an earlier version or setting left there.
         return found if o.picture else [*found, self.picture(b"")]
 
-    def _about(self, hello: Record) -> dict[str, Any]:
+    def _about(self) -> dict[str, Any]:
+        hello = self._hello
         version, module = str(hello.get("version", "unknown")), hello.get("module")
         device = {"ids": [f"radard_{self.sensor}"], "name": self.sensor, "sw": version}
         mark = next((mark for mark in ("simulated", "replayed") if hello.get(mark)), None)
