@@ -221,7 +221,7 @@ def test_what_is_no_whole_number_is_refused_in_words(tmp_path, place, name, valu
         (put("last capture", "core:frequency", 5e9), "core:frequency changes"),
         (put("global", "core:trailing_bytes", 1 << 40), "no frames"),
         *(
-            (put("annotation", "x2radar:t_s", t_s), "not two times")
+            (put("annotation", "x2radar:t_s", t_s), "damaged")
             for t_s in ("ab", [1], ["a", "b"])
         ),
         # Of other samples than those beside it, or of none that anybody has.

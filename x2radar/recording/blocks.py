@@ -135,6 +135,12 @@ class BlockReader(Closing):
                     rows = self._falling(np.empty((last - first, 0)))
             yield Block(rows, counter.astype(np.uint32), t_s)
 
+    def lists(self) -> tuple[NDArray[np.uint32], NDArray[np.float64]]:
+        """Return the counters and times of all frames; raises as `blocks`."""
+        blocks = list(self.blocks(samples=False))
+        counters, times = [b.counter for b in blocks], [b.t_s for b in blocks]
+        return np.concatenate(counters), np.concatenate(times)
+
     def frames(self, start_s: float = 0.0) -> Iterator[Frame]:
         """Yield the frames in order, from the first at or behind `start_s` seconds of the file.
 

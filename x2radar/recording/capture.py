@@ -165,11 +165,7 @@ class Capture:
             if version != VERSION:
                 raise refuse(path, f"capture version {version}, this reads {VERSION}")
             self._begin = _HEAD.size + n
-            about = file.read(n) if n <= _MAX_BYTES else b""
-        try:
-            self.about = dict(json.loads(about))
-        except (ValueError, TypeError) as err:
-            raise refuse(path, "the head of the capture is damaged") from err
+            self.about = dict(json.loads(file.read(n) if n <= _MAX_BYTES else b""))
 
     def chunks(self) -> Iterator[Chunk]:
         """Yield the whole records in order."""

@@ -307,19 +307,13 @@ class RecordingReader(BlockReader):
         return self._column("t_s", first, last).astype(np.float64, copy=False)
 
     def read_samples(self, first: int, last: int) -> Samples:
-        return self._falling(self._read("samples", slice(first, last)))
+        return self._falling(self._file.read(self._sets["samples"], slice(first, last)))
 
     def _column(self, name: str, first: int, last: int) -> NDArray[Any]:
         """Return numbers of a list, which may be a column or a row of a matrix."""
-        rows = slice(first, last)
-        is_row = self._sets[name].ndim == 2 and len(self._sets[name]) == 1
-        return self._read(name, (0, rows) if is_row else rows).ravel()
-
-    def _read(self, name: str, at: Any) -> NDArray[Any]:
-        try:
-            return self._file.read(self._sets[name], at)
-        except (OSError, KeyError, RuntimeError) as err:
-            raise refuse(self.path, f"/frames/{name} cannot be read ({reason(err)})") from err
+        item, rows = self._sets[name], slice(first, last)
+        is_row = item.ndim == 2 and len(item) == 1
+        return self._file.read(item, (0, rows) if is_row else rows).ravel()
 
     def _check(self) -> None:
         said = {name: self._file.attribute(name) for name in ("format", *ATTRIBUTES)}

@@ -20,7 +20,7 @@ from x2radar.errors import RecordingError, WriteError
 from x2radar.frame import Closing, Frame, Samples, StreamInfo
 from x2radar.recording.about import NO_OVERRIDES, Overrides
 from x2radar.recording.blocks import BlockReader, Label
-from x2radar.recording.faults import refuse, refuse_taken, unreadable
+from x2radar.recording.faults import refuse, refuse_taken
 from x2radar.recording.hdf5_reader import RecordingReader
 from x2radar.recording.hdf5_writer import RecordingWriter, reason, write_labels
 from x2radar.wall_clock import parse_utc, utc_text
@@ -61,7 +61,6 @@ class RotatingWriter(Closing):
         self._first_index = self._next_index = 0
         self.paths: list[Path] = []
         self._starts_s: list[float] = []
-        check_free_name(path, rotating=self.is_rotating)
         self._next_part(0)
 
     @property
@@ -182,8 +181,7 @@ class PartsReader(BlockReader):
             if not parts:
                 said = "; ".join(warnings).replace("left out: ", "")
                 raise RecordingError(said or "no parts of a recording are named")
-            with unreadable(paths[0]):
-                self._parts = _in_order(parts)
+            self._parts = _in_order(parts)
             opened.pop_all()
         first = self._parts[0]
         super().__init__(first.path.parent, overrides)

@@ -159,17 +159,15 @@ def write(path: Path, source: BlockReader) -> list[str]:
     sample_rate_hz = SPEED_OF_LIGHT_MPS / (2 * axis.bin_length_m)
     delay_s = source.settings.get("sample_delay_s", 2 * axis.range_offset_m / SPEED_OF_LIGHT_MPS)
     rate_hz = source.stream.frame_rate_hz
-    n_frames = source.n_frames
-    times: list[NDArray[np.float64]] = []
     worst = 0.0
     with path.open("wb") as file:
         file.write(
             _HEAD.pack(
                 *(_MAGIC, *sweep, _X2, sample_rate_hz, pg_select, axis.range_offset_m),
-                *(float(delay_s), axis.n_range, n_frames, 1, max(1, round(rate_hz))),
+                *(float(delay_s), axis.n_range, source.n_frames, 1, max(1, round(rate_hz))),
             )
         )
-        file.seek(8 * n_frames, 1)
+        file.write(source.lists()[1].astype("<f8").tobytes())
         for block in source.blocks():
             counter = sweep.counter(block.samples)
             if not (counter.min(initial=0) >= 0 and counter.max(initial=0) <= _MAX_U32):
@@ -180,10 +178,7 @@ def write(path: Path, source: BlockReader) -> list[str]:
             raw = counter.astype("<u4")
             file.write(raw.tobytes())
             worst = max(worst, float(np.abs(sweep.unit(raw) - block.samples).max(initial=0)))
-            times.append(block.t_s)
         file.write(struct.pack("<f", rate_hz))
-        file.seek(_HEAD.size)
-        file.write(np.concatenate(times).astype("<f8").tobytes())
     if worst:
         notes.append(f"samples moved by up to {worst:.2g} to whole counts")
     return notes
