@@ -63,7 +63,7 @@ def register(commands: Commands) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     # Late, because h5py takes a while and the other subcommands do without it.
-    from x2radar.recording.capture import CaptureWriter, capturing  # noqa: PLC0415
+    from x2radar.recording.capture import CaptureWriter, CapturingTransport  # noqa: PLC0415
     from x2radar.recording.parts import RotatingWriter, check_free_name  # noqa: PLC0415
 
     _check(args)
@@ -83,7 +83,7 @@ def _run(args: argparse.Namespace) -> int:
             about = {"started_utc": utc_text(), "port": radar.name, "settings": settings}
             wire = CaptureWriter(args.capture_wire, about)
             open_now.callback(wire.close)
-            radar.wrap_transport(lambda connect: capturing(connect, wire))
+            radar.wrap_transport(lambda inner: CapturingTransport(inner, wire))
         open_now.enter_context(radar)
         frames = radar.frames()
         first = next(frames)

@@ -187,11 +187,10 @@ class X2Radar(Closing):
         self._halt = threading.Event()
         self._identify()
 
-    def wrap_transport(
-        self, wrap: Callable[[Callable[[], Transport]], Callable[[], Transport]]
-    ) -> None:
-        """Let `wrap` replace what opens a transport, from the next opening on."""
-        self._connect = wrap(self._connect)
+    def wrap_transport(self, wrap: Callable[[Transport], Transport]) -> None:
+        """Put what `wrap` returns in the place of every transport, from the next opening on."""
+        connect = self._connect
+        self._connect = lambda: wrap(connect())
 
     def close(self) -> None:
         """Stop the module as far as it still listens, and close the port; from any thread."""

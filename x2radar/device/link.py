@@ -16,7 +16,7 @@ from x2radar.device.transport import Transport
 from x2radar.errors import DeviceError, RestartRequired, TransportClosed
 from x2radar.wire import framing
 from x2radar.wire.codec import encode, read_messages
-from x2radar.wire.messages import ANSWERS, Ack, ErrorReply, Message, Ping
+from x2radar.wire.messages import ANSWERS, Ack, ErrorReply, Message, Ping, Reset
 from x2radar.wire.wire_ids import ErrorCode
 
 RETRIES = 3
@@ -146,26 +146,21 @@ class Link:
                     return Ack()
                 unanswered += 1
                 if unanswered > resends:
-                    raise DeviceError(f"{self.name}: no answer to {command}")
+                    to_reset = "a reset; is it an XeThru X2 module?"
+                    what = to_reset if isinstance(command, Reset) else command
+                    raise DeviceError(f"{self.name}: no answer to {what}")
             elif isinstance(reply, ErrorReply):
-                if not self.may_ask_again(reply) or time.monotonic() > busy_until_s:
-                    raise self.refusal(command, reply)
+                if reply.code not in _AGAIN or time.monotonic() > busy_until_s:
+                    raise self._refusal(command, reply.code)
+                self.listen(self.deadlines.again_s)
             else:
-                if unanswered and not isinstance(command, Ping):
+                if unanswered and not isinstance(command, (Ping, Reset)):
                     self.ask(Ping(), self.deadlines.ping_every_s)
                 return reply
             self.counts["retries"] += 1
 
-    def may_ask_again(self, refused: ErrorReply) -> bool:
-        """Say whether a refusal is one for now only, after waiting until it may be over."""
-        if refused.code not in _AGAIN:
-            return False
-        self.listen(self.deadlines.again_s)
-        return True
-
-    def refusal(self, command: Message, refused: ErrorReply) -> DeviceError:
-        """Return the error that says what was refused."""
-        code, names = refused.code, dict[int, str]((known, known.name) for known in ErrorCode)
+    def _refusal(self, command: Message, code: int) -> DeviceError:
+        names = dict[int, str]((known, known.name) for known in ErrorCode)
         label = names.get(code, "unknown").lower().replace("_", " ")
         kind = RestartRequired if code == ErrorCode.RESTARTING else DeviceError
         return kind(f"{self.name} refused {command}: error {code:#x} ({label})")

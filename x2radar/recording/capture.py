@@ -16,7 +16,7 @@ import struct
 import threading
 import time
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from itertools import islice
 from pathlib import Path
@@ -75,7 +75,6 @@ class CaptureWriter:
             raise refuse(path, f"cannot make a capture there: {err.strerror}") from err
         self._lock = threading.Lock()
         self._begun_ns = time.monotonic_ns()
-        self.n_bytes = 0
         self._is_empty = True
         self._append(_HEAD.pack(MAGIC, VERSION, 0, len(head)) + head)
 
@@ -101,9 +100,7 @@ class CaptureWriter:
         left = memoryview(data)
         try:
             while left:
-                n = os.write(self._file, left)
-                self.n_bytes += n
-                left = left[n:]
+                left = left[os.write(self._file, left) :]
         except OSError as err:
             raise WriteError.of(self._path, err) from err
 
@@ -142,13 +139,6 @@ class CapturingTransport:
             self._open = False
             self._inner.close()
             self._writer.add(CLOSED)
-
-
-def capturing(
-    connect: Callable[[], Transport], writer: CaptureWriter
-) -> Callable[[], CapturingTransport]:
-    """Return a way to open a port that captures what goes over it."""
-    return lambda: CapturingTransport(connect(), writer)
 
 
 class Capture:
