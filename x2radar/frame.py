@@ -6,7 +6,6 @@ stated, never hidden: `CounterTracker` says for every frame how many are missing
 
 from dataclasses import dataclass, field
 from enum import Enum
-from functools import lru_cache
 from typing import Literal, Self
 
 import numpy as np
@@ -45,17 +44,9 @@ class FastTimeAxis:
 
     @property
     def range_m(self) -> NDArray[np.float64]:
-        """Range of every bin, in metres: ndarray, shape (n_range,), float64, read-only."""
-        return _range_m(self.n_range, self.bin_length_m, self.range_offset_m)
-
-
-@lru_cache(maxsize=32)
-def _range_m(n_range: int, bin_length_m: float, range_offset_m: float) -> NDArray[np.float64]:
-    axis: NDArray[np.float64] = range_offset_m + bin_length_m * np.arange(
-        n_range, dtype=np.float64
-    )
-    axis.flags.writeable = False
-    return axis
+        """Range of every bin, in metres: ndarray, shape (n_range,), float64."""
+        bins: NDArray[np.float64] = np.arange(self.n_range, dtype=np.float64)
+        return self.range_offset_m + self.bin_length_m * bins
 
 
 @dataclass(frozen=True, slots=True, eq=False)

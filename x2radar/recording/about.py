@@ -26,15 +26,9 @@ SAMPLE_DTYPES: dict[str, type[np.float32 | np.complex64]] = {
 }
 MAX_BINS = 1 << 14  # above these a file is damaged: ten times the bins of any module
 
-_OPTIONS = {
-    "frame_rate_hz": "--frame-rate",
-    "bin_length_m": "--bin-length",
-    "carrier_hz": "--carrier",
-}
-"""What must be above 0, and how a user gives it where the file does not."""
 _BOUNDS = {"frame_rate_hz": (1e-3, 1e6), "bin_length_m": (1e-6, 1e3), "carrier_hz": (1.0, 1e15)}
-"""Beyond these a file is damaged, likewise."""
-_NUMBERS = (*_OPTIONS, "sample_rate_hz", "range_offset_m", "bandwidth_hz", "phase_sign")
+"""What must be above 0; beyond these a file is damaged, likewise."""
+_NUMBERS = (*_BOUNDS, "sample_rate_hz", "range_offset_m", "bandwidth_hz", "phase_sign")
 ATTRIBUTES = ("format_version", *_NUMBERS, "kind", "started_utc", "device", "settings", "run_id")
 """What a recording says about itself, beside its format."""
 
@@ -68,6 +62,11 @@ class Overrides:
 
 
 NO_OVERRIDES = Overrides()
+
+
+def option_of(name: str) -> str:
+    """Return how a user gives a field of `Overrides`: --frame-rate for frame_rate_hz."""
+    return "--" + name.rpartition("_")[0].replace("_", "-")
 
 
 def kind_of(path: object, shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[Kind, int]:
@@ -111,9 +110,9 @@ def read_about(
     known = {"frame_rate_hz": stream.frame_rate_hz} | {
         name: getattr(stream.axis, name) for name in ("bin_length_m", "carrier_hz")
     }
-    if missing := [name for name in _OPTIONS if not known[name] > 0]:
+    if missing := [name for name in _BOUNDS if not known[name] > 0]:
         names = ", ".join(f"'{name}'" for name in missing)
-        options = ", ".join(_OPTIONS[name] for name in missing)
+        options = ", ".join(map(option_of, missing))
         raise refuse(path, f"{names} is 0 or missing; convert it with {options}")
     for name, value in (*known.items(), ("range_offset_m", stream.axis.range_offset_m)):
         least, most = _BOUNDS.get(name, (-1e6, 1e6))
