@@ -183,13 +183,14 @@ class Reader(BlockReader):
         self._capture = Capture(path)
         about = self._capture.about
         said = about.get("settings")
-        warnings = []
         try:
             self._module = settings_from_mapping(dict(said or {}))
         except (SettingsError, TypeError, ValueError) as err:
             # Of another version: as far as this one knows them.
             self._module = RadarSettings()
-            warnings.append(f"{path}: settings that are not known ({err}); an X2's are assumed")
+            self._warnings.append(
+                f"{path}: settings that are not known ({err}); an X2's are assumed"
+            )
         self._n_damaged = 0
         host = PacketDecoder()
         # Where the host starts a stream, what came before is not its own.
@@ -209,10 +210,9 @@ class Reader(BlockReader):
         known |= {"started_utc": about.get("started_utc"), "settings": said}
         device = str(about.get("port") or path.name)
         self._keep((first.axis.kind, first.axis.n_range), known, device)
-        warnings += [self._capture.warning] if self._capture.warning else []
+        self._warnings += [self._capture.warning] if self._capture.warning else []
         if self._n_damaged:
-            warnings.append(f"{path}: {self._n_damaged} damaged stretches")
-        self.warning = "; ".join(warnings) or None
+            self._warn(f"{self._n_damaged} damaged stretches")
         self._at = -1
         self._rest: Iterator[Frame] = iter(())
 

@@ -23,8 +23,16 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.frame import Kind, Samples
-from x2radar.recording.about import ATTRIBUTES, FORMAT, NO_OVERRIDES, Overrides, kind_of, plain
+from x2radar.frame import Samples
+from x2radar.recording.about import (
+    ATTRIBUTES,
+    FORMAT,
+    NO_OVERRIDES,
+    Overrides,
+    Row,
+    kind_of,
+    plain,
+)
 from x2radar.recording.blocks import BLOCK_BYTES, BlockReader, Label
 from x2radar.recording.faults import refuse, unreadable
 
@@ -313,7 +321,7 @@ class RecordingReader(BlockReader):
         self.compression = f"shuffle+{packed}" if samples.shuffle else str(packed)
         self.has_decisions = "decisions" in self._file.file
 
-    def _check_sets(self) -> tuple[Kind, int]:
+    def _check_sets(self) -> Row:
         """Find the data sets and how long they are; return kind and bins of the samples."""
         self._sets: dict[str, Any] = {}
         for name in ("samples", "counter", "t_s"):
@@ -335,8 +343,5 @@ class RecordingReader(BlockReader):
             raise refuse(self.path, "no frames in it")
         if self._file.is_unclosed or len(lengths) > 1:
             still = "is being written, or " if self._file.is_unclosed else ""
-            self.warning = (
-                f"{self.path}: the recording {still}was cut off; "
-                f"{self.n_frames} whole frames are read"
-            )
+            self._warn(f"the recording {still}was cut off; {self.n_frames} whole frames are read")
         return frames

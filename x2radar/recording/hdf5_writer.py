@@ -9,7 +9,6 @@ import contextlib
 import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import h5py
@@ -23,8 +22,6 @@ from x2radar.recording.about import SAMPLE_DTYPES, root_attributes
 from x2radar.recording.blocks import Block, Label
 from x2radar.recording.faults import refuse
 from x2radar.wall_clock import utc_text
-
-_NOTHING: Mapping[str, Any] = MappingProxyType({})
 
 
 class RecordingWriter(Closing):
@@ -43,8 +40,8 @@ class RecordingWriter(Closing):
         stream: StreamInfo,
         *,
         started_utc: str | None = None,
-        device: Mapping[str, Any] = _NOTHING,
-        settings: Mapping[str, Any] = _NOTHING,
+        device: Mapping[str, Any] | None = None,
+        settings: Mapping[str, Any] | None = None,
         first_index: int = 0,
         attributes: Mapping[str, Any] | None = None,
         fsync: bool = False,
@@ -62,7 +59,7 @@ class RecordingWriter(Closing):
         except OSError as err:
             raise self._cannot_make(err) from err
         started_utc = utc_text() if started_utc is None else started_utc
-        about = root_attributes(stream, started_utc, device, settings)
+        about = root_attributes(stream, started_utc, device or {}, settings or {})
         self._published = False
         try:
             with _given_up(path, self._file):

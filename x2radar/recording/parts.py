@@ -151,7 +151,7 @@ class PartsReader(BlockReader):
     """Read the parts of a recording as one, by their numbers, else in the order of `paths`."""
 
     def __init__(self, paths: Sequence[Path], overrides: Overrides = NO_OVERRIDES) -> None:
-        warnings: list[str] = []
+        left_out: list[str] = []
         with contextlib.ExitStack() as opened:
             parts = []
             for path in paths:
@@ -159,9 +159,9 @@ class PartsReader(BlockReader):
                     parts.append(opened.enter_context(RecordingReader(path, overrides)))
                 except RecordingError as err:
                     # Killed before its first second was over: the other parts are good.
-                    warnings.append(f"left out: {err}")
+                    left_out.append(f"left out: {err}")
             if not parts:
-                said = "; ".join(warnings).replace("left out: ", "")
+                said = "; ".join(left_out).replace("left out: ", "")
                 raise RecordingError(said or "no parts of a recording are named")
             self._parts = _in_order(parts)
             opened.pop_all()
@@ -171,11 +171,10 @@ class PartsReader(BlockReader):
         self.stream, self.started_utc = first.stream, first.started_utc
         self.device, self.settings = first.device, first.settings
         self.n_frames = sum(part.n_frames for part in self._parts)
-        warnings += [part.warning for part in self._parts if part.warning]
+        self._warnings += left_out + [part.warning for part in self._parts if part.warning]
         numbers = [part.attribute("part") for part in self._parts]
         if None not in numbers and numbers != list(range(len(numbers))):
-            warnings.append(f"{first.path.parent}: parts are missing")
-        self.warning = "; ".join(warnings) or None
+            self._warnings.append(f"{first.path.parent}: parts are missing")
         self._first = np.cumsum([0, *(part.n_frames for part in self._parts)]).tolist()
         self._start_s = self._starts()
 

@@ -93,7 +93,7 @@ class Reader(BlockReader):
         if self.n_frames == 0:
             raise refuse(data, "no frames in it")
         if rest:
-            self.warning = f"{data}: the last frame is cut off"
+            self._warnings.append(f"{data}: the last frame is cut off")
         self._rows = np.memmap(data, row.base, "r", before, (self.n_frames, *row.shape))
 
     def read_labels(self) -> list[Label]:
