@@ -4,7 +4,7 @@ Owns the unwrapping of the module's frame counter. A lost, repeated or restarted
 stated, never hidden: `CounterTracker` says for every frame how many are missing before it.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 from typing import Literal, Self
 
@@ -114,21 +114,14 @@ class CounterTracker:
         return (Step.NEXT, 0) if ahead == 1 else (Step.GAP, ahead - 1)
 
 
-@dataclass(slots=True)
-class FrameCounts:
+class FrameCounts(CounterTracker):
     """Frames by their counters: how many, and what is missing between them."""
 
-    n_frames: int = 0
-    lost: int = 0
-    gaps: int = 0
-    longest_gap: int = 0
-    restarts: int = 0
-    repeats: int = 0
-    tracker: CounterTracker = field(default_factory=CounterTracker)
+    n_frames = lost = gaps = longest_gap = restarts = repeats = 0
 
     def add(self, counter: int) -> None:
         """Count the frame just received."""
-        step, lost = self.tracker.update(counter)
+        step, lost = self.update(counter)
         self.n_frames += 1
         self.lost, self.longest_gap = self.lost + lost, max(self.longest_gap, lost)
         self.gaps += step is Step.GAP

@@ -129,7 +129,7 @@ def _counted(reader: "BlockReader") -> dict[str, Any]:
         for counter in block.counter.tolist():
             counts.add(counter)
     losses = ("lost", "gaps", "longest_gap", "restarts", "repeats")
-    span_s, index = times_s[-1] - times_s[0], counts.tracker.index
+    span_s, index = times_s[-1] - times_s[0], counts.index
     return {
         "n_frames": counts.n_frames,
         "duration_s": span_s + 1 / reader.stream.frame_rate_hz,

@@ -163,7 +163,12 @@ class PartsReader(BlockReader):
             if not parts:
                 said = "; ".join(left_out).replace("left out: ", "")
                 raise RecordingError(said or "no parts of a recording are named")
-            self._parts = _in_order(parts)
+            numbers = [part.attribute("part") for part in parts]
+            if None not in numbers:
+                parts.sort(key=lambda part: int(part.attribute("part")))
+                numbers.sort()
+            _check_same(parts)
+            self._parts = parts
             opened.pop_all()
         first = self._parts[0]
         super().__init__(first.path.parent, overrides)
@@ -172,7 +177,6 @@ class PartsReader(BlockReader):
         self.device, self.settings = first.device, first.settings
         self.n_frames = sum(part.n_frames for part in self._parts)
         self._warnings += left_out + [part.warning for part in self._parts if part.warning]
-        numbers = [part.attribute("part") for part in self._parts]
         if None not in numbers and numbers != list(range(len(numbers))):
             self._warnings.append(f"{first.path.parent}: parts are missing")
         self._first = np.cumsum([0, *(part.n_frames for part in self._parts)]).tolist()
@@ -225,14 +229,10 @@ class PartsReader(BlockReader):
         return part.read_samples(first - offset, last - offset)
 
 
-def _in_order(parts: list[RecordingReader]) -> list[RecordingReader]:
-    """Return the parts by number; raise RecordingError if they are of different recordings."""
+def _check_same(parts: list[RecordingReader]) -> None:
+    """Raise RecordingError if the parts are of different recordings."""
     own = [(p.attribute("recording_id"), p.stream.axis, p.stream.frame_rate_hz) for p in parts]
     for part, about in zip(parts, own, strict=True):
         if about != own[0]:
             why = f"and {part.path.name} are different recordings; name one of them"
             raise refuse(parts[0].path, why)
-    numbers = [part.attribute("part") for part in parts]
-    if None in numbers:
-        return parts
-    return sorted(parts, key=lambda part: int(part.attribute("part")))

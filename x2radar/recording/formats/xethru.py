@@ -36,16 +36,8 @@ from x2radar.wall_clock import parse_utc, utc_text
 META = "xethru_recording_meta.dat"
 _MAGIC, _VERSION, _HEAD = 0xA0B1C2D3, 13, 0x55
 _SESSION = b"x2radar\0"
-_ENTRY = np.dtype(
-    [
-        ("kind", "u1"),
-        ("type", "<u4"),
-        ("size", "<u8"),
-        ("start", "<u8"),
-        ("end", "<u8"),
-        ("ms", "<u4"),
-    ]
-)
+_FIELDS = {"kind": "u1", "type": "<u4", "size": "<u8", "start": "<u8", "end": "<u8", "ms": "<u4"}
+_ENTRY = np.dtype(list(_FIELDS.items()))
 _RECORD, _END_OF_FILE, _FILE_LIST = 1, 2, 3  # version, length of the head, kinds of entries
 _BITS = {"datafloat": 0x400, "baseband_iq": 0x2, "baseband_ap": 0x1}
 """The kinds of data, and how the entries name them."""
