@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from x2radar.device.aio import AsyncRadar
 
 
+Watch = Callable[[int, int], object]
 _LONGEST_S = 3600.0  # an hour of an X2's RF frames is 0.7 GB
 
 
@@ -124,12 +125,10 @@ def simulate(
     3.4
     """
     keys = f"seed={seed}&rate={frame_rate_hz!r}&kind={kind}&device={device}"
-    return sent_by(f"{named_port('sim', scene)}?{keys}", duration_s)
+    return sent_by(f"{named_port('sim', scene)}?{keys}", duration_s, lambda _k, _n: None)
 
 
-def sent_by(
-    port: str, duration_s: float, watch: Callable[[int, int], object] = lambda _k, _n: None
-) -> tuple[Samples, StreamInfo]:
+def sent_by(port: str, duration_s: float, watch: Watch) -> tuple[Samples, StreamInfo]:
     """Return what a port sends in `duration_s`, as fast as it does; `watch` gets k of n frames."""
     with make_radar(parse_port(port), speed=None) as radar:
         frames = radar.frames()
@@ -195,10 +194,7 @@ def _frames_in(duration_s: float, frame_rate_hz: float) -> int:
 
 
 def _stacked(
-    frames: Iterable[Frame],
-    stream: StreamInfo,
-    n: int,
-    watch: Callable[[int, int], object] = lambda _k, _n: None,
+    frames: Iterable[Frame], stream: StreamInfo, n: int, watch: Watch = lambda _k, _n: None
 ) -> Samples:
     """Return at most `n` rows of one run; NaN where a frame is missing."""
     rows: list[Frame] = []

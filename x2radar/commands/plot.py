@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from x2radar.api import read_frames, sent_by
 from x2radar.atomic import write_picture
@@ -15,7 +14,7 @@ from x2radar.commands import Commands, add_command, check_above_zero
 from x2radar.errors import SettingsError
 from x2radar.extras import needed
 from x2radar.frame import Samples, StreamInfo
-from x2radar.maps import range_time, spectrum, velocity_time
+from x2radar.maps import Map, Reals, range_time, spectrum, velocity_time
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 from x2radar.ports import is_port
 
@@ -110,12 +109,7 @@ def draw(title: str, stream: StreamInfo, samples: Samples, start_s: float) -> An
     return figure
 
 
-def _image(
-    axes: Any,
-    shown: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
-    start_s: float,
-    depth_db: float,
-) -> Any:
+def _image(axes: Any, shown: Map, start_s: float, depth_db: float) -> Any:
     power, rows, t_s = shown
     times_s, extent = t_s + start_s, []
     for values in (times_s, rows):
@@ -126,6 +120,6 @@ def _image(
     return axes.imshow(level_db - level_db.max(), vmin=-depth_db, vmax=0, **how)
 
 
-def _db(power: NDArray[np.float64]) -> NDArray[np.float64]:
+def _db(power: Reals) -> Reals:
     least: float = np.finfo(np.float64).tiny
     return np.asarray(10 * np.log10(np.maximum(power, least)))

@@ -11,7 +11,6 @@ memory of its size. Raw RF frames carry no axis; it follows from the settings in
 
 import contextlib
 import json
-import os
 import struct
 import threading
 import time
@@ -32,7 +31,7 @@ from x2radar.modules.modules import settings_from_mapping
 from x2radar.modules.x2 import RadarSettings
 from x2radar.recording.about import NO_OVERRIDES, Overrides
 from x2radar.recording.blocks import BlockReader
-from x2radar.recording.faults import refuse, unreadable
+from x2radar.recording.faults import refuse, refuse_taken, unreadable
 from x2radar.wire.codec import decode_command, read_messages
 from x2radar.wire.framing import Packet, PacketDecoder
 from x2radar.wire.messages import SetMode, X4Set
@@ -66,11 +65,9 @@ class CaptureWriter:
     def __init__(self, path: Path, about: Mapping[str, Any]) -> None:
         self._path = path
         head = json.dumps(dict(about), default=str).encode()
-        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND
+        refuse_taken(path)
         try:
-            self._file = os.open(path, flags, 0o644)
-        except FileExistsError as err:
-            raise refuse(path, "exists already; captures are never overwritten") from err
+            self._file = path.open("xb", buffering=0)
         except OSError as err:
             raise refuse(path, f"cannot make a capture there: {err.strerror}") from err
         self._lock = threading.Lock()
@@ -81,7 +78,7 @@ class CaptureWriter:
     def add(self, kind: int, data: bytes = b"") -> None:
         """Append one record, with the time of now."""
         with self._lock:
-            if self._file < 0:
+            if self._file.closed:
                 return
             self._is_empty = False
             body = _RECORD.pack(kind, time.monotonic_ns() - self._begun_ns, len(data)) + data
@@ -90,17 +87,15 @@ class CaptureWriter:
     def close(self) -> None:
         """Close the file, and take it away if it is empty; a second call does nothing."""
         with self._lock:
-            if self._file >= 0:
-                os.close(self._file)
-                if self._is_empty:
-                    self._path.unlink(missing_ok=True)
-            self._file = -1
+            if self._is_empty and not self._file.closed:
+                self._path.unlink(missing_ok=True)
+            self._file.close()
 
     def _append(self, data: bytes) -> None:
         left = memoryview(data)
         try:
             while left:
-                left = left[os.write(self._file, left) :]
+                left = left[self._file.write(left) or 0 :]
         except OSError as err:
             raise WriteError.of(self._path, err) from err
 

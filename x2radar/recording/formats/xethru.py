@@ -222,9 +222,8 @@ def write(path: Path, source: BlockReader) -> list[str]:
         raise SettingsError(f"{path.name}: XeThru recordings hold baseband here, this is RF")
     started = parse_utc(source.started_utc) or datetime.fromtimestamp(0, UTC)
     name = f"xethru_baseband_iq_{started:%Y%m%d_%H%M%S}.dat"
-    kept = ("bin_length_m", "range_offset_m", "carrier_hz", "bandwidth_hz", "sample_rate_hz")
     ours = {
-        **{name: getattr(axis, name) for name in kept},
+        **{name: getattr(axis, name) for name in _X4},
         "frame_rate_hz": source.stream.frame_rate_hz,
         "started_utc": source.started_utc,
         "device": dict(source.device),
