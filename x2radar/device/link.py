@@ -27,6 +27,7 @@ READ_S = 0.25
 
 _AGAIN = frozenset({ErrorCode.BUSY, ErrorCode.CRC_FAILED})
 """The module did not take the command, and says that it may do so later."""
+_ERROR_NAMES = {int(code): code.name.lower().replace("_", " ") for code in ErrorCode}
 
 Listener = Callable[[Message, Message | None, float], None]
 """Gets a message, the command that it answers or refuses, and when it came, in monotonic s."""
@@ -150,17 +151,14 @@ class Link:
                     what = to_reset if isinstance(command, Reset) else command
                     raise DeviceError(f"{self.name}: no answer to {what}")
             elif isinstance(reply, ErrorReply):
-                if reply.code not in _AGAIN or time.monotonic() > busy_until_s:
-                    raise self._refusal(command, reply.code)
+                code = reply.code
+                if code not in _AGAIN or time.monotonic() > busy_until_s:
+                    kind = RestartRequired if code == ErrorCode.RESTARTING else DeviceError
+                    label = _ERROR_NAMES.get(code, "unknown")
+                    raise kind(f"{self.name} refused {command}: error {code:#x} ({label})")
                 self.listen(self.deadlines.again_s)
             else:
                 if unanswered and not isinstance(command, (Ping, Reset)):
                     self.ask(Ping(), self.deadlines.ping_every_s)
                 return reply
             self.counts["retries"] += 1
-
-    def _refusal(self, command: Message, code: int) -> DeviceError:
-        names = dict[int, str]((known, known.name) for known in ErrorCode)
-        label = names.get(code, "unknown").lower().replace("_", " ")
-        kind = RestartRequired if code == ErrorCode.RESTARTING else DeviceError
-        return kind(f"{self.name} refused {command}: error {code:#x} ({label})")

@@ -250,8 +250,6 @@ class RecordingReader(BlockReader):
 
     def __init__(self, path: Path | str, overrides: Overrides = NO_OVERRIDES) -> None:
         super().__init__(Path(path), overrides)
-        if not self.path.is_file():
-            raise refuse(path, "no such recording")
         self._file = Hdf5File(self.path)
         with unreadable(path):
             self._check()
@@ -281,8 +279,7 @@ class RecordingReader(BlockReader):
 
     def attribute(self, name: str) -> Any:
         """Return a root attribute, text or a number; None if there is none."""
-        with unreadable(self.path):
-            return self._file.attribute(name)
+        return self._file.attribute(name)
 
     def ranges(self) -> Iterator[tuple[int, int]]:
         # Whole chunks: every one is unpacked once.

@@ -35,31 +35,28 @@ class Reader(BlockReader):
     def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:
         super().__init__(path, overrides)
         with contextlib.ExitStack() as opened:
-            self._look_into(opened)
+            if not zipfile.is_zipfile(path):
+                raise refuse(path, "not a NumPy archive")
+            self._zip = opened.enter_context(zipfile.ZipFile(path))
+            most_bytes = path.stat().st_size * _MAX_PACKED
+            self._file = opened.enter_context(self._open(_SAMPLES, most_bytes))
+            shape, is_fortran, self._dtype = _read_header(self._file)
+            frames = kind_of(path, shape, self._dtype)
+            self.n_frames, self._n_range = n, _ = shape
+            self._begin = self._file.tell()
+            if is_fortran:
+                self._rows = self._load(_SAMPLES, _MAX_WHOLE_BYTES)
+            elif self._bytes(n) > self._zip.getinfo(f"{_SAMPLES}.npy").file_size:
+                raise refuse(path, "samples are cut off")
+            else:
+                self._rows = None
+            small = {name: self._load(name, _MAX_SMALL_BYTES) for name in ATTRIBUTES}
+            # An array of 8 bytes a frame and its header; numpy itself writes no longer one.
+            column_bytes = 8 * n + _MAX_HEADER_BYTES
+            self._keep_lists(self._load("counter", column_bytes), self._load("t_s", column_bytes))
+            self._labels = [self._load(name, _MAX_SMALL_BYTES) for name in _LABELS]
+            self._keep(frames, small, path.name)
             self._opened = opened.pop_all()
-
-    def _look_into(self, opened: contextlib.ExitStack) -> None:
-        path = self.path
-        if not zipfile.is_zipfile(path):
-            raise refuse(path, "not a NumPy archive")
-        self._zip = opened.enter_context(zipfile.ZipFile(path))
-        self._file = opened.enter_context(self._open(_SAMPLES, path.stat().st_size * _MAX_PACKED))
-        shape, is_fortran, self._dtype = _read_header(self._file)
-        frames = kind_of(path, shape, self._dtype)
-        self.n_frames, self._n_range = n, _ = shape
-        self._begin = self._file.tell()
-        if is_fortran:
-            self._rows = self._load(_SAMPLES, _MAX_WHOLE_BYTES)
-        elif self._bytes(n) > self._zip.getinfo(f"{_SAMPLES}.npy").file_size:
-            raise refuse(path, "samples are cut off")
-        else:
-            self._rows = None
-        small = {name: self._load(name, _MAX_SMALL_BYTES) for name in ATTRIBUTES}
-        # An array of 8 bytes a frame and its header; numpy itself writes no longer one.
-        column_bytes = 8 * n + _MAX_HEADER_BYTES
-        self._keep_lists(self._load("counter", column_bytes), self._load("t_s", column_bytes))
-        self._labels = [self._load(name, _MAX_SMALL_BYTES) for name in _LABELS]
-        self._keep(frames, small, path.name)
 
     def read_labels(self) -> Iterable[Label]:
         columns = [c.ravel().astype(str).tolist() for c in self._labels if c is not None]
