@@ -133,7 +133,7 @@ def _session(folder: Path, output: Literal["rf", "iq", "ap"]) -> Path:
     path, settings = folder / f"{output}.x2cap", RadarSettings(output=output)
     writer = capture.CaptureWriter(path, {"settings": {"output": output}, "port": "sim:dog"})
     module = SimulatedModule(load_scene("dog"), 1)
-    line = capture.capturing(lambda: connect(lambda: module, None), writer)
+    line = lambda: capture.CapturingTransport(connect(lambda: module, None), writer)  # noqa: E731
     with X2Radar(line, settings) as radar:
         list(islice(radar.frames(), 3))
     writer.close()

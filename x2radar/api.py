@@ -1,6 +1,6 @@
 """What the package offers beside its classes: a port, opened; frames as one array."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from x2radar.device.aio import AsyncRadar
 
 
+Watch = Callable[[int, int], object]
 _LONGEST_S = 3600.0  # an hour of an X2's RF frames is 0.7 GB
 
 
@@ -123,13 +124,18 @@ def simulate(
     >>> round(float(stream.axis.range_m[-1]), 2)
     3.4
     """
-    n = _frames_in(duration_s, frame_rate_hz)
     keys = f"seed={seed}&rate={frame_rate_hz!r}&kind={kind}&device={device}"
-    with make_radar(parse_port(f"{named_port('sim', scene)}?{keys}"), speed=None) as radar:
+    return sent_by(f"{named_port('sim', scene)}?{keys}", duration_s, lambda _k, _n: None)
+
+
+def sent_by(port: str, duration_s: float, watch: Watch) -> tuple[Samples, StreamInfo]:
+    """Return what a port sends in `duration_s`, as fast as it does; `watch` gets k of n frames."""
+    with make_radar(parse_port(port), speed=None) as radar:
         frames = radar.frames()
         first = next(frames)
         assert radar.stream is not None  # noqa: S101 - known with the first frame
-        return stacked(chain([first], frames), radar.stream, n), radar.stream
+        n = _frames_in(duration_s, radar.stream.frame_rate_hz)
+        return _stacked(chain([first], frames), radar.stream, n, watch), radar.stream
 
 
 def read_frames(
@@ -174,7 +180,7 @@ def read_frames(
     with open_recording(path) as recording:
         stream = recording.stream
         n = _frames_in(_LONGEST_S if duration_s is None else duration_s, stream.frame_rate_hz)
-        samples = stacked(recording.frames(start_s), stream, n)
+        samples = _stacked(recording.frames(start_s), stream, n)
     if not len(samples):
         raise RecordingError(f"{path}: no frame at or behind {start_s:g} s")
     return samples, stream
@@ -187,13 +193,16 @@ def _frames_in(duration_s: float, frame_rate_hz: float) -> int:
     return max(1, round(duration_s * frame_rate_hz))
 
 
-def stacked(frames: Iterable[Frame], stream: StreamInfo, n: int) -> Samples:
+def _stacked(
+    frames: Iterable[Frame], stream: StreamInfo, n: int, watch: Watch = lambda _k, _n: None
+) -> Samples:
     """Return at most `n` rows of one run; NaN where a frame is missing."""
     rows: list[Frame] = []
     for frame in frames:
         if rows and (frame.restarted or frame.index - rows[0].index >= n):
             break
         rows.append(frame)
+        watch(frame.index - rows[0].index + 1, n)
         if frame.index - rows[0].index == n - 1:
             break
     n_rows = rows[-1].index - rows[0].index + 1 if rows else 0

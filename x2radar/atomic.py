@@ -5,7 +5,7 @@ import io
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 from x2radar.errors import WriteError
 
@@ -17,13 +17,16 @@ def write_atomically(
 
     A missing folder is made for its owner alone. Raises OSError; the old file is then as it was.
     """
-    with whole_file(path) as made, _opened(made) as file:
-        file.write(content.encode() if isinstance(content, str) else content)
-        if made != path:
-            os.fchmod(file.fileno(), mode)
-            if sync:
-                file.flush()
-                os.fsync(file.fileno())
+    with whole_file(path) as made:
+        if not made.parent.exists():
+            made.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        with made.open("wb") as file:
+            file.write(content.encode() if isinstance(content, str) else content)
+            if made != path:
+                os.fchmod(file.fileno(), mode)
+                if sync:
+                    file.flush()
+                    os.fsync(file.fileno())
     if sync:
         sync_path(Path(os.path.realpath(path)).parent)
 
@@ -74,10 +77,3 @@ def write_picture(path: Path, figure: Any) -> None:
     picture = io.BytesIO()
     figure.savefig(picture, format=path.suffix.removeprefix("."), dpi=110)
     write_whole(path, picture.getvalue())
-
-
-def _opened(path: Path) -> BinaryIO:
-    with contextlib.suppress(FileNotFoundError):
-        return path.open("wb")
-    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-    return path.open("wb")

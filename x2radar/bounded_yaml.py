@@ -3,6 +3,8 @@
 A mapping that has a key twice is refused: PyYAML would drop the first of the two without a word.
 """
 
+import contextlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -32,17 +34,11 @@ def compose_yaml(text: str) -> yaml.Node | None:
     """Return the node tree of a YAML document, None of an empty one; or YamlError."""
     if len(text) > MAX_CHARACTERS:
         raise YamlError(f"longer than the {MAX_CHARACTERS} characters that are read")
-    try:
+    with _in_one_line():
         node: yaml.Node | None = yaml.compose(text, yaml.SafeLoader)
         if node is not None:
             _count(node, {}, set())
-    except yaml.YAMLError as err:
-        mark = getattr(err, "problem_mark", None)
-        problem = " ".join(str(getattr(err, "problem", None) or err).split())
-        raise YamlError(problem, mark.line + 1 if mark else None) from err
-    except RecursionError as err:
-        raise YamlError("nested too deeply") from err
-    return node
+        return node
 
 
 def load_yaml(text: str) -> Any:
@@ -55,20 +51,27 @@ def construct(node: yaml.Node | None) -> Any:
     if node is None:
         return None
     # The constructor alone, without a text to scan.
-    loader = yaml.SafeLoader("")
+    with _in_one_line():
+        return yaml.SafeLoader("").construct_document(node)
+
+
+@contextlib.contextmanager
+def _in_one_line() -> Iterator[None]:
+    """Turn what PyYAML raises, of any kind, into YamlError."""
     try:
-        return loader.construct_document(node)
-    except yaml.MarkedYAMLError as err:
-        mark = err.problem_mark
-        raise YamlError(err.problem or "", mark.line + 1 if mark else None) from err
-    except (TypeError, AttributeError, ValueError, OverflowError, LookupError) as err:
-        # What PyYAML makes of dates that do not exist, and of tags on values they do not suit.
-        msg = f"a value that does not suit its tag or kind ({type(err).__name__})"
-        raise YamlError(msg) from err
+        yield
+    except YamlError:
+        raise
+    except yaml.YAMLError as err:
+        mark = getattr(err, "problem_mark", None)
+        problem = " ".join(str(getattr(err, "problem", None) or err).split())
+        raise YamlError(problem, mark.line + 1 if mark else None) from err
     except RecursionError as err:
         raise YamlError("nested too deeply") from err
-    finally:
-        loader.dispose()
+    except (TypeError, AttributeError, ValueError, OverflowError, LookupError) as err:
+        # What it makes of dates that do not exist, and of tags on values they do not suit.
+        msg = f"a value that does not suit its tag or kind ({type(err).__name__})"
+        raise YamlError(msg) from err
 
 
 def _count(node: yaml.Node, known: dict[int, int], above: set[int]) -> int:

@@ -4,9 +4,8 @@ Owns the unwrapping of the module's frame counter. A lost, repeated or restarted
 stated, never hidden: `CounterTracker` says for every frame how many are missing before it.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
-from functools import lru_cache
 from typing import Literal, Self
 
 import numpy as np
@@ -45,17 +44,9 @@ class FastTimeAxis:
 
     @property
     def range_m(self) -> NDArray[np.float64]:
-        """Range of every bin, in metres: ndarray, shape (n_range,), float64, read-only."""
-        return _range_m(self.n_range, self.bin_length_m, self.range_offset_m)
-
-
-@lru_cache(maxsize=32)
-def _range_m(n_range: int, bin_length_m: float, range_offset_m: float) -> NDArray[np.float64]:
-    axis: NDArray[np.float64] = range_offset_m + bin_length_m * np.arange(
-        n_range, dtype=np.float64
-    )
-    axis.flags.writeable = False
-    return axis
+        """Range of every bin, in metres: ndarray, shape (n_range,), float64."""
+        bins: NDArray[np.float64] = np.arange(self.n_range, dtype=np.float64)
+        return self.range_offset_m + self.bin_length_m * bins
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,21 +114,14 @@ class CounterTracker:
         return (Step.NEXT, 0) if ahead == 1 else (Step.GAP, ahead - 1)
 
 
-@dataclass(slots=True)
-class FrameCounts:
+class FrameCounts(CounterTracker):
     """Frames by their counters: how many, and what is missing between them."""
 
-    n_frames: int = 0
-    lost: int = 0
-    gaps: int = 0
-    longest_gap: int = 0
-    restarts: int = 0
-    repeats: int = 0
-    tracker: CounterTracker = field(default_factory=CounterTracker)
+    n_frames = lost = gaps = longest_gap = restarts = repeats = 0
 
     def add(self, counter: int) -> None:
         """Count the frame just received."""
-        step, lost = self.tracker.update(counter)
+        step, lost = self.update(counter)
         self.n_frames += 1
         self.lost, self.longest_gap = self.lost + lost, max(self.longest_gap, lost)
         self.gaps += step is Step.GAP

@@ -7,6 +7,7 @@ where the command itself parses them one by one.
 import argparse
 import re
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 from x2radar.command import Parser, installed_version
@@ -31,16 +32,10 @@ _EVERYWHERE = ("--help", "--version", "--debug")  # described once, not for ever
 
 def add_manual(parser: Parser, whole: Callable[[], Parser] | None = None) -> None:
     """Add --print-man and --print-completion to a command's parser."""
-    parser.add_argument(
-        "--print-man", action=_Print, nargs=0, whole=whole, help="print the man page and exit"
-    )
-    parser.add_argument(
-        "--print-completion",
-        action=_Print,
-        choices=SHELLS,
-        whole=whole,
-        help="print a script that completes this command, and exit",
-    )
+    add = partial(parser.add_argument, action=_Print, const=whole)
+    add("--print-man", nargs=0, help="print the man page and exit")
+    text = "print a script that completes this command, and exit"
+    add("--print-completion", choices=SHELLS, help=text)
 
 
 def man_page(parser: argparse.ArgumentParser) -> str:
@@ -67,13 +62,9 @@ def subparsers(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentPa
 class _Print(argparse.Action):
     """Print the man page, or completion for a shell where one is given, and end."""
 
-    def __init__(self, *, whole: Callable[[], Parser] | None, **options: Any) -> None:
-        super().__init__(**options)
-        self.whole = whole
-
     def __call__(self, parser: argparse.ArgumentParser, *given: Any) -> None:
-        """Print; a parser without `whole` is whole itself."""
-        whole = self.whole() if self.whole else parser
+        """Print; `const` makes the parser with all subcommands, if this one is not whole."""
+        whole = self.const() if self.const else parser
         text = completion(whole, given[1]) if self.nargs is None else man_page(whole)
         print(text, end="")  # noqa: T201 - what was asked for
         parser.exit()

@@ -19,11 +19,10 @@ CELL_M = 0.05  # range cell of `range_time`: half of what 1.75 GHz of bandwidth 
 _MAX_FREQUENCIES = 64  # the band of an X2 over its swath has 33 independent ones
 
 Reals = NDArray[np.float64]
+Map = tuple[Reals, Reals, Reals]
 
 
-def range_time(
-    samples: Samples, axis: FastTimeAxis, frame_rate_hz: float
-) -> tuple[Reals, Reals, Reals]:
+def range_time(samples: Samples, axis: FastTimeAxis, frame_rate_hz: float) -> Map:
     """Return the power of what moves, by range and time, in about 15 columns a second.
 
     Parameters
@@ -72,9 +71,7 @@ def range_time(
     return cells.T, middle_m, t_s
 
 
-def velocity_time(
-    samples: Samples, axis: FastTimeAxis, frame_rate_hz: float
-) -> tuple[Reals, Reals, Reals]:
+def velocity_time(samples: Samples, axis: FastTimeAxis, frame_rate_hz: float) -> Map:
     """Return power by radial velocity, up to 4 m/s, and time; approaching is positive.
 
     The wide band tells velocities from their aliases: each frequency of the pulse is matched
@@ -144,7 +141,7 @@ def velocity_time(
     return power / (n_cpi * len(frequency_hz)), velocity_mps, t_s
 
 
-def spectrum(samples: Samples, axis: FastTimeAxis) -> tuple[Reals, Reals, Reals]:
+def spectrum(samples: Samples, axis: FastTimeAxis) -> Map:
     """Return the spectrum of the frames: of all that is in them, and of what changes.
 
     Parameters

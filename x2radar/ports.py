@@ -14,7 +14,6 @@ import re
 import stat
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
 from pathlib import Path
 from typing import Literal
 from urllib.parse import parse_qsl, quote, unquote, urlsplit
@@ -72,7 +71,6 @@ class Port:
         return value
 
 
-@lru_cache(maxsize=256)
 def parse_port(text: str) -> Port:
     """Take a port string apart; SettingsError or PortUrlError if it makes no sense."""
     target, _, query = text.partition("?")

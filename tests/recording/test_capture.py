@@ -19,7 +19,7 @@ from x2radar.recording.capture import (
     TO_MODULE,
     Capture,
     CaptureWriter,
-    capturing,
+    CapturingTransport,
 )
 from x2radar.recording.registry import open_recording
 from x2radar.sim.module.host import connect
@@ -40,8 +40,11 @@ def captured(path, settings=None, *, is_usb=False, n=N):
         return OnUsb(near) if is_usb else near
 
     # The simulated module forgets its READY when the port is opened again: it is pinged.
-    way = capturing(module, writer)
-    with X2Radar(way, settings, deadlines=Deadlines(usb_gone_s=0.05)) as radar:
+    with X2Radar(
+        lambda: CapturingTransport(module(), writer),
+        settings,
+        deadlines=Deadlines(usb_gone_s=0.05),
+    ) as radar:
         frames = list(islice(radar.frames(), n))
     writer.close()
     return frames

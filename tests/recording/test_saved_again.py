@@ -220,10 +220,7 @@ def test_what_is_no_whole_number_is_refused_in_words(tmp_path, place, name, valu
         (put("capture", "core:header_bytes", 1 << 40), "no frames"),
         (put("last capture", "core:frequency", 5e9), "core:frequency changes"),
         (put("global", "core:trailing_bytes", 1 << 40), "no frames"),
-        *(
-            (put("annotation", "x2radar:t_s", t_s), "not two times")
-            for t_s in ("ab", [1], ["a", "b"])
-        ),
+        *((put("annotation", "x2radar:t_s", t_s), "damaged") for t_s in ("ab", [1], ["a", "b"])),
         # Of other samples than those beside it, or of none that anybody has.
         *((put("global", name, value), ".") for name, value in ELSEWHERE),
     ],

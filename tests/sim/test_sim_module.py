@@ -33,7 +33,7 @@ from x2radar.modules.x2 import RadarSettings
 from x2radar.modules.x4 import X4Settings
 from x2radar.ports import parse_port
 from x2radar.radars import make_radar
-from x2radar.recording.capture import CaptureWriter, capturing
+from x2radar.recording.capture import CaptureWriter, CapturingTransport
 from x2radar.recording.registry import open_recording
 from x2radar.sim.module.firmware import FIRMWARES, X2Firmware, X4Firmware
 from x2radar.sim.module.host import connect
@@ -438,7 +438,7 @@ def test_a_capture_of_any_module_reads_back(tmp_path, firmware):
     wire = CaptureWriter(path, {"settings": asdict(settings)})
     module = lambda: SimulatedModule(load_scene("human"), firmware=firmware())  # noqa: E731
     radar = X2Radar(lambda: connect(module, None), settings)
-    radar.wrap_transport(lambda inner: capturing(inner, wire))
+    radar.wrap_transport(lambda inner: CapturingTransport(inner, wire))
     frames, _ = take(radar, 30)
     wire.close()
     reader = open_recording(path)

@@ -9,18 +9,18 @@ from pathlib import Path
 
 from x2radar.commands import Commands, add_command
 from x2radar.errors import RecordingError, SettingsError, WriteError
-from x2radar.recording.about import NO_OVERRIDES, Overrides
+from x2radar.recording.about import NO_OVERRIDES, Overrides, option_of
 from x2radar.recording.faults import refuse, refuse_taken
 from x2radar.recording.registry import FORMATS, READABLE, WRITABLE, format_by_name, open_recording
 
-_AXIS = (
-    ("frame_rate_hz", "--frame-rate", "HZ", "frames per second"),
-    ("bin_length_m", "--bin-length", "M", "range of one bin, in metres"),
-    ("range_offset_m", "--range-offset", "M", "range of bin 0, in metres"),
-    ("carrier_hz", "--carrier", "HZ", "centre frequency"),
-    ("bandwidth_hz", "--bandwidth", "HZ", "bandwidth at -10 dB"),
-    ("sample_rate_hz", "--sample-rate", "HZ", "rate of the RF sampler"),
-)
+_AXIS = {
+    "frame_rate_hz": "frames per second",
+    "bin_length_m": "range of one bin, in metres",
+    "range_offset_m": "range of bin 0, in metres",
+    "carrier_hz": "centre frequency",
+    "bandwidth_hz": "bandwidth at -10 dB",
+    "sample_rate_hz": "rate of the RF sampler",
+}
 
 
 def register(commands: Commands) -> None:
@@ -36,18 +36,19 @@ def register(commands: Commands) -> None:
     parser.add_argument("out", type=Path, metavar="OUT", help="file or folder to make")
     parser.add_argument("--from", dest="source_kind", choices=READABLE, help="format of IN")
     parser.add_argument("--to", dest="out_kind", choices=WRITABLE, help="format of OUT")
-    for name, option, metavar, text in _AXIS:
-        parser.add_argument(option, dest=name, type=float, metavar=metavar, help=text)
+    for name, text in _AXIS.items():
+        unit = name.rpartition("_")[2].upper()
+        parser.add_argument(option_of(name), dest=name, type=float, metavar=unit, help=text)
     parser.set_defaults(run=_run)
 
 
 def _run(args: argparse.Namespace) -> int:
-    values = {name: getattr(args, name) for name, _, _, _ in _AXIS}
-    for name, option, _, _ in _AXIS:
-        value, is_signed = values[name], name == "range_offset_m"
+    values = {name: getattr(args, name) for name in _AXIS}
+    for name, value in values.items():
+        is_signed = name == "range_offset_m"
         if value is not None and not (math.isfinite(value) and (value > 0 or is_signed)):
-            msg = f"{option} {value:g}: must be {'a number' if is_signed else 'above 0'}"
-            raise SettingsError(msg)
+            what = "a number" if is_signed else "above 0"
+            raise SettingsError(f"{option_of(name)} {value:g}: must be {what}")
     done = convert(
         args.source,
         args.out,
@@ -91,30 +92,25 @@ def convert(
     for path in found.files(out):
         refuse_taken(path)
     with open_recording(source, kind=source_kind, overrides=overrides) as reader:
-        with _beside(out) as name:
-            folder = Path(name)
-            try:
-                notes = found.write(folder / out.name, reader)
-            except OSError as err:
-                raise WriteError.of(out, err) from err
-            except WriteError as err:
-                # Its name is that of the file beside it.
-                raise WriteError.of(out, err.why) from err
-            _put_in_place(folder, out)
-        times = [block.t_s for block in reader.blocks(samples=False)]
-        duration_s = float(times[-1][-1] - times[0][0]) + 1 / reader.stream.frame_rate_hz
+        try:
+            # On the file system of `out`; it goes away again.
+            with tempfile.TemporaryDirectory(
+                prefix=f".{out.name}.", dir=out.parent, ignore_cleanup_errors=True
+            ) as folder:
+                try:
+                    notes = found.write(Path(folder) / out.name, reader)
+                except OSError as err:
+                    raise WriteError.of(out, err) from err
+                except WriteError as err:
+                    # Its name is that of the file beside it.
+                    raise WriteError.of(out, err.why) from err
+                _put_in_place(Path(folder), out)
+        except OSError as err:
+            raise refuse(out, f"cannot make it there: {err.strerror}") from err
+        t_s = reader.lists()[1]
+        duration_s = float(t_s[-1] - t_s[0]) + 1 / reader.stream.frame_rate_hz
         warnings = [reader.warning] if reader.warning else []
         return Converted(found.name, reader.n_frames, duration_s, (*warnings, *notes))
-
-
-def _beside(out: Path) -> tempfile.TemporaryDirectory[str]:
-    """Return an empty folder on the file system of `out`, which goes away again."""
-    try:
-        return tempfile.TemporaryDirectory(
-            prefix=f".{out.name}.", dir=out.parent, ignore_cleanup_errors=True
-        )
-    except OSError as err:
-        raise refuse(out, f"cannot make it there: {err.strerror}") from err
 
 
 def _put_in_place(folder: Path, out: Path) -> None:
@@ -126,9 +122,7 @@ def _put_in_place(folder: Path, out: Path) -> None:
             refuse_taken(place := out.parent / made.name)
             made.rename(place)
             moved.append(place)
-    except (OSError, RecordingError) as err:
+    except (OSError, RecordingError):
         for place in moved:
             place.unlink(missing_ok=True)
-        if isinstance(err, RecordingError):
-            raise
-        raise refuse(out, f"cannot make it there: {err.strerror}") from err
+        raise

@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from x2radar.commands import Commands, add_command
-from x2radar.errors import MessageError, RecordingError
+from x2radar.errors import MessageError
 from x2radar.frame import FrameCounts
 from x2radar.recording.capture import FROM_MODULE, MAGIC, OPENED, TO_MODULE, Capture
+from x2radar.recording.faults import unreadable
 from x2radar.wire.codec import decode_any, decode_command, decode_response
 from x2radar.wire.framing import LineFault, Packet, PacketData, PacketDecoder
 from x2radar.wire.messages import Message
@@ -36,13 +37,10 @@ def register(commands: Commands) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    try:
-        with args.file.open("rb") as file:
-            data = file.read(len(MAGIC))
-            if data != MAGIC:
-                data += file.read()
-    except OSError as err:
-        raise RecordingError(f"{args.file}: cannot be read: {err.strerror}") from err
+    with unreadable(args.file), args.file.open("rb") as file:
+        data = file.read(len(MAGIC))
+        if data != MAGIC:
+            data += file.read()
     is_capture = data == MAGIC
     items = describe_capture(Capture(args.file)) if is_capture else describe(read_trace(data))
     for line in _summary(items) if args.summary else map(json.dumps, items):

@@ -123,13 +123,11 @@ def describe_recording(path: Path) -> dict[str, Any]:
 
 def _counted(reader: "BlockReader") -> dict[str, Any]:
     counts = FrameCounts()
-    times_s: list[float] = []
-    for block in reader.blocks(samples=False):
-        times_s = [*times_s[:1], float(block.t_s[0]), float(block.t_s[-1])]
-        for counter in block.counter.tolist():
-            counts.add(counter)
+    counters, times_s = reader.lists()
+    for counter in counters.tolist():
+        counts.add(counter)
     losses = ("lost", "gaps", "longest_gap", "restarts", "repeats")
-    span_s, index = times_s[-1] - times_s[0], counts.tracker.index
+    span_s, index = float(times_s[-1] - times_s[0]), counts.index
     return {
         "n_frames": counts.n_frames,
         "duration_s": span_s + 1 / reader.stream.frame_rate_hz,

@@ -2,25 +2,21 @@
 
 import argparse
 import sys
-from collections.abc import Iterator
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from x2radar.api import read_frames, stacked
+from x2radar.api import read_frames, sent_by
 from x2radar.atomic import write_picture
 from x2radar.command import StatusLine, legible
 from x2radar.commands import Commands, add_command, check_above_zero
 from x2radar.errors import SettingsError
 from x2radar.extras import needed
-from x2radar.frame import Frame, Samples, StreamInfo
-from x2radar.maps import range_time, spectrum, velocity_time
+from x2radar.frame import Samples, StreamInfo
+from x2radar.maps import Map, Reals, range_time, spectrum, velocity_time
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
-from x2radar.ports import is_port, parse_port
-from x2radar.radars import make_radar
+from x2radar.ports import is_port
 
 _DEPTHS_DB = (40.0, 30.0)  # under the peak of range and of velocity: what limbs need to show
 _SUFFIXES = (".png", ".pdf", ".svg")
@@ -48,7 +44,11 @@ def _run(args: argparse.Namespace) -> int:
     needed("matplotlib", what="pictures")
     if is_port(args.what):
         title, start_s = args.what, 0.0
-        samples, stream = _from_port(args.what, args.duration)
+        status = StatusLine(sys.stderr)
+        samples, stream = sent_by(
+            title, args.duration, lambda k, n: status.show(f"{title}: {k} of {n} frames")
+        )
+        status.clear()
     else:
         path, start_s = Path(args.what.removeprefix("replay:")), args.start
         title = path.name
@@ -63,24 +63,6 @@ def _run(args: argparse.Namespace) -> int:
     write_picture(args.out, figure)
     print(args.out, file=sys.stderr)
     return 0
-
-
-def _from_port(port: str, duration_s: float) -> tuple[Samples, StreamInfo]:
-    status = StatusLine(sys.stderr)
-    with make_radar(parse_port(port), speed=None) as radar:
-        frames = radar.frames()
-        first = next(frames)
-        assert radar.stream is not None  # noqa: S101 - known with the first frame
-        n = max(1, round(duration_s * radar.stream.frame_rate_hz))
-
-        def watched() -> Iterator[Frame]:
-            for frame in chain([first], frames):
-                status.show(f"{port}: {frame.index - first.index + 1} of {n} frames")
-                yield frame
-
-        samples = stacked(watched(), radar.stream, n)
-        status.clear()
-        return samples, radar.stream
 
 
 def filled(samples: Samples) -> tuple[Samples, int]:
@@ -127,12 +109,7 @@ def draw(title: str, stream: StreamInfo, samples: Samples, start_s: float) -> An
     return figure
 
 
-def _image(
-    axes: Any,
-    shown: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
-    start_s: float,
-    depth_db: float,
-) -> Any:
+def _image(axes: Any, shown: Map, start_s: float, depth_db: float) -> Any:
     power, rows, t_s = shown
     times_s, extent = t_s + start_s, []
     for values in (times_s, rows):
@@ -143,6 +120,6 @@ def _image(
     return axes.imshow(level_db - level_db.max(), vmin=-depth_db, vmax=0, **how)
 
 
-def _db(power: NDArray[np.float64]) -> NDArray[np.float64]:
+def _db(power: Reals) -> Reals:
     least: float = np.finfo(np.float64).tiny
     return np.asarray(10 * np.log10(np.maximum(power, least)))

@@ -25,6 +25,7 @@ from x2radar.frame import Frame
 from x2radar.interrupts import HandlerEvent
 from x2radar.ports import PORT_FORMS, Port, parse_port, parse_speed
 from x2radar.radars import make_radar
+from x2radar.recording.faults import refuse_taken
 from x2radar.recording.registry import check_name
 from x2radar.sim.scene.scene import load_scene
 from x2radar.sim.scene.stage import Stage
@@ -63,11 +64,13 @@ def register(commands: Commands) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     # Late, because h5py takes a while and the other subcommands do without it.
-    from x2radar.recording.capture import CaptureWriter, capturing  # noqa: PLC0415
-    from x2radar.recording.parts import RotatingWriter, check_free_name  # noqa: PLC0415
+    from x2radar.recording.capture import CaptureWriter, CapturingTransport  # noqa: PLC0415
+    from x2radar.recording.parts import RotatingWriter, existing_parts  # noqa: PLC0415
 
     _check(args)
-    check_free_name(args.file, rotating=bool(args.rotate_size or args.rotate_time))
+    parts = existing_parts(args.file) if args.rotate_size or args.rotate_time else []
+    for taken in (args.file, *parts):
+        refuse_taken(taken)
     port = parse_port(args.port)
     radar = make_radar(port, speed=parse_speed(args.speed))
     paths = (args.file, args.capture_wire) if args.capture_wire else (args.file,)
@@ -83,7 +86,7 @@ def _run(args: argparse.Namespace) -> int:
             about = {"started_utc": utc_text(), "port": radar.name, "settings": settings}
             wire = CaptureWriter(args.capture_wire, about)
             open_now.callback(wire.close)
-            radar.wrap_transport(lambda connect: capturing(connect, wire))
+            radar.wrap_transport(lambda inner: CapturingTransport(inner, wire))
         open_now.enter_context(radar)
         frames = radar.frames()
         first = next(frames)
@@ -111,9 +114,9 @@ def _run(args: argparse.Namespace) -> int:
                 paths=paths,
             )
         writer.label(_labels(args.label, port, radar, first.counter))
-    parts = f", {len(writer.paths)} parts" if writer.is_rotating else ""
+    n_parts = f", {len(writer.paths)} parts" if writer.is_rotating else ""
     lost = f", {tally.n_lost} lost" if tally.n_lost else ""
-    line = f"{args.file}: {tally.n_frames} frames, {tally.n_frames / rate_hz:.1f} s{lost}{parts}"
+    line = f"{args.file}: {tally.n_frames} frames, {tally.n_frames / rate_hz:.1f} s{lost}{n_parts}"
     if tally.is_full:
         msg = f"{line}; stopped, less than {args.free_floor:g} MB are free (--free-floor)"
         raise errors.X2RadarError(msg)

@@ -1,7 +1,7 @@
 """AsyncRadar: the same frames for asyncio; a thread reads, the loop takes.
 
-The thread waits while `max_waiting` frames are not taken: a task that is too slow makes
-the operating system's buffer overflow, and what is lost there is stated in `Frame.lost`.
+The thread waits while `max_waiting` frames, a second at usual rates, are not taken: a task that is
+too slow makes the system's buffer overflow, and what is lost there is stated in `Frame.lost`.
 """
 
 import asyncio
@@ -11,9 +11,6 @@ import threading
 from x2radar.device.device import RadarStats, X2Radar
 from x2radar.errors import TransportClosed
 from x2radar.frame import Frame, StreamInfo
-
-_MAX_WAITING = 64
-"""Frames read ahead: a second of them at usual rates."""
 
 
 class AsyncRadar:
@@ -25,7 +22,7 @@ class AsyncRadar:
 
     _loop: asyncio.AbstractEventLoop
 
-    def __init__(self, radar: X2Radar, *, max_waiting: int = _MAX_WAITING) -> None:
+    def __init__(self, radar: X2Radar, *, max_waiting: int = 64) -> None:
         self._radar = radar
         self._room = threading.Semaphore(max_waiting)
         self._halt = threading.Event()

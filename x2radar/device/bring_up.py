@@ -18,7 +18,7 @@ from x2radar.frame import Frame
 from x2radar.modules.base import ModuleSettings
 from x2radar.wire import framing
 from x2radar.wire.codec import encode
-from x2radar.wire.messages import Ack, ErrorReply, Message, Ping, Pong, Reset, SystemMessage
+from x2radar.wire.messages import Ack, Message, Ping, Pong, Reset, SystemMessage
 from x2radar.wire.wire_ids import PongCode, SystemCode
 
 _REOPEN_EVERY_S = 0.1  # well under the half second that a module takes to restart
@@ -100,8 +100,9 @@ class BringUp:
     def _reset(self) -> None:
         self._is_streaming = False
         is_usb = self.link.is_usb
+        self._is_ready = self.has_restarted = False
         try:
-            self._send_reset()
+            self.link.command(Reset(), resends=RETRIES, is_done=lambda: self.has_restarted)
         except TransportClosed:
             # On USB that is what a reset looks like whose answer was lost.
             if not is_usb or self.link.halt.is_set():
@@ -117,18 +118,6 @@ class BringUp:
                 # It was opened before it had vanished.
                 if self.link.halt.is_set() or time.monotonic() > give_up_s:
                     raise
-
-    def _send_reset(self) -> None:
-        self._is_ready = self.has_restarted = False
-        for attempt in range(1 + RETRIES):
-            self.link.counts["retries"] += attempt > 0
-            reply = self.link.ask(Reset(), self.link.deadlines.reply_s)
-            if isinstance(reply, ErrorReply):
-                if attempt == RETRIES or not self.link.may_ask_again(reply):
-                    raise self.link.refusal(Reset(), reply)
-            elif reply is not None or self.has_restarted:
-                return
-        raise DeviceError(f"{self.link.name}: no answer to a reset; is it an XeThru X2 module?")
 
     def _wait_ready(self, first_ping_s: float | None = None) -> None:
         """Wait for READY; ping when it does not come within `first_ping_s` seconds."""

@@ -53,23 +53,13 @@ class RadarStats:
 
 
 class X2Radar(Closing):
-    """One module.
+    """One module; frames are read and commands sent from one thread, any may `close` it.
 
-    Frames are read and commands are sent from one thread; `close` may be called from any.
-
-    Parameters
-    ----------
-    connect : callable
-        Opens a new transport to the module; called again after a reset over USB.
-    settings : ModuleSettings or callable, optional
-        What to configure; the defaults of RadarSettings otherwise. A callable is given the
-        order code that the module tells when it is first opened, and returns them.
-    deadlines : Deadlines, optional
-        How long to wait.
-    name : str
-        What to call the module in messages.
-    run_id : str, optional
-        `StreamInfo.run_id`; one that no other run has by default.
+    `connect` opens a transport to the module, and is called again after a reset over USB.
+    `settings` are what to configure, by default those of RadarSettings; a callable makes them of
+    the order code that the module tells when it is first opened. `deadlines` say how long to wait,
+    `name` what messages call the module; `run_id` is `StreamInfo.run_id`, by default one that no
+    other run has.
     """
 
     def __init__(
@@ -118,12 +108,8 @@ class X2Radar(Closing):
         what it does. Once `halt` is set, by any thread, opening and stream end with
         TransportClosed.
 
-        Raises
-        ------
-        PortError, TransportClosed
-            If the port cannot be opened, or goes away meanwhile.
-        DeviceError
-            If the module does not answer, refuses a setting, or is in safe mode.
+        Raises PortError or TransportClosed if the port cannot be opened or goes away meanwhile,
+        DeviceError if the module does not answer, refuses a setting, or is in safe mode.
         """
         self.close()
         self._next_index = 0
@@ -140,14 +126,9 @@ class X2Radar(Closing):
     def frames(self) -> Iterator[Frame]:
         """Yield frames in order as they arrive, for as long as the module sends them.
 
-        Losses are stated in `Frame.lost` and `Frame.restarted`.
-
-        Raises
-        ------
-        ReadTimeout, TransportClosed
-            If no frame came for `Deadlines.stall_s`, or the port went away.
-        DeviceError
-            If the module restarted by itself and cannot be configured again.
+        Losses are stated in `Frame.lost` and `Frame.restarted`. Raises ReadTimeout if no frame
+        came for `Deadlines.stall_s`, TransportClosed if the port went away, DeviceError if the
+        module restarted by itself and cannot be configured again.
         """
         rate_hz = float(self.settings.frame_rate_hz)
         stall_s = max(self._deadlines.stall_s, _STALL_FRAMES / rate_hz)
@@ -187,11 +168,10 @@ class X2Radar(Closing):
         self._halt = threading.Event()
         self._identify()
 
-    def wrap_transport(
-        self, wrap: Callable[[Callable[[], Transport]], Callable[[], Transport]]
-    ) -> None:
-        """Let `wrap` replace what opens a transport, from the next opening on."""
-        self._connect = wrap(self._connect)
+    def wrap_transport(self, wrap: Callable[[Transport], Transport]) -> None:
+        """Put what `wrap` returns in the place of every transport, from the next opening on."""
+        connect = self._connect
+        self._connect = lambda: wrap(connect())
 
     def close(self) -> None:
         """Stop the module as far as it still listens, and close the port; from any thread."""

@@ -16,7 +16,7 @@ from x2radar.device.transport import Transport
 from x2radar.errors import DeviceError, RestartRequired, TransportClosed
 from x2radar.wire import framing
 from x2radar.wire.codec import encode, read_messages
-from x2radar.wire.messages import ANSWERS, Ack, ErrorReply, Message, Ping
+from x2radar.wire.messages import ANSWERS, Ack, ErrorReply, Message, Ping, Reset
 from x2radar.wire.wire_ids import ErrorCode
 
 RETRIES = 3
@@ -27,6 +27,7 @@ READ_S = 0.25
 
 _AGAIN = frozenset({ErrorCode.BUSY, ErrorCode.CRC_FAILED})
 """The module did not take the command, and says that it may do so later."""
+_ERROR_NAMES = {int(code): code.name.lower().replace("_", " ") for code in ErrorCode}
 
 Listener = Callable[[Message, Message | None, float], None]
 """Gets a message, the command that it answers or refuses, and when it came, in monotonic s."""
@@ -146,26 +147,18 @@ class Link:
                     return Ack()
                 unanswered += 1
                 if unanswered > resends:
-                    raise DeviceError(f"{self.name}: no answer to {command}")
+                    to_reset = "a reset; is it an XeThru X2 module?"
+                    what = to_reset if isinstance(command, Reset) else command
+                    raise DeviceError(f"{self.name}: no answer to {what}")
             elif isinstance(reply, ErrorReply):
-                if not self.may_ask_again(reply) or time.monotonic() > busy_until_s:
-                    raise self.refusal(command, reply)
+                code = reply.code
+                if code not in _AGAIN or time.monotonic() > busy_until_s:
+                    kind = RestartRequired if code == ErrorCode.RESTARTING else DeviceError
+                    label = _ERROR_NAMES.get(code, "unknown")
+                    raise kind(f"{self.name} refused {command}: error {code:#x} ({label})")
+                self.listen(self.deadlines.again_s)
             else:
-                if unanswered and not isinstance(command, Ping):
+                if unanswered and not isinstance(command, (Ping, Reset)):
                     self.ask(Ping(), self.deadlines.ping_every_s)
                 return reply
             self.counts["retries"] += 1
-
-    def may_ask_again(self, refused: ErrorReply) -> bool:
-        """Say whether a refusal is one for now only, after waiting until it may be over."""
-        if refused.code not in _AGAIN:
-            return False
-        self.listen(self.deadlines.again_s)
-        return True
-
-    def refusal(self, command: Message, refused: ErrorReply) -> DeviceError:
-        """Return the error that says what was refused."""
-        code, names = refused.code, dict[int, str]((known, known.name) for known in ErrorCode)
-        label = names.get(code, "unknown").lower().replace("_", " ")
-        kind = RestartRequired if code == ErrorCode.RESTARTING else DeviceError
-        return kind(f"{self.name} refused {command}: error {code:#x} ({label})")

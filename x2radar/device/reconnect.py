@@ -99,25 +99,22 @@ class ReconnectingRadar(Closing):
         'found' or a 'restart', every frame with `lost` behind a 'gap'. To be called once. Raises
         what went wrong: at first unless `wait`, later with `quit_on_loss`.
         """
+        was_there = False
         try:
-            try:
-                self._radar.open(halt=self._halt)
-            except _LOSSES as err:
-                if not self._wait or self._halt.is_set() or isinstance(err, errors.NoPort):
-                    raise
-                yield from self._found_again(err)
-            while True:
+            while not self._halt.is_set():
                 try:
+                    if not was_there:
+                        self._radar.open(halt=self._halt)
+                        was_there = True
                     yield from self._streamed()
                 except _LOSSES as err:
                     if self._halt.is_set():
                         return
-                    if self._quit_on_loss:
+                    is_refused = not self._wait or isinstance(err, errors.NoPort)
+                    if self._quit_on_loss if was_there else is_refused:
                         raise
                     yield from self._found_again(err)
-        except _LOSSES:
-            if not self._halt.is_set():
-                raise
+                    was_there = True
         finally:
             self._radar.close()
 
@@ -136,7 +133,7 @@ class ReconnectingRadar(Closing):
                 yield self._event("lost", reason)
             self._sleep(self._backoff.next_s())
             if self._halt.is_set():
-                raise err
+                return
             try:
                 self._radar.reopen(halt=self._halt)
             except _LOSSES as again:

@@ -12,30 +12,26 @@ from typing import Any
 
 import numpy as np
 
-from x2radar.frame import FastTimeAxis, Kind, StreamInfo
+from x2radar.frame import Kind, StreamInfo
 from x2radar.modules.modules import pulse_bandwidth_hz
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 from x2radar.recording.faults import refuse
 
 FORMAT = "x2radar-recording"
 VERSION = 1
-_VERSIONS = (f"{VERSION}", f"{VERSION}.0")
+VERSIONS = (f"{VERSION}", f"{VERSION}.0")
 SAMPLE_DTYPES: dict[str, type[np.float32 | np.complex64]] = {
     "rf": np.float32,
     "baseband": np.complex64,
 }
+Row = tuple[Kind, int]
+"""Kind and bins of a frame."""
 MAX_BINS = 1 << 14  # above these a file is damaged: ten times the bins of any module
 
-_OPTIONS = {
-    "frame_rate_hz": "--frame-rate",
-    "bin_length_m": "--bin-length",
-    "carrier_hz": "--carrier",
-}
-"""What must be above 0, and how a user gives it where the file does not."""
-_BOUNDS = {"frame_rate_hz": (1e-3, 1e6), "bin_length_m": (1e-6, 1e3), "carrier_hz": (1.0, 1e15)}
-"""Beyond these a file is damaged, likewise."""
-_NUMBERS = (*_OPTIONS, "sample_rate_hz", "range_offset_m", "bandwidth_hz", "phase_sign")
-ATTRIBUTES = ("format_version", *_NUMBERS, "kind", "started_utc", "device", "settings", "run_id")
+BOUNDS = {"frame_rate_hz": (1e-3, 1e6), "bin_length_m": (1e-6, 1e3), "carrier_hz": (1.0, 1e15)}
+"""What must be above 0; beyond these a file is damaged, likewise."""
+NUMBERS = (*BOUNDS, "sample_rate_hz", "range_offset_m", "bandwidth_hz", "phase_sign")
+ATTRIBUTES = ("format_version", *NUMBERS, "kind", "started_utc", "device", "settings", "run_id")
 """What a recording says about itself, beside its format."""
 
 
@@ -70,7 +66,12 @@ class Overrides:
 NO_OVERRIDES = Overrides()
 
 
-def kind_of(path: object, shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[Kind, int]:
+def option_of(name: str) -> str:
+    """Return how a user gives a field of `Overrides`: --frame-rate for frame_rate_hz."""
+    return "--" + name.rpartition("_")[0].replace("_", "-")
+
+
+def kind_of(path: object, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Row:
     """Return kind and n_range of samples; raise RecordingError if they are no frames."""
     if dtype.kind not in "ciuf":
         raise refuse(path, f"no frames: samples are {dtype}")
@@ -79,49 +80,6 @@ def kind_of(path: object, shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple
     if shape[0] == 0:
         raise refuse(path, "no frames in it")
     return ("baseband" if dtype.kind == "c" else "rf"), shape[1]
-
-
-def read_about(
-    path: object,
-    frames: tuple[Kind, int],
-    attributes: Mapping[str, Any],
-    overrides: Overrides,
-    device: str,
-) -> tuple[StreamInfo, str, Mapping[str, Any], Mapping[str, Any], bool]:
-    """Return what `attributes`, then `overrides`, say about frames of (kind, n_range).
-
-    Stream, start (UTC), device, settings, and whether the phase of samples rises with range.
-    """
-    said = {name: plain(value) for name, value in attributes.items()}
-    numbers = {name: _number(path, name, said.get(name)) for name in _NUMBERS}
-    kind, n_range = frames
-    if said.get("kind") not in {None, "", kind}:
-        raise refuse(path, f"its samples are {kind}, which is no {said['kind']} data")
-    # As a number or as text, as other programs save it.
-    if (version := said.get("format_version")) is not None and str(version) not in _VERSIONS:
-        raise refuse(path, f"format_version {version}, this reads {VERSION}")
-    rate_hz, sign = max(numbers.pop("frame_rate_hz"), 0.0), numbers.pop("phase_sign")
-    if sign not in {-1.0, 0.0, 1.0}:
-        raise refuse(path, f"'phase_sign' is {sign:g}, not -1 or 1")
-    axis = FastTimeAxis(kind=kind, n_range=n_range, **numbers)  # type: ignore[arg-type]
-    about = _mapping(said.get("device"))
-    run_id = str(said.get("run_id") or "")[:64]  # twice what a run gets
-    name = str(about.get("name", device))
-    stream = overrides.apply(StreamInfo(axis, rate_hz, name, run_id))
-    known = {"frame_rate_hz": stream.frame_rate_hz} | {
-        name: getattr(stream.axis, name) for name in ("bin_length_m", "carrier_hz")
-    }
-    if missing := [name for name in _OPTIONS if not known[name] > 0]:
-        names = ", ".join(f"'{name}'" for name in missing)
-        options = ", ".join(_OPTIONS[name] for name in missing)
-        raise refuse(path, f"{names} is 0 or missing; convert it with {options}")
-    for name, value in (*known.items(), ("range_offset_m", stream.axis.range_offset_m)):
-        least, most = _BOUNDS.get(name, (-1e6, 1e6))
-        if not least <= value <= most:
-            raise refuse(path, f"'{name}' is {value:g}, which no radar has")
-    started_utc, is_rising = str(said.get("started_utc") or ""), kind == "baseband" and sign > 0
-    device_said, settings = about or {"name": stream.device}, _mapping(said.get("settings"))
-    return stream, started_utc, device_said, settings, is_rising
 
 
 def root_attributes(
@@ -149,7 +107,8 @@ def plain(value: Any) -> Any:
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
 
 
-def _number(path: object, name: str, value: Any) -> float:
+def number(path: object, name: str, value: Any) -> float:
+    """Return an attribute as a number, 0 if there is none; RecordingError if it is none."""
     if value is None:
         return 0.0
     try:
@@ -161,7 +120,7 @@ def _number(path: object, name: str, value: Any) -> float:
     return number
 
 
-def _mapping(value: Any) -> Mapping[str, Any]:
+def mapping(value: Any) -> Mapping[str, Any]:
     """Return a mapping, or one in JSON; a text in JSON is the name of a device."""
     try:
         value = json.loads(value) if isinstance(value, str) else value

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.frame import Closing, CounterTracker, Frame, Kind, Samples, Step, StreamInfo
+from x2radar.frame import Closing, CounterTracker, FastTimeAxis, Frame, Samples, Step, StreamInfo
 from x2radar.recording import about
 from x2radar.recording.about import NO_OVERRIDES, SAMPLE_DTYPES, Overrides
 from x2radar.recording.faults import refuse, unreadable
@@ -56,8 +56,6 @@ class BlockReader(Closing):
     """What the recording says about its module."""
     settings: Mapping[str, Any]
     """The module's settings, as far as the recording holds them."""
-    warning: str | None = None
-    """What is odd about the recording, for people."""
     has_decisions: bool = False
     """Whether decisions of a daemon are kept in the file."""
     compression: str = "none"
@@ -74,11 +72,51 @@ class BlockReader(Closing):
     def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:
         self.path = path
         self._overrides = overrides
+        self._warnings: list[str] = []
 
-    def _keep(self, frames: tuple[Kind, int], said: Mapping[str, Any], device: str) -> None:
-        """Keep what attributes say of frames of (kind, n_range); `device` is a usual name."""
-        kept = about.read_about(self.path, frames, said, self._overrides, device)
-        self.stream, self.started_utc, self.device, self.settings, self._is_rising = kept
+    @property
+    def warning(self) -> str | None:
+        """What is odd about the recording, for people."""
+        return "; ".join(self._warnings) or None
+
+    def _warn(self, text: str) -> None:
+        self._warnings.append(f"{self.path}: {text}")
+
+    def _keep(self, frames: about.Row, attributes: Mapping[str, Any], device: str) -> None:
+        """Keep what attributes, then overrides, say of frames; `device` is a usual name."""
+        path, (kind, n_range) = self.path, frames
+        said = {name: about.plain(value) for name, value in attributes.items()}
+        numbers = {name: about.number(path, name, said.get(name)) for name in about.NUMBERS}
+        if said.get("kind") not in {None, "", kind}:
+            raise refuse(path, f"its samples are {kind}, which is no {said['kind']} data")
+        # As a number or as text, as other programs save it.
+        version = said.get("format_version")
+        if version is not None and str(version) not in about.VERSIONS:
+            raise refuse(path, f"format_version {version}, this reads {about.VERSION}")
+        rate_hz, sign = max(numbers.pop("frame_rate_hz"), 0.0), numbers.pop("phase_sign")
+        if sign not in {-1.0, 0.0, 1.0}:
+            raise refuse(path, f"'phase_sign' is {sign:g}, not -1 or 1")
+        axis = FastTimeAxis(kind=kind, n_range=n_range, **numbers)  # type: ignore[arg-type]
+        module = about.mapping(said.get("device"))
+        run_id = str(said.get("run_id") or "")[:64]  # twice what a run gets
+        name = str(module.get("name", device))
+        self.stream = stream = self._overrides.apply(StreamInfo(axis, rate_hz, name, run_id))
+        known = {"frame_rate_hz": stream.frame_rate_hz} | {
+            name: getattr(stream.axis, name)
+            for name in ("bin_length_m", "carrier_hz", "range_offset_m")
+        }
+        if missing := [name for name in about.BOUNDS if not known[name] > 0]:
+            names = ", ".join(f"'{name}'" for name in missing)
+            options = ", ".join(map(about.option_of, missing))
+            raise refuse(path, f"{names} is 0 or missing; convert it with {options}")
+        for name, value in known.items():
+            least, most = about.BOUNDS.get(name, (-1e6, 1e6))
+            if not least <= value <= most:
+                raise refuse(path, f"'{name}' is {value:g}, which no radar has")
+        self.started_utc = str(said.get("started_utc") or "")
+        self.device = module or {"name": stream.device}
+        self.settings = about.mapping(said.get("settings"))
+        self._is_rising = kind == "baseband" and sign > 0
 
     def _keep_lists(self, counter: NDArray[Any] | None, t_s: NDArray[Any] | None) -> None:
         """Keep counters and times from any arrays of a number a frame; None where none are."""
@@ -134,6 +172,12 @@ class BlockReader(Closing):
                 else:
                     rows = self._falling(np.empty((last - first, 0)))
             yield Block(rows, counter.astype(np.uint32), t_s)
+
+    def lists(self) -> tuple[NDArray[np.uint32], NDArray[np.float64]]:
+        """Return the counters and times of all frames; raises as `blocks`."""
+        blocks = list(self.blocks(samples=False))
+        counters, times = [b.counter for b in blocks], [b.t_s for b in blocks]
+        return np.concatenate(counters), np.concatenate(times)
 
     def frames(self, start_s: float = 0.0) -> Iterator[Frame]:
         """Yield the frames in order, from the first at or behind `start_s` seconds of the file.

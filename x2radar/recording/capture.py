@@ -11,12 +11,11 @@ memory of its size. Raw RF frames carry no axis; it follows from the settings in
 
 import contextlib
 import json
-import os
 import struct
 import threading
 import time
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from itertools import islice
 from pathlib import Path
@@ -32,7 +31,7 @@ from x2radar.modules.modules import settings_from_mapping
 from x2radar.modules.x2 import RadarSettings
 from x2radar.recording.about import NO_OVERRIDES, Overrides
 from x2radar.recording.blocks import BlockReader
-from x2radar.recording.faults import refuse, unreadable
+from x2radar.recording.faults import refuse, refuse_taken, unreadable
 from x2radar.wire.codec import decode_command, read_messages
 from x2radar.wire.framing import Packet, PacketDecoder
 from x2radar.wire.messages import SetMode, X4Set
@@ -66,23 +65,20 @@ class CaptureWriter:
     def __init__(self, path: Path, about: Mapping[str, Any]) -> None:
         self._path = path
         head = json.dumps(dict(about), default=str).encode()
-        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND
+        refuse_taken(path)
         try:
-            self._file = os.open(path, flags, 0o644)
-        except FileExistsError as err:
-            raise refuse(path, "exists already; captures are never overwritten") from err
+            self._file = path.open("xb", buffering=0)
         except OSError as err:
             raise refuse(path, f"cannot make a capture there: {err.strerror}") from err
         self._lock = threading.Lock()
         self._begun_ns = time.monotonic_ns()
-        self.n_bytes = 0
         self._is_empty = True
         self._append(_HEAD.pack(MAGIC, VERSION, 0, len(head)) + head)
 
     def add(self, kind: int, data: bytes = b"") -> None:
         """Append one record, with the time of now."""
         with self._lock:
-            if self._file < 0:
+            if self._file.closed:
                 return
             self._is_empty = False
             body = _RECORD.pack(kind, time.monotonic_ns() - self._begun_ns, len(data)) + data
@@ -91,19 +87,15 @@ class CaptureWriter:
     def close(self) -> None:
         """Close the file, and take it away if it is empty; a second call does nothing."""
         with self._lock:
-            if self._file >= 0:
-                os.close(self._file)
-                if self._is_empty:
-                    self._path.unlink(missing_ok=True)
-            self._file = -1
+            if self._is_empty and not self._file.closed:
+                self._path.unlink(missing_ok=True)
+            self._file.close()
 
     def _append(self, data: bytes) -> None:
         left = memoryview(data)
         try:
             while left:
-                n = os.write(self._file, left)
-                self.n_bytes += n
-                left = left[n:]
+                left = left[self._file.write(left) or 0 :]
         except OSError as err:
             raise WriteError.of(self._path, err) from err
 
@@ -144,13 +136,6 @@ class CapturingTransport:
             self._writer.add(CLOSED)
 
 
-def capturing(
-    connect: Callable[[], Transport], writer: CaptureWriter
-) -> Callable[[], CapturingTransport]:
-    """Return a way to open a port that captures what goes over it."""
-    return lambda: CapturingTransport(connect(), writer)
-
-
 class Capture:
     """A capture file, which may still be written to; `warning` is what was left out."""
 
@@ -165,11 +150,7 @@ class Capture:
             if version != VERSION:
                 raise refuse(path, f"capture version {version}, this reads {VERSION}")
             self._begin = _HEAD.size + n
-            about = file.read(n) if n <= _MAX_BYTES else b""
-        try:
-            self.about = dict(json.loads(about))
-        except (ValueError, TypeError) as err:
-            raise refuse(path, "the head of the capture is damaged") from err
+            self.about = dict(json.loads(file.read(n) if n <= _MAX_BYTES else b""))
 
     def chunks(self) -> Iterator[Chunk]:
         """Yield the whole records in order."""
@@ -197,13 +178,14 @@ class Reader(BlockReader):
         self._capture = Capture(path)
         about = self._capture.about
         said = about.get("settings")
-        warnings = []
         try:
             self._module = settings_from_mapping(dict(said or {}))
         except (SettingsError, TypeError, ValueError) as err:
             # Of another version: as far as this one knows them.
             self._module = RadarSettings()
-            warnings.append(f"{path}: settings that are not known ({err}); an X2's are assumed")
+            self._warnings.append(
+                f"{path}: settings that are not known ({err}); an X2's are assumed"
+            )
         self._n_damaged = 0
         host = PacketDecoder()
         # Where the host starts a stream, what came before is not its own.
@@ -223,10 +205,9 @@ class Reader(BlockReader):
         known |= {"started_utc": about.get("started_utc"), "settings": said}
         device = str(about.get("port") or path.name)
         self._keep((first.axis.kind, first.axis.n_range), known, device)
-        warnings += [self._capture.warning] if self._capture.warning else []
+        self._warnings += [self._capture.warning] if self._capture.warning else []
         if self._n_damaged:
-            warnings.append(f"{path}: {self._n_damaged} damaged stretches")
-        self.warning = "; ".join(warnings) or None
+            self._warn(f"{self._n_damaged} damaged stretches")
         self._at = -1
         self._rest: Iterator[Frame] = iter(())
 

@@ -26,7 +26,9 @@ def unreadable(path: object) -> Iterator[None]:
     except (X2RadarError, NameError, AssertionError):
         raise
     except OSError as err:
-        raise refuse(path, f"cannot be read: {err.strerror or _one_line(err)}") from err
+        raise refuse(
+            err.filename or path, f"cannot be read: {err.strerror or _one_line(err)}"
+        ) from err
     except MemoryError as err:
         raise refuse(path, "asks for more memory than there is") from err
     except Exception as err:

@@ -6,6 +6,7 @@ close would have left, with some further attempts. Links that lead out of the fi
 external storage, virtual data sets and impossible sizes are refused first.
 """
 
+import contextlib
 import io
 import math
 import mmap
@@ -22,11 +23,18 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.frame import Kind, Samples
-from x2radar.recording.about import ATTRIBUTES, FORMAT, NO_OVERRIDES, Overrides, kind_of, plain
+from x2radar.frame import Samples
+from x2radar.recording.about import (
+    ATTRIBUTES,
+    FORMAT,
+    NO_OVERRIDES,
+    Overrides,
+    Row,
+    kind_of,
+    plain,
+)
 from x2radar.recording.blocks import BLOCK_BYTES, BlockReader, Label
 from x2radar.recording.faults import refuse, unreadable
-from x2radar.recording.hdf5_writer import reason
 
 _T = TypeVar("_T")
 
@@ -67,25 +75,19 @@ class Hdf5File:
         with unreadable(path):
             head = _unflagged_head(path)
             _check(path)
-        self.is_unclosed = head is not None
-        self._n_bytes = path.stat().st_size
-        try:
+            self.is_unclosed = head is not None
+            self._n_bytes = path.stat().st_size
             self.file: h5py.File = self._patient(lambda: self._open(head))
-        except OSError as err:
-            raise refuse(path, f"not an HDF5 file, or damaged ({reason(err)})") from err
 
     def _open(self, head: bytes | None) -> h5py.File:
         if head is None:
             return h5py.File(self.path, "r")
-        view = _Unflagged(self.path, head)
-        try:
-            file = h5py.File(view, "r")
-        except BaseException:
-            view.close()
-            raise
-        # HDF5 closes what is open when the process ends, and then no Python answers any more.
-        self._end = weakref.finalize(self, _close, file, view)
-        return file
+        with contextlib.ExitStack() as opened:
+            view = opened.enter_context(_Unflagged(self.path, head))
+            file: h5py.File = opened.enter_context(h5py.File(view, "r"))
+            # HDF5 closes what is open when the process ends, and then no Python answers any more.
+            self._end = weakref.finalize(self, opened.pop_all().close)
+            return file
 
     def close(self) -> None:
         if self.is_unclosed:
@@ -184,11 +186,6 @@ def _is_filled(data: mmap.mmap, begin: int, size: int) -> bool:
     return True
 
 
-def _close(file: h5py.File, view: _Unflagged) -> None:
-    file.close()
-    view.close()
-
-
 def _unflagged_head(path: Path) -> bytes | None:
     """Return the superblock that a file should have; None where its own will do."""
     with path.open("rb") as file:
@@ -253,15 +250,9 @@ class RecordingReader(BlockReader):
 
     def __init__(self, path: Path | str, overrides: Overrides = NO_OVERRIDES) -> None:
         super().__init__(Path(path), overrides)
-        if not self.path.is_file():
-            raise refuse(path, "no such recording")
         self._file = Hdf5File(self.path)
-        try:
-            with unreadable(path):
-                self._check()
-        except BaseException:
-            self._file.close()
-            raise
+        with unreadable(path):
+            self._check()
 
     def close(self) -> None:
         self._file.close()
@@ -288,8 +279,7 @@ class RecordingReader(BlockReader):
 
     def attribute(self, name: str) -> Any:
         """Return a root attribute, text or a number; None if there is none."""
-        with unreadable(self.path):
-            return self._file.attribute(name)
+        return self._file.attribute(name)
 
     def ranges(self) -> Iterator[tuple[int, int]]:
         # Whole chunks: every one is unpacked once.
@@ -307,19 +297,13 @@ class RecordingReader(BlockReader):
         return self._column("t_s", first, last).astype(np.float64, copy=False)
 
     def read_samples(self, first: int, last: int) -> Samples:
-        return self._falling(self._read("samples", slice(first, last)))
+        return self._falling(self._file.read(self._sets["samples"], slice(first, last)))
 
     def _column(self, name: str, first: int, last: int) -> NDArray[Any]:
         """Return numbers of a list, which may be a column or a row of a matrix."""
-        rows = slice(first, last)
-        is_row = self._sets[name].ndim == 2 and len(self._sets[name]) == 1
-        return self._read(name, (0, rows) if is_row else rows).ravel()
-
-    def _read(self, name: str, at: Any) -> NDArray[Any]:
-        try:
-            return self._file.read(self._sets[name], at)
-        except (OSError, KeyError, RuntimeError) as err:
-            raise refuse(self.path, f"/frames/{name} cannot be read ({reason(err)})") from err
+        item, rows = self._sets[name], slice(first, last)
+        is_row = item.ndim == 2 and len(item) == 1
+        return self._file.read(item, (0, rows) if is_row else rows).ravel()
 
     def _check(self) -> None:
         said = {name: self._file.attribute(name) for name in ("format", *ATTRIBUTES)}
@@ -334,31 +318,27 @@ class RecordingReader(BlockReader):
         self.compression = f"shuffle+{packed}" if samples.shuffle else str(packed)
         self.has_decisions = "decisions" in self._file.file
 
-    def _check_sets(self) -> tuple[Kind, int]:
+    def _check_sets(self) -> Row:
         """Find the data sets and how long they are; return kind and bins of the samples."""
-        sets: dict[str, Any] = {}
+        self._sets: dict[str, Any] = {}
         for name in ("samples", "counter", "t_s"):
-            item = self._file.data_set(f"frames/{name}")
+            self._sets[name] = item = self._file.data_set(f"frames/{name}")
             if item is None:
                 raise refuse(self.path, f"data set '/frames/{name}' is missing")
-            sets[name] = item
-        samples = sets.pop("samples")
+        samples, *lists = self._sets.values()
         frames = kind_of(self.path, samples.shape, samples.dtype)
-        for name, item in sets.items():
+        for item in lists:
             is_list = item.size == max(item.shape, default=0) and item.ndim <= 2
             if not is_list or item.dtype.kind not in "iuf":
-                raise refuse(self.path, f"/frames/{name} is no list of numbers")
-        if {item.size for item in sets.values()} == {samples.shape[1]} != {len(samples)}:
+                raise refuse(self.path, f"{item.name} is no list of numbers")
+        sizes = {item.size for item in lists}
+        if sizes == {samples.shape[1]} != {len(samples)}:
             raise refuse(self.path, "samples has a column a frame; it must be (n, n_range)")
-        lengths = {len(samples), *(item.size for item in sets.values())}
-        self._sets = {"samples": samples, **sets}
+        lengths = {len(samples), *sizes}
         self.n_frames = min(lengths)
         if self.n_frames == 0:
             raise refuse(self.path, "no frames in it")
         if self._file.is_unclosed or len(lengths) > 1:
             still = "is being written, or " if self._file.is_unclosed else ""
-            self.warning = (
-                f"{self.path}: the recording {still}was cut off; "
-                f"{self.n_frames} whole frames are read"
-            )
+            self._warn(f"the recording {still}was cut off; {self.n_frames} whole frames are read")
         return frames

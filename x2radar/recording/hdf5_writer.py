@@ -7,9 +7,8 @@ a file of that name is readable from the first moment, and a kill costs less tha
 
 import contextlib
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import h5py
@@ -23,8 +22,6 @@ from x2radar.recording.about import SAMPLE_DTYPES, root_attributes
 from x2radar.recording.blocks import Block, Label
 from x2radar.recording.faults import refuse
 from x2radar.wall_clock import utc_text
-
-_NOTHING: Mapping[str, Any] = MappingProxyType({})
 
 
 class RecordingWriter(Closing):
@@ -43,8 +40,8 @@ class RecordingWriter(Closing):
         stream: StreamInfo,
         *,
         started_utc: str | None = None,
-        device: Mapping[str, Any] = _NOTHING,
-        settings: Mapping[str, Any] = _NOTHING,
+        device: Mapping[str, Any] | None = None,
+        settings: Mapping[str, Any] | None = None,
         first_index: int = 0,
         attributes: Mapping[str, Any] | None = None,
         fsync: bool = False,
@@ -62,16 +59,14 @@ class RecordingWriter(Closing):
         except OSError as err:
             raise self._cannot_make(err) from err
         started_utc = utc_text() if started_utc is None else started_utc
-        about = root_attributes(stream, started_utc, device, settings)
-        try:
-            self._begin(stream, {**about, **(attributes or {})})
-        except (OSError, RuntimeError) as err:
-            _let_go(self._file)
-            with contextlib.suppress(OSError, RuntimeError):
-                self._file.close()
-            self._made_as.unlink(missing_ok=True)
-            raise WriteError.of(path, reason(err)) from err
+        about = root_attributes(stream, started_utc, device or {}, settings or {})
         self._published = False
+        try:
+            with _given_up(path, self._file):
+                self._begin(stream, {**about, **(attributes or {})})
+        except WriteError:
+            self._drop()
+            raise
 
     def _begin(self, stream: StreamInfo, attributes: Mapping[str, Any]) -> None:
         self._file.attrs.update(attributes)
@@ -99,19 +94,13 @@ class RecordingWriter(Closing):
         self._file.flush()
         self._file.swmr_mode = True
 
-    @property
-    def n_bytes(self) -> int:
-        """Size of the file so far, in bytes; the last second is not in it."""
-        try:
-            return (self._path if self._published else self._made_as).stat().st_size
-        except OSError:
-            return 0
-
     def write(self, frame: Frame) -> None:
         """Keep one frame; a second's worth goes to the disk at once.
 
         Raises RecordingError if the disk does not take it, or its length is not the stream's.
         """
+        if not self._file:
+            raise refuse(self._path, "the recording is closed")
         if frame.samples.shape != self._buffers[0].shape[1:]:
             raise refuse(
                 self._path, f"a frame of {frame.samples.size} bins does not fit the recording"
@@ -148,25 +137,25 @@ class RecordingWriter(Closing):
             if self._filled > self._flushed:
                 self._flush()
             # What fails here can be given up; what fails at the close crashes the process.
-            self._file.flush()
-        except (OSError, RuntimeError) as err:
-            _let_go(self._file)
-            raise WriteError.of(self._path, reason(err)) from err
+            with _given_up(self._path, self._file):
+                self._file.flush()
         finally:
-            with contextlib.suppress(OSError, RuntimeError):
-                self._file.close()
-            if not self._published or self.n_frames == 0:
-                self._made_as.unlink(missing_ok=True)
-            elif self._fsync:
+            self._drop()
+            if self._published and self._fsync:
                 with contextlib.suppress(OSError):
                     sync_path(self._path)
+
+    def _drop(self) -> None:
+        with contextlib.suppress(OSError, RuntimeError):
+            self._file.close()
+        self._made_as.unlink(missing_ok=True)
 
     def _flush(self) -> None:
         first, last = self._flushed, self._filled
         self._flushed = last
         if last == len(self._buffers[0]):
             self._filled = self._flushed = 0
-        try:
+        with _given_up(self._path, self._file):
             for dataset, buffer in zip(self._sets, self._buffers, strict=True):
                 old = len(dataset)
                 dataset.resize(old + last - first, axis=0)
@@ -175,10 +164,6 @@ class RecordingWriter(Closing):
                 # Counters and times that are on the disk vouch for their samples.
                 if self._fsync and dataset is not self._sets[1]:
                     os.fsync(self._file.id.get_vfd_handle())
-        except (OSError, RuntimeError) as err:
-            self._filled = self._flushed
-            _let_go(self._file)
-            raise WriteError.of(self._path, reason(err)) from err
         if not self._published:
             self._publish()
 
@@ -205,33 +190,39 @@ class RecordingWriter(Closing):
         return refuse(self._path, f"cannot make a recording there: {why}")
 
 
-def _let_go(file: h5py.File) -> None:
-    """Put /dev/null behind HDF5 after a failed write, which it would try again, and crash."""
-    with contextlib.suppress(OSError, RuntimeError):
-        nowhere = os.open(os.devnull, os.O_RDWR)
-        os.dup2(nowhere, file.id.get_vfd_handle())
-        os.close(nowhere)
+@contextlib.contextmanager
+def _given_up(path: Path, file: h5py.File) -> Iterator[None]:
+    """Raise WriteError for a failed write; HDF5 gets /dev/null, as it tries again and crashes."""
+    try:
+        yield
+    except (OSError, RuntimeError) as err:
+        with contextlib.suppress(OSError, RuntimeError):
+            nowhere = os.open(os.devnull, os.O_RDWR)
+            os.dup2(nowhere, file.id.get_vfd_handle())
+            os.close(nowhere)
+        raise WriteError.of(path, reason(err)) from err
 
 
 def write_labels(path: Path, labels: list[Label]) -> None:
-    """Add labelled stretches to a recording that is not being written any more; or OSError."""
+    """Add labelled stretches to a recording that is not being written any more; or WriteError."""
     if not labels:
         return
-    # A reader's lock must not keep out what belongs into it; there is one writer.
-    file = h5py.File(path, "r+", libver="latest", locking=False)
     try:
-        group = file.create_group("labels")
-        columns = zip(*labels, strict=True)
-        # Held until they are on the disk: one that is let go before writes what it has.
-        held = [
-            group.create_dataset(name, data=list(values))
-            for name, values in zip(("t0_s", "t1_s", "label"), columns, strict=True)
-        ]
-        file.flush()
-        held.clear()
-    except (OSError, RuntimeError):
-        _let_go(file)
-        raise
+        # A reader's lock must not keep out what belongs into it; there is one writer.
+        file = h5py.File(path, "r+", libver="latest", locking=False)
+    except OSError as err:
+        raise WriteError.of(path, reason(err)) from err
+    try:
+        with _given_up(path, file):
+            group = file.create_group("labels")
+            columns = zip(*labels, strict=True)
+            # Held until they are on the disk: one that is let go before writes what it has.
+            held = [
+                group.create_dataset(name, data=list(values))
+                for name, values in zip(("t0_s", "t1_s", "label"), columns, strict=True)
+            ]
+            file.flush()
+            held.clear()
     finally:
         with contextlib.suppress(OSError, RuntimeError):
             file.close()

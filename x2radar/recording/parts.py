@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.errors import RecordingError, WriteError
+from x2radar.errors import RecordingError
 from x2radar.frame import Closing, Frame, Samples, StreamInfo
 from x2radar.recording.about import NO_OVERRIDES, Overrides
 from x2radar.recording.blocks import BlockReader, Label
-from x2radar.recording.faults import refuse, refuse_taken, unreadable
+from x2radar.recording.faults import refuse
 from x2radar.recording.hdf5_reader import RecordingReader
-from x2radar.recording.hdf5_writer import RecordingWriter, reason, write_labels
+from x2radar.recording.hdf5_writer import RecordingWriter, write_labels
 from x2radar.wall_clock import parse_utc, utc_text
 
 
@@ -56,24 +56,19 @@ class RotatingWriter(Closing):
         self._max_frames = None if rotate_s is None else max(1, rotate_s * stream.frame_rate_hz)
         self.is_rotating = rotate_bytes is not None or rotate_s is not None
         self._id = str(uuid.uuid4())
-        self._done_bytes = self._seen_bytes = self._grows_by = 0
-        self._writer: RecordingWriter | None = None
-        self._first_index = self._next_index = 0
+        self._seen_bytes = self._grows_by = self._next_index = 0
+        self._first_indices: list[int] = []
         self.paths: list[Path] = []
-        self._starts_s: list[float] = []
-        check_free_name(path, rotating=self.is_rotating)
         self._next_part(0)
 
     @property
     def n_bytes(self) -> int:
         """Size of all parts so far, in bytes."""
-        return self._done_bytes + (self._writer.n_bytes if self._writer else 0)
+        return sum(path.stat().st_size for path in self.paths if path.exists())
 
     def write(self, frame: Frame) -> None:
         """Keep one frame, in a new part if the old one is full; raises as `RecordingWriter`."""
-        if self._writer is None:
-            raise refuse(self._path, "the recording is closed")
-        if self._writer.n_frames and self._is_full(self._writer, frame.index):
+        if self._writer.n_frames and self._is_full(frame.index):
             self.close()
             self._next_part(frame.index)
         self._writer.write(frame)
@@ -81,35 +76,28 @@ class RotatingWriter(Closing):
 
     def label(self, labels: Iterable[Label]) -> None:
         """Add labelled stretches to the closed parts; what lies beyond the frames is cut off."""
-        bounds = [*self._starts_s, self._next_index / self._stream.frame_rate_hz]
+        rate_hz = self._stream.frame_rate_hz
+        bounds = [index / rate_hz for index in (*self._first_indices, self._next_index)]
         for path, begin_s, end_s in zip(self.paths, bounds, bounds[1:], strict=False):
             cut = ((max(t0, begin_s), min(t1, end_s), text) for t0, t1, text in labels)
             own = [(t0 - begin_s, t1 - begin_s, text) for t0, t1, text in cut if t0 < t1]
-            try:
-                write_labels(path, own)
-            except (OSError, RuntimeError) as err:
-                raise WriteError.of(path, reason(err)) from err
+            write_labels(path, own)
 
     def close(self) -> None:
         """Write what is left and close the last part; a second call does nothing."""
-        writer, self._writer = self._writer, None
-        if writer is not None:
-            try:
-                writer.close()
-            finally:
-                self._done_bytes += writer.n_bytes
+        self._writer.close()
 
-    def _is_full(self, writer: RecordingWriter, index: int) -> bool:
-        if self._max_frames is not None and index - self._first_index >= self._max_frames:
+    def _is_full(self, index: int) -> bool:
+        if self._max_frames and index - self._first_indices[-1] >= self._max_frames:
             return True
-        if self._rotate_bytes is None:
+        if self._rotate_bytes is None or not self.paths[-1].exists():
             return False
-        size = writer.n_bytes
+        size = self.paths[-1].stat().st_size
         if size != self._seen_bytes:
             # Room for one more chunk like the largest, and for what closing adds.
             self._grows_by = max(self._grows_by, size - self._seen_bytes)
             self._seen_bytes = size
-        whole_chunk = writer.n_frames % max(1, round(self._stream.frame_rate_hz)) == 0
+        whole_chunk = self._writer.n_frames % max(1, round(self._stream.frame_rate_hz)) == 0
         return whole_chunk and size + self._grows_by > self._rotate_bytes
 
     def _next_part(self, index: int) -> None:
@@ -128,16 +116,9 @@ class RotatingWriter(Closing):
             attributes=attributes if self.is_rotating else None,
             **self._about,
         )
-        self._first_index = index
-        self._seen_bytes = self._writer.n_bytes
+        self._seen_bytes = 0
         self.paths.append(path)
-        self._starts_s.append(start_s)
-
-
-def check_free_name(path: Path, *, rotating: bool) -> None:
-    """Raise RecordingError if the recording, or one of its parts, exists already."""
-    for taken in [path, *(existing_parts(path) if rotating else [])]:
-        refuse_taken(taken)
+        self._first_indices.append(index)
 
 
 def open_hdf5(path: Path, overrides: Overrides = NO_OVERRIDES) -> BlockReader:
@@ -170,7 +151,7 @@ class PartsReader(BlockReader):
     """Read the parts of a recording as one, by their numbers, else in the order of `paths`."""
 
     def __init__(self, paths: Sequence[Path], overrides: Overrides = NO_OVERRIDES) -> None:
-        warnings: list[str] = []
+        left_out: list[str] = []
         with contextlib.ExitStack() as opened:
             parts = []
             for path in paths:
@@ -178,12 +159,16 @@ class PartsReader(BlockReader):
                     parts.append(opened.enter_context(RecordingReader(path, overrides)))
                 except RecordingError as err:
                     # Killed before its first second was over: the other parts are good.
-                    warnings.append(f"left out: {err}")
+                    left_out.append(f"left out: {err}")
             if not parts:
-                said = "; ".join(warnings).replace("left out: ", "")
+                said = "; ".join(left_out).replace("left out: ", "")
                 raise RecordingError(said or "no parts of a recording are named")
-            with unreadable(paths[0]):
-                self._parts = _in_order(parts)
+            numbers = [part.attribute("part") for part in parts]
+            if None not in numbers:
+                parts.sort(key=lambda part: int(part.attribute("part")))
+                numbers.sort()
+            _check_same(parts)
+            self._parts = parts
             opened.pop_all()
         first = self._parts[0]
         super().__init__(first.path.parent, overrides)
@@ -191,11 +176,9 @@ class PartsReader(BlockReader):
         self.stream, self.started_utc = first.stream, first.started_utc
         self.device, self.settings = first.device, first.settings
         self.n_frames = sum(part.n_frames for part in self._parts)
-        warnings += [part.warning for part in self._parts if part.warning]
-        numbers = [part.attribute("part") for part in self._parts]
+        self._warnings += left_out + [part.warning for part in self._parts if part.warning]
         if None not in numbers and numbers != list(range(len(numbers))):
-            warnings.append(f"{first.path.parent}: parts are missing")
-        self.warning = "; ".join(warnings) or None
+            self._warnings.append(f"{first.path.parent}: parts are missing")
         self._first = np.cumsum([0, *(part.n_frames for part in self._parts)]).tolist()
         self._start_s = self._starts()
 
@@ -246,14 +229,10 @@ class PartsReader(BlockReader):
         return part.read_samples(first - offset, last - offset)
 
 
-def _in_order(parts: list[RecordingReader]) -> list[RecordingReader]:
-    """Return the parts by number; raise RecordingError if they are of different recordings."""
+def _check_same(parts: list[RecordingReader]) -> None:
+    """Raise RecordingError if the parts are of different recordings."""
     own = [(p.attribute("recording_id"), p.stream.axis, p.stream.frame_rate_hz) for p in parts]
     for part, about in zip(parts, own, strict=True):
         if about != own[0]:
             why = f"and {part.path.name} are different recordings; name one of them"
             raise refuse(parts[0].path, why)
-    numbers = [part.attribute("part") for part in parts]
-    if None in numbers:
-        return parts
-    return sorted(parts, key=lambda part: int(part.attribute("part")))

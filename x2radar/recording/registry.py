@@ -181,12 +181,12 @@ def open_recording(
     """
     if kind is not None and kind not in READABLE:
         raise SettingsError(f"'{kind}' is no format that is read; known are {', '.join(READABLE)}")
-    if not isinstance(path, str | Path):
-        from x2radar.recording.parts import PartsReader  # noqa: PLC0415 - h5py takes a while
-
-        return PartsReader([Path(part) for part in path], overrides)
-    path = Path(path)
     with unreadable(path):
+        if not isinstance(path, str | Path):
+            from x2radar.recording.parts import PartsReader  # noqa: PLC0415 - h5py takes a while
+
+            return PartsReader([Path(part) for part in path], overrides)
+        path = Path(path)
         if path.exists() and not (path.is_file() or path.is_dir()):
             raise refuse(path, "is no file: a recording is read more than once")
         return (FORMATS[kind] if kind else format_of(path)).open(path, overrides)

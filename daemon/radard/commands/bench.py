@@ -231,7 +231,7 @@ def listen(port: str, duration_s: float) -> Heard:
         return Heard(source.stream, frames, None)
     radar = make_radar(parsed, speed=None)
     chunks: list[bytes] = []
-    radar.wrap_transport(lambda connect: lambda: _Tap(connect(), chunks))
+    radar.wrap_transport(lambda inner: _Tap(inner, chunks))
     with radar:
         coming = radar.frames()
         first = next(coming)

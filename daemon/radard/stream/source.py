@@ -105,7 +105,7 @@ def open_source(
         return ReplaySource(parsed, factor, on_notice)
     radar = make_radar(parsed, speed=factor)
     if factor is not None and factor <= _MAX_COALESCED:
-        radar.wrap_transport(lambda connect: lambda: CoalescedReads(connect(), due_s=due_s))
+        radar.wrap_transport(lambda inner: CoalescedReads(inner, due_s=due_s))
     device = ReconnectingRadar(radar, wait=wait, quit_on_loss=quit_on_loss)
     on_wait(device.close)
     return LiveSource(device, radar, on_notice)

@@ -21,15 +21,8 @@ from x2radar.wall_clock import parse_utc
 
 _HEAD = "uint32 counter\nfloat64 t_s\n"
 _CDR_LITTLE_ENDIAN = b"\x00\x01\x00\x00"  # encapsulation header (OMG DDSI-RTPS 2.3, 10.5)
-_LABELS = {
-    "type": "object",
-    "title": "x2radar.Label",
-    "properties": {
-        "t0_s": {"type": "number"},
-        "t1_s": {"type": "number"},
-        "label": {"type": "string"},
-    },
-}
+_LABEL = {"t0_s": {"type": "number"}, "t1_s": {"type": "number"}, "label": {"type": "string"}}
+_LABELS = {"type": "object", "title": "x2radar.Label", "properties": _LABEL}
 _NAMES = {"rf": ("samples",), "baseband": ("samples_i", "samples_q")}
 
 

@@ -86,21 +86,19 @@ class Reader(BlockReader):
             raise refuse(path, "cut off")
         stamps = np.fromfile(path, "<f8", self.n_frames, offset=_HEAD.size)
         self._rows = np.memmap(path, "<u4", "r", offset=at, shape=(self.n_frames, n_range))
-        warnings: list[str] = []
         if (rest := size - at - 4 * n_range * self.n_frames - 4) > 0:
-            warnings.append(f"{rest} bytes behind the frames, which are left out")
-        self._counter, rate_hz = _rate(stamps, float(fps), warnings)
+            self._warn(f"{rest} bytes behind the frames, which are left out")
+        self._counter, rate_hz = self._rate(stamps, float(fps))
         settings = self._sweep._asdict()
         settings |= {"pulse_generator": pg_select, "sample_delay_s": delay_s}
-        said = self._axis(pg_select, offset_m, warnings)
+        said = self._axis(pg_select, offset_m)
         said |= {"frame_rate_hz": rate_hz, "settings": settings}
         self._keep(("rf", n_range), said, "FrameLogger recording of an X2")
-        self.warning = f"{path}: {'; '.join(warnings)}" if warnings else None
 
     def read_samples(self, first: int, last: int) -> Samples:
         return self._falling(self._sweep.unit(self._rows[first:last]))
 
-    def _axis(self, pg_select: int, offset_m: float, warnings: list[str]) -> dict[str, Any]:
+    def _axis(self, pg_select: int, offset_m: float) -> dict[str, Any]:
         known = self._overrides
         sample_rate_hz = self._rate_said_hz
         if known.sample_rate_hz is not None:
@@ -108,7 +106,7 @@ class Reader(BlockReader):
         elif not 1e9 <= sample_rate_hz <= 1e11:
             sample_rate_hz = _ASSUMED_SAMPLE_RATE_HZ
             if known.bin_length_m is None:
-                warnings.append(
+                self._warn(
                     f"{self._rate_said_hz:.3g} samples per second is garbage; "
                     "39e9 is assumed (--sample-rate)"
                 )
@@ -119,26 +117,27 @@ class Reader(BlockReader):
         }
         if not -10 < offset_m < 100:
             said["range_offset_m"] = 0.0
-            warnings.append(f"an offset of {offset_m:.3g} m is garbage; 0 is assumed")
+            self._warnings.append(
+                f"{self.path}: an offset of {offset_m:.3g} m is garbage; 0 is assumed"
+            )
         if 0 <= pg_select < len(PULSE_GENERATORS):
             pulse = PULSE_GENERATORS[pg_select]
             said["carrier_hz"], said["bandwidth_hz"] = pulse.carrier_hz, pulse.bandwidth_hz
         return said
 
-
-def _rate(
-    stamps: NDArray[np.float64], fps: float, warnings: list[str]
-) -> tuple[NDArray[np.uint32], float | None]:
-    """Return counters and frame rate; the times' unit is the one that suits `fps`."""
-    if stamps.size > 1:
-        # Seconds first; other loggers of that house stamp in milliseconds or days.
-        for unit_s in (1.0, 1e-3, 86_400.0):
-            counted, period_s = count_by_stamps(stamps * unit_s)
-            if np.isfinite(period_s) and (fps <= 0 or 0.5 < period_s * fps < 2):
-                return counted, 1 / period_s
-    if fps > 0:
-        warnings.append(f"times without use; the nominal {fps:g} frames per second are taken")
-    return np.arange(1, stamps.size + 1, dtype=np.uint32), fps if fps > 0 else None
+    def _rate(
+        self, stamps: NDArray[np.float64], fps: float
+    ) -> tuple[NDArray[np.uint32], float | None]:
+        """Return counters and frame rate; the times' unit is the one that suits `fps`."""
+        if stamps.size > 1:
+            # Seconds first; other loggers of that house stamp in milliseconds or days.
+            for unit_s in (1.0, 1e-3, 86_400.0):
+                counted, period_s = count_by_stamps(stamps * unit_s)
+                if np.isfinite(period_s) and (fps <= 0 or 0.5 < period_s * fps < 2):
+                    return counted, 1 / period_s
+        if fps > 0:
+            self._warn(f"times without use; the nominal {fps:g} frames per second are taken")
+        return np.arange(1, stamps.size + 1, dtype=np.uint32), fps if fps > 0 else None
 
 
 def write(path: Path, source: BlockReader) -> list[str]:
@@ -159,17 +158,15 @@ def write(path: Path, source: BlockReader) -> list[str]:
     sample_rate_hz = SPEED_OF_LIGHT_MPS / (2 * axis.bin_length_m)
     delay_s = source.settings.get("sample_delay_s", 2 * axis.range_offset_m / SPEED_OF_LIGHT_MPS)
     rate_hz = source.stream.frame_rate_hz
-    n_frames = source.n_frames
-    times: list[NDArray[np.float64]] = []
     worst = 0.0
     with path.open("wb") as file:
         file.write(
             _HEAD.pack(
                 *(_MAGIC, *sweep, _X2, sample_rate_hz, pg_select, axis.range_offset_m),
-                *(float(delay_s), axis.n_range, n_frames, 1, max(1, round(rate_hz))),
+                *(float(delay_s), axis.n_range, source.n_frames, 1, max(1, round(rate_hz))),
             )
         )
-        file.seek(8 * n_frames, 1)
+        file.write(source.lists()[1].astype("<f8").tobytes())
         for block in source.blocks():
             counter = sweep.counter(block.samples)
             if not (counter.min(initial=0) >= 0 and counter.max(initial=0) <= _MAX_U32):
@@ -180,10 +177,7 @@ def write(path: Path, source: BlockReader) -> list[str]:
             raw = counter.astype("<u4")
             file.write(raw.tobytes())
             worst = max(worst, float(np.abs(sweep.unit(raw) - block.samples).max(initial=0)))
-            times.append(block.t_s)
         file.write(struct.pack("<f", rate_hz))
-        file.seek(_HEAD.size)
-        file.write(np.concatenate(times).astype("<f8").tobytes())
     if worst:
         notes.append(f"samples moved by up to {worst:.2g} to whole counts")
     return notes

@@ -35,32 +35,28 @@ class Reader(BlockReader):
     def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:
         super().__init__(path, overrides)
         with contextlib.ExitStack() as opened:
-            try:
-                self._look_into(opened)
-            except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as err:
-                raise refuse(path, f"not a NumPy archive of frames ({err})") from err
+            if not zipfile.is_zipfile(path):
+                raise refuse(path, "not a NumPy archive")
+            self._zip = opened.enter_context(zipfile.ZipFile(path))
+            most_bytes = path.stat().st_size * _MAX_PACKED
+            self._file = opened.enter_context(self._open(_SAMPLES, most_bytes))
+            shape, is_fortran, self._dtype = _read_header(self._file)
+            frames = kind_of(path, shape, self._dtype)
+            self.n_frames, self._n_range = n, _ = shape
+            self._begin = self._file.tell()
+            if is_fortran:
+                self._rows = self._load(_SAMPLES, _MAX_WHOLE_BYTES)
+            elif self._bytes(n) > self._zip.getinfo(f"{_SAMPLES}.npy").file_size:
+                raise refuse(path, "samples are cut off")
+            else:
+                self._rows = None
+            small = {name: self._load(name, _MAX_SMALL_BYTES) for name in ATTRIBUTES}
+            # An array of 8 bytes a frame and its header; numpy itself writes no longer one.
+            column_bytes = 8 * n + _MAX_HEADER_BYTES
+            self._keep_lists(self._load("counter", column_bytes), self._load("t_s", column_bytes))
+            self._labels = [self._load(name, _MAX_SMALL_BYTES) for name in _LABELS]
+            self._keep(frames, small, path.name)
             self._opened = opened.pop_all()
-
-    def _look_into(self, opened: contextlib.ExitStack) -> None:
-        path = self.path
-        self._zip = opened.enter_context(zipfile.ZipFile(path))
-        self._file = opened.enter_context(self._open(_SAMPLES, path.stat().st_size * _MAX_PACKED))
-        shape, is_fortran, self._dtype = _read_header(self._file)
-        frames = kind_of(path, shape, self._dtype)
-        self.n_frames, self._n_range = n, _ = shape
-        self._begin = self._file.tell()
-        if is_fortran:
-            self._rows = self._load(_SAMPLES, _MAX_WHOLE_BYTES)
-        elif self._bytes(n) > self._zip.getinfo(f"{_SAMPLES}.npy").file_size:
-            raise refuse(path, "samples are cut off")
-        else:
-            self._rows = None
-        small = {name: self._load(name, _MAX_SMALL_BYTES) for name in ATTRIBUTES}
-        # An array of 8 bytes a frame and its header; numpy itself writes no longer one.
-        column_bytes = 8 * n + _MAX_HEADER_BYTES
-        self._keep_lists(self._load("counter", column_bytes), self._load("t_s", column_bytes))
-        self._labels = [self._load(name, _MAX_SMALL_BYTES) for name in _LABELS]
-        self._keep(frames, small, path.name)
 
     def read_labels(self) -> Iterable[Label]:
         columns = [c.ravel().astype(str).tolist() for c in self._labels if c is not None]
@@ -74,11 +70,8 @@ class Reader(BlockReader):
     def read_samples(self, first: int, last: int) -> Samples:
         if self._rows is not None:
             return super().read_samples(first, last)
-        try:
-            self._file.seek(self._begin + self._bytes(first))
-            data = self._file.read(self._bytes(last - first))
-        except (OSError, EOFError, zipfile.BadZipFile) as err:
-            raise refuse(self.path, f"samples cannot be read ({err})") from err
+        self._file.seek(self._begin + self._bytes(first))
+        data = self._file.read(self._bytes(last - first))
         if len(data) < self._bytes(last - first):
             raise refuse(self.path, "samples are cut off")
         return self._falling(np.frombuffer(data, self._dtype).reshape(last - first, -1))
@@ -127,7 +120,6 @@ def write(path: Path, source: BlockReader) -> list[str]:
     """Write `source` into a new archive; return what was not kept: nothing."""
     axis = source.stream.axis
     dtype = np.dtype(SAMPLE_DTYPES[axis.kind])
-    counters, times = [], []
     with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as archive:
         with archive.open(f"{_SAMPLES}.npy", "w", force_zip64=True) as file:
             shape = (source.n_frames, axis.n_range)
@@ -136,13 +128,8 @@ def write(path: Path, source: BlockReader) -> list[str]:
             )
             for block in source.blocks():
                 file.write(block.samples.tobytes())
-                counters.append(block.counter)
-                times.append(block.t_s)
-        small: dict[str, Any] = {
-            "counter": np.concatenate(counters),
-            "t_s": np.concatenate(times),
-            **source.root_attributes(),
-        }
+        counter, t_s = source.lists()
+        small: dict[str, Any] = {"counter": counter, "t_s": t_s, **source.root_attributes()}
         small |= dict(zip(_LABELS, zip(*source.labels, strict=True), strict=False))
         for name, value in small.items():
             with archive.open(f"{name}.npy", "w") as file:

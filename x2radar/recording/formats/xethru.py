@@ -36,16 +36,8 @@ from x2radar.wall_clock import parse_utc, utc_text
 META = "xethru_recording_meta.dat"
 _MAGIC, _VERSION, _HEAD = 0xA0B1C2D3, 13, 0x55
 _SESSION = b"x2radar\0"
-_ENTRY = np.dtype(
-    [
-        ("kind", "u1"),
-        ("type", "<u4"),
-        ("size", "<u8"),
-        ("start", "<u8"),
-        ("end", "<u8"),
-        ("ms", "<u4"),
-    ]
-)
+_FIELDS = {"kind": "u1", "type": "<u4", "size": "<u8", "start": "<u8", "end": "<u8", "ms": "<u4"}
+_ENTRY = np.dtype(list(_FIELDS.items()))
 _RECORD, _END_OF_FILE, _FILE_LIST = 1, 2, 3  # version, length of the head, kinds of entries
 _BITS = {"datafloat": 0x400, "baseband_iq": 0x2, "baseband_ap": 0x1}
 """The kinds of data, and how the entries name them."""
@@ -75,8 +67,7 @@ class Reader(BlockReader):
     def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:
         super().__init__(path, overrides)
         self._kind, files = _data_files(path)
-        warnings: list[str] = []
-        mapped = [_map(file, self._kind, warnings) for file in files]
+        mapped = [_map(file, self._kind, self._warnings) for file in files]
         self._parts = [part for part in mapped if len(part)]
         if not self._parts:
             raise refuse(path, "no whole record in it")
@@ -85,12 +76,11 @@ class Reader(BlockReader):
         started_utc, times_ms, ours = _read_meta(meta) if meta.is_file() else ("", None, {})
         self._labels = list(ours.get("labels", []))
         rate_hz = overrides.frame_rate_hz or ours.get("frame_rate_hz")
-        said = {**ours, **self._axis(ours, warnings), "started_utc": started_utc}
+        said = {**ours, **self._axis(ours), "started_utc": started_utc}
         said["frame_rate_hz"] = rate_hz or self._measured_rate(times_ms)
         n_range = self._parts[0]["a"].shape[1]
         device = f"XeThru {self._kind} recording"
         self._keep(("baseband", n_range), said, device)
-        self.warning = "; ".join(warnings) or None
 
     def read_counters(self, first: int, last: int) -> NDArray[Any]:
         return self._read("counter", first, last)
@@ -111,10 +101,10 @@ class Reader(BlockReader):
             first, last = first - len(part), last - len(part)
         return np.concatenate(found)
 
-    def _axis(self, ours: Mapping[str, Any], warnings: list[str]) -> dict[str, Any]:
+    def _axis(self, ours: Mapping[str, Any]) -> dict[str, Any]:
         """Return what the records say about range, as exactly as our header repeats it."""
         if self._kind == "datafloat":
-            warnings.append(
+            self._warnings.append(
                 f"datafloat records carry no axis: {_X4['carrier_hz'] / 1e9:g} GHz, bins of "
                 f"{X4_BIN_LENGTH_M * 1e3:.1f} mm and range offset 0 (X4) are assumed"
             )
@@ -232,9 +222,8 @@ def write(path: Path, source: BlockReader) -> list[str]:
         raise SettingsError(f"{path.name}: XeThru recordings hold baseband here, this is RF")
     started = parse_utc(source.started_utc) or datetime.fromtimestamp(0, UTC)
     name = f"xethru_baseband_iq_{started:%Y%m%d_%H%M%S}.dat"
-    kept = ("bin_length_m", "range_offset_m", "carrier_hz", "bandwidth_hz", "sample_rate_hz")
     ours = {
-        **{name: getattr(axis, name) for name in kept},
+        **{name: getattr(axis, name) for name in _X4},
         "frame_rate_hz": source.stream.frame_rate_hz,
         "started_utc": source.started_utc,
         "device": dict(source.device),
