@@ -13,8 +13,7 @@ is counted as over_memory. Right is a result or one of the project's own errors;
 exception, or the death of the process, is unhandled.
 
 All inputs are mutations of good ones by a seeded generator. The last line is one JSON object:
-inputs, unhandled, hangs, over_memory, and the same for each of `targets`. Exit code 1 if harm was
-found.
+inputs and the harm, which gives exit code 1, also of each of `targets`.
 """
 
 import hashlib
