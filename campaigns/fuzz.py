@@ -28,7 +28,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import islice, takewhile
 from multiprocessing import get_context
@@ -181,97 +181,76 @@ def mutate(rng: random.Random, data: bytes, others: Sequence[bytes]) -> bytes:
     is_text = b"\0" not in data[:512]
     for _ in range(rng.choice((1, 1, 1, 2, 3, 6))):
         change = rng.choice(_TEXT_CHANGES if is_text and rng.random() < 0.8 else _CHANGES)
-        if not (out := change(rng, out, others)):
+        if not (out := _changed(change, rng, out, others)):
             break
     if out[:8] == b"\x89HDF\r\n\x1a\n" and rng.random() < 0.6:
         _mend_checksums(out)
     return bytes(out)
 
 
-def _flip(rng: random.Random, out: bytearray, _others: Sequence[bytes]) -> bytearray:
-    out[_place(rng, out)] ^= 1 << rng.randrange(8)
+_CHANGES = ("flip", "flip", "number", "number", "float", "cut", "drop", "again")
+_TEXT_CHANGES = ("token", "token", "token", "line", "word", "drop", "again", "cut")
+
+
+def _changed(
+    change: str, rng: random.Random, out: bytearray, others: Sequence[bytes]
+) -> bytearray:
+    # Heads are denser in meaning than what follows them.
+    at = rng.randrange(len(out) if rng.random() < 0.5 else min(len(out), 256))
+    match change:
+        case "flip":
+            out[at] ^= 1 << rng.randrange(8)
+        case "number" | "float":
+            at, piece = (at, _float(rng)) if change == "float" else _number(rng, at)
+            out[at : at + len(piece)] = piece[: len(out) - at]
+        case "cut":
+            return out[: rng.randrange(len(out) + 1)]
+        case "drop":
+            del out[at : at + rng.choice((1, 2, 4, 8, 64, 1000))]
+        case "again":
+            source = bytes(out) if rng.random() < 0.5 or not others else rng.choice(others)
+            begin, n = rng.randrange(len(source) or 1), rng.choice((1, 4, 8, 32, 256, 2000))
+            piece = source[begin : begin + n] * rng.choice((1, 1, 1, 20))
+            out[at : at + (len(piece) if rng.random() < 0.5 else 0)] = piece
+        case "word":
+            out[at:at] = rng.choice(_WORDS)
+        case "token":
+            # A strange value, or another of the same text, where a number or a word stands.
+            if found := list(rng.choice((_NUMBER, _TEXT)).finditer(bytes(out))):
+                begin, end = rng.choice(found).span()
+                other = rng.choice(found).group()
+                out[begin:end] = other if rng.random() < 0.3 else rng.choice(_WORDS)
+        case "line":
+            return _line(rng, out, others)
     return out
 
 
-def _place(rng: random.Random, out: bytearray) -> int:
-    # Heads are denser in meaning than what follows them.
-    return rng.randrange(len(out) if rng.random() < 0.5 else min(len(out), 256))
-
-
-def _number(rng: random.Random, out: bytearray, _others: Sequence[bytes]) -> bytearray:
+def _number(rng: random.Random, at: int) -> tuple[int, bytes]:
+    """Return a whole number, and where to put it: aligned, most often."""
     width = rng.choice((1, 2, 4, 4, 8))
     value = rng.choice((*_NUMBERS, *_LONG, rng.getrandbits(32))) & ((1 << 8 * width) - 1)
-    at = _place(rng, out)
     if rng.random() < 0.7:
         at -= at % min(width, 4)
-    piece = value.to_bytes(width, rng.choice(("little", "big")))
-    out[at : at + width] = piece[: len(out) - at]
-    return out
+    return at, value.to_bytes(width, rng.choice(("little", "big")))
 
 
-def _float(rng: random.Random, out: bytearray, _others: Sequence[bytes]) -> bytearray:
+def _float(rng: random.Random) -> bytes:
     value = rng.choice((float("nan"), float("inf"), -float("inf"), 0.0, -1.0, 1e300, 1e-320, 1e30))
-    short = 3e38 if 3e38 < abs(value) < math.inf else value
-    piece = struct.pack("<d", value) if rng.random() < 0.5 else struct.pack("<f", short)
-    at = _place(rng, out)
-    out[at : at + len(piece)] = piece[: len(out) - at]
-    return out
-
-
-def _cut(rng: random.Random, out: bytearray, _others: Sequence[bytes]) -> bytearray:
-    return out[: rng.randrange(len(out) + 1)]
-
-
-def _drop(rng: random.Random, out: bytearray, _others: Sequence[bytes]) -> bytearray:
-    at = rng.randrange(len(out))
-    del out[at : at + rng.choice((1, 2, 4, 8, 64, 1000))]
-    return out
-
-
-def _again(rng: random.Random, out: bytearray, others: Sequence[bytes]) -> bytearray:
-    source = bytes(out) if rng.random() < 0.5 or not others else rng.choice(others)
-    at, n = rng.randrange(len(source) or 1), rng.choice((1, 4, 8, 32, 256, 2000))
-    place = rng.randrange(len(out))
-    piece = source[at : at + n] * rng.choice((1, 1, 1, 20))
-    out[place : place + (len(piece) if rng.random() < 0.5 else 0)] = piece
-    return out
-
-
-def _word(rng: random.Random, out: bytearray, _others: Sequence[bytes]) -> bytearray:
-    at = rng.randrange(len(out))
-    out[at:at] = rng.choice(_WORDS)
-    return out
-
-
-def _token(rng: random.Random, out: bytearray, _others: Sequence[bytes]) -> bytearray:
-    """Put a strange value, or another of the same text, where a number or a word stands."""
-    found = list(rng.choice((_NUMBER, _TEXT)).finditer(bytes(out)))
-    if not found:
-        return out
-    spot, other = rng.choice(found), rng.choice(found)
-    out[spot.start() : spot.end()] = other.group() if rng.random() < 0.3 else rng.choice(_WORDS)
-    return out
+    if rng.random() < 0.5:
+        return struct.pack("<d", value)
+    return struct.pack("<f", 3e38 if 3e38 < abs(value) < math.inf else value)
 
 
 def _line(rng: random.Random, out: bytearray, others: Sequence[bytes]) -> bytearray:
-    """Drop, repeat, move or indent a line, or take one of another file."""
+    """Drop, repeat or indent a line, or take one of another file."""
     lines = bytes(out).split(b"\n")
     k = rng.randrange(len(lines))
-    kind = rng.randrange(4)
-    if kind == 0:
-        del lines[k]
-    elif kind == 1:
-        lines[k:k] = [lines[k]] * rng.choice((1, 3))
-    elif kind == 2:
-        lines[k] = b"  " * rng.randrange(4) + lines[k].lstrip()
-    else:
-        lines.insert(k, rng.choice(rng.choice(others or [bytes(out)]).split(b"\n")))
+    foreign = rng.choice(rng.choice(others or [bytes(out)]).split(b"\n"))
+    indented = b"  " * rng.randrange(4) + lines[k].lstrip()
+    lines[k : k + 1] = rng.choice(
+        ([], [lines[k]] * rng.choice((2, 4)), [indented], [foreign, lines[k]])
+    )
     return bytearray(b"\n".join(lines))
-
-
-_Change = Callable[[random.Random, bytearray, Sequence[bytes]], bytearray]
-_CHANGES: tuple[_Change, ...] = (_flip, _flip, _number, _number, _float, _cut, _drop, _again)
-_TEXT_CHANGES: tuple[_Change, ...] = (_token, _token, _token, _line, _word, _drop, _again, _cut)
 
 
 def _mend_checksums(out: bytearray) -> None:
