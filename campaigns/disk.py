@@ -55,21 +55,19 @@ class Disk:
 
     def __init__(self, folder: Path, mode: Path, rng: random.Random, stack: ExitStack) -> None:
         self.folder, self._mode, self._rng = folder, mode, rng
-        self._layer = mode.with_suffix(".so")
+        layer = mode.with_suffix(".so")
         self.skipped: set[str] = set()
         self._mode.write_bytes(b"-")
         if _does("mount", "-t", "tmpfs", "-o", f"size={_MB}m", "tmpfs", str(folder)):
             stack.callback(_does, "umount", "-l", str(folder))
         else:
             self.skipped |= {"full", "low"}
-        build = ("gcc", "-shared", "-fPIC", "-O1", "-o", str(self._layer))
+        build = ("gcc", "-shared", "-fPIC", "-O1", "-o", str(layer))
         if not _does(*build, str(Path(__file__).parent / "disk_layer.c"), "-ldl"):
             self.skipped |= set(_MODES)
-
-    def environment(self) -> dict[str, str]:
-        """Return what puts the layer before a process."""
-        own = {"DISK_MODE": str(self._mode), "DISK_FOLDER": str(self.folder)}
-        return {**own, "LD_PRELOAD": str(self._layer)} if self._layer.exists() else {}
+        own = {"DISK_MODE": str(mode), "DISK_FOLDER": str(folder), "LD_PRELOAD": str(layer)}
+        # What puts the layer before a process.
+        self.environment = own if layer.exists() else {}
 
     def fail(self, kind: str) -> str:
         """Let something happen; return what is to be known of it."""
@@ -125,7 +123,7 @@ class Guard(House):
 
     def start(self, *arguments: str) -> None:
         """Start the daemon on the disk, with a recording there."""
-        with patch.dict(os.environ, self.disk.environment()):
+        with patch.dict(os.environ, self.disk.environment):
             super().start("--record", str(self.disk.folder / "rec.h5"), *arguments)
 
     def once(self, k: int) -> None:

@@ -136,10 +136,12 @@ def work(pipe: Connection, targets: Sequence[str], folder: Path) -> None:
         pipe.send(made)
 
 
-def fed(worker: Worker, target: str, inputs: Iterator[bytes], keep: Path | None) -> Counter[str]:
-    """Run inputs of one target, and keep those that are not as they should be; return counts."""
-    count = Counter[str]()
-    for data in inputs:
+def fed(
+    worker: Worker, target: str, inputs: Iterator[bytes], keep: Path | None, until_s: float
+) -> Counter[str]:
+    """Run inputs of one target for so long; keep those that are not right, return counts."""
+    count = Counter(dict.fromkeys(_KEYS, 0))
+    for data in takewhile(lambda _: time.monotonic() < until_s, inputs):
         count["inputs"] += 1
         kind, text = worker.run(target, data)
         if kind == "fine":
@@ -153,21 +155,16 @@ def fed(worker: Worker, target: str, inputs: Iterator[bytes], keep: Path | None)
     return count
 
 
-def mutations(
-    target: str, seed: int, n: int | None, until_s: float, seeds: list[bytes]
-) -> Iterator[bytes]:
-    """Yield the good inputs, then mutations of them, until a number or a time is reached."""
+def mutations(target: str, seed: int) -> Iterator[bytes]:
+    """Yield the good inputs, then mutations of them without end."""
     rng = random.Random(f"{target} {seed}")  # noqa: S311 - no secret
-
-    def endless() -> Iterator[bytes]:
-        yield from seeds
-        while True:
-            parts = rng.choice(seeds).split(BORDER)
-            k = rng.randrange(len(parts))
-            parts[k] = mutate(rng, parts[k], seeds)
-            yield BORDER.join(parts)
-
-    yield from takewhile(lambda _: time.monotonic() < until_s, islice(endless(), n))
+    seeds = _seeds(target)
+    yield from seeds
+    while True:
+        parts = rng.choice(seeds).split(BORDER)
+        k = rng.randrange(len(parts))
+        parts[k] = mutate(rng, parts[k], seeds)
+        yield BORDER.join(parts)
 
 
 def _seeds(target: str) -> list[bytes]:
@@ -285,20 +282,18 @@ def main() -> int:
     args = parser.parse_args()
     targets = args.targets.split(",")
     share_s = float("inf") if args.inputs else args.seconds / len(targets)
-    each: dict[str, dict[str, int]] = {}
+    each: dict[str, Counter[str]] = {}
     with tempfile.TemporaryDirectory() as folder:
         worker = Worker(targets, Path(folder))
         try:
             for target in targets:
-                until_s = time.monotonic() + share_s
-                inputs = mutations(target, args.seed, args.inputs, until_s, _seeds(target))
-                count = fed(worker, target, inputs, args.keep)
+                inputs = islice(mutations(target, args.seed), args.inputs)
+                count = fed(worker, target, inputs, args.keep, time.monotonic() + share_s)
                 print(f"{target}: {dict(count)}", file=sys.stderr)
-                each[target] = {key: count[key] for key in _KEYS}
+                each[target] = count
         finally:
             worker.close()
-    totals = {key: sum(count[key] for count in each.values()) for key in _KEYS}
-    return end_with({**totals, "targets": each})
+    return end_with({**sum(each.values(), Counter[str]()), "targets": each})
 
 
 if __name__ == "__main__":

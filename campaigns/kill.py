@@ -18,7 +18,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from campaigns.kept import House, campaign
-from campaigns.processes import CONFIG, wait_for
+from campaigns.processes import CONFIG
 from x2radar.errors import RecordingError
 from x2radar.recording.registry import open_recording
 
@@ -49,7 +49,6 @@ class Killed(House):
         """Start it, let it live a while, kill it, and look at what it left."""
         self._begin(k)
         try:
-            self._check_state(k)
             if self.rng.random() < 0.5:
                 self._command()
             self._live(k)
@@ -65,20 +64,13 @@ class Killed(House):
     def finish(self) -> None:
         """Start it for the last time, until every event has arrived."""
         self._begin(-1)
-        self._check_state(-1)
         super().finish()
 
     def _begin(self, k: int) -> None:
-        self._n_before = n_before = self.n_told("decision")
+        self._n_before = self.n_told("decision")
         self.start("--record", str(self._recording))
-
-        def is_at_work() -> bool:
-            if not self.daemon.is_alive:
-                msg = f"start {k}: it does not start: {self.daemon.log[-800:]}"
-                raise RuntimeError(msg)
-            return self.n_told("decision") > n_before
-
-        wait_for(is_at_work, "a decision")
+        self.goes_on(1, f"start {k}")
+        self._check_state(k)
 
     def _live(self, k: int) -> None:
         """Let it live: for a random time, or until just behind the next event."""
