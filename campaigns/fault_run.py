@@ -252,7 +252,9 @@ class Run:
                         self._take(each)
                 elif item.kind in {"lost", "found"}:
                     self._ring.post(item.kind, item.reason)
-                    self._drain()
+                    with contextlib.suppress(TimeoutError):
+                        while (each := self._ring.next_item(0)) is not None:
+                            self._take(each)
 
     def tick(self) -> None:
         """Do what a worker does that waits in vain; to be called twice a second."""
@@ -264,11 +266,6 @@ class Run:
                 or "fault" in self._worker.tracker.open_events
             )
             self.watcher.look(is_announced=is_announced)
-
-    def _drain(self) -> None:
-        with contextlib.suppress(TimeoutError):
-            while (item := self._ring.next_item(0)) is not None:
-                self._take(item)
 
     def _take(self, item: Dwell | Notice) -> None:
         self._heard_s = self._clock.now()

@@ -86,7 +86,7 @@ class World:
         self, plan: FaultPlan, seed: int, *, healed_s: float, end_s: float, is_usb: bool = False
     ) -> None:
         self._rng = random.Random(seed)  # noqa: S311 - no secret
-        self._plan, self._seed, self._is_usb = plan, seed, is_usb
+        self._plan, self._seed, self.is_usb = plan, seed, is_usb
         self.healed_s, self._end_s = healed_s, end_s
         self._now_s, self._tick_s = 1.0, 1.0
         self.module = Module(plan, seed, self._now_s)
@@ -119,7 +119,7 @@ class World:
             self.sleep(0.001)
             msg = "module: no such port"
             raise PortNotFound(msg)
-        self._port = Port(self, is_usb=self._is_usb)
+        self._port = Port(self)
         return self._port
 
     def step(self, until_s: float) -> None:
@@ -164,7 +164,7 @@ class World:
             self.module, self._n_boots = Module(plan, self._seed, self._now_s), 0
         elif module.n_boots > self._n_boots:
             self._n_boots = module.n_boots
-            if self._is_usb:
+            if self.is_usb:
                 self._pull(0.04)
 
     def _pull(self, for_s: float) -> None:
@@ -177,11 +177,11 @@ class World:
 class Port:
     """The host's end of the cable, as `Transport` has it."""
 
-    def __init__(self, world: World, *, is_usb: bool) -> None:
+    def __init__(self, world: World) -> None:
         self._world = world
         self._waiting: deque[bytes] = deque()
         self._n_waiting = 0  # bytes
-        self.is_usb = is_usb
+        self.is_usb = world.is_usb
         self.is_gone = False
 
     def arrive(self, data: bytes) -> None:

@@ -7,8 +7,8 @@
 simulated module with every fault that it has, alone and mixed, at rates up to one in ten, with
 cables pulled and a host that stands still. --injected runs are in real time, on a pseudo-terminal
 with a faulty line that shares no code with the simulator (`FaultyLine`).
---surroundings names cases of `surroundings`, with commas. Frames carry
-the time at which they were made, which is the truth that decisions are held against.
+--surroundings names cases of `surroundings`, with commas. Frames carry the time at which they
+were made, which is the truth that decisions are held against.
 
 The last line is one JSON object: runs; by kind of run what was counted; and the harm, which gives
 exit code 1. hidden_restarts are those of a module's counter among lost frames, where its numbers
@@ -270,11 +270,11 @@ def injected_run(n: int, seed: int) -> dict[str, Any]:
     return {**found, "injected": line.n_faults, "recovery": recovery}
 
 
-Judged = tuple[str, tuple[float, float, str], Counter[str], list[str]]
+Judged = tuple[tuple[float, float, str], Counter[str], str]
 
 
 def judge(run: Callable[[int, int], dict[str, Any]], seed: int, n: int) -> Judged:
-    """Make run `n`; return which it was, its counts, and what to say of it."""
+    """Make run `n`; return how it came back, its counts, and what to say of it."""
     found = run(n, seed)
     watcher, (*_, fault) = found["run"].watcher, found["recovery"]
     counts = watcher.tally + Counter(
@@ -287,20 +287,21 @@ def judge(run: Callable[[int, int], dict[str, Any]], seed: int, n: int) -> Judge
         injected=found.get("injected", 0),
     )
     notes = [*watcher.notes, fault, found.get("crash"), found.get("deadlock")]
-    told = [note for note in notes if note and any(counts[key] for key in HARM)]
-    return f"{n} ({found['what']})", found["recovery"], counts, told
+    is_harm = any(counts[key] for key in HARM)
+    told = f"{n} ({found['what']}): {list(filter(None, notes))}" if is_harm else ""
+    return found["recovery"], counts, told
 
 
 def counted(kind: str, results: Iterable[Judged]) -> dict[str, float]:
     """Count runs of one kind, and say on stderr which were not as they should be."""
     total: Counter[str] = Counter()
     stream_s = outage_s = 0.0
-    for which, (own_stream_s, own_outage_s, fault), counts, notes in results:
+    for (own_stream_s, own_outage_s, fault), counts, told in results:
         total.update(counts)
         if not fault:
             stream_s, outage_s = max(stream_s, own_stream_s), max(outage_s, own_outage_s)
-        if notes:
-            print(f"{kind} {which}: {notes}", file=sys.stderr)
+        if told:
+            print(f"{kind} {told}", file=sys.stderr)
     return {**total, "recovery_s_max": round(stream_s, 2), "outage_s_max": round(outage_s, 2)}
 
 

@@ -3,14 +3,10 @@
     python campaigns/fuzz.py --seconds 600 --keep found/
     python campaigns/fuzz.py --inputs 50 --targets hdf5,npz      # the same inputs each time
 
-Targets are the decoder, recordings (HDF5, XeThru, FrameLogger, P4xx .mat, npz, SigMF, wire
-captures), scenes, the configuration, model bundles (sidecar and ONNX), calibrations, kept state,
-and what comes over a network: requests, messages of pages, commands over MQTT, what a module says
-of itself in Home Assistant's discovery, and what a broker says of a fleet. An input is run in a
-process of its own kind, which dies with it if it must: 3 s of its processor's time (or 60 s by
-the clock) is a hang, and the address space may grow by 512 MiB over what the imports took; more
-is counted as over_memory. Right is a result or one of the project's own errors; any other
-exception, or the death of the process, is unhandled.
+Targets (`fuzz_targets`, `fuzz_network`) are the readers of all files, and of what comes over a
+network. An input is run in a process of its own kind, which dies with it if it must: 3 s of its
+processor's time (or 60 s by the clock) is a hang, and the address space may grow by 512 MiB over
+what the imports took. Right is a result or one of the project's own errors.
 
 All inputs are mutations of good ones by a seeded generator. The last line is one JSON object:
 inputs and the harm, which gives exit code 1, also of each of `targets`.
@@ -255,20 +251,15 @@ def _mend_checksums(out: bytearray) -> None:
     if len(out) > 48 and out[8] in {2, 3}:
         struct.pack_into("<I", out, 44, lookup3(bytes(out[:44])))
     for found in re.finditer(rb"OHDR\x02|EAHD\x00", bytes(out)):
-        at = found.start()
-        n = 68 if out[at : at + 1] == b"E" else _header_bytes(out, at)
-        if n and at + n + 4 <= len(out):
+        at, n = found.start(), 68
+        if found.group().startswith(b"O"):
+            # Of an object header (version 2): what lies before its checksum.
+            flags = out[at + 5] if at + 5 < len(out) else 0
+            begin = at + 6 + 16 * bool(flags & 0x20) + 4 * bool(flags & 0x10)
+            end = begin + (1 << (flags & 3))
+            n = end - at + int.from_bytes(out[begin:end], "little")
+        if at + n + 4 <= len(out):
             struct.pack_into("<I", out, at + n, lookup3(bytes(out[at : at + n])))
-
-
-def _header_bytes(out: bytearray, at: int) -> int:
-    """Return the bytes of an object header (version 2) before its checksum; 0 if cut off."""
-    flags = out[at + 5] if at + 5 < len(out) else 0
-    begin = at + 6 + 16 * bool(flags & 0x20) + 4 * bool(flags & 0x10)
-    width = 1 << (flags & 3)
-    if begin + width > len(out):
-        return 0
-    return begin + width + int.from_bytes(out[begin : begin + width], "little") - at
 
 
 def main() -> int:

@@ -27,8 +27,6 @@ from tests.web_helpers import decision, event
 
 BORDER = b"\n--8<--\n"
 """Between the parts of an input."""
-_LENGTH = b"@LENGTH"
-"""Stands for the length of what comes behind the border."""
 _RIGHT = (503, 507)
 _ANSWER_S = 0.3
 """An answer takes a few milliseconds, also on a busy machine."""
@@ -89,7 +87,7 @@ def _http(_folder: Path, data: bytes) -> None:
     """Send a request; its head says @LENGTH for the length of the body behind the border."""
     head, border, body = data.partition(BORDER)
     length = str(len(body)).encode()
-    raw = head.replace(b"\r\n", b"\n").replace(b"\n", b"\r\n").replace(_LENGTH, length)
+    raw = head.replace(b"\r\n", b"\n").replace(b"\n", b"\r\n").replace(b"@LENGTH", length)
     answer = _send(raw + (b"\r\n\r\n" + body if border else b""))
     for line in answer.split(b"\r\n"):
         if line.startswith(b"HTTP/1.1 5") and int(line[9:12]) not in _RIGHT:
@@ -215,14 +213,9 @@ def _fleet_seeds(_folder: Path) -> list[bytes]:
     state = {"armed": True, "alarm": False, "gate": "open", "label": "pet"}
     health = {"state": "online", "reason": "", "fault": None, "tamper": "covered: it is dark"}
     rows = {"availability": "online", "state": json.dumps(state), "health": json.dumps(health)}
-    return [
-        BORDER.join(
-            part.encode()
-            for kind, payload in rows.items()
-            for part in (f"radard/{name}/{kind}", payload)
-        )
-        for name in ("hall", "attic")
-    ]
+    border = BORDER.decode()
+    parts = [f"radard/hall/{kind}{border}{payload}" for kind, payload in rows.items()]
+    return [border.join(parts).encode()]
 
 
 ROWS = {

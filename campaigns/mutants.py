@@ -78,9 +78,6 @@ _SLOWER = 5
 """A mutant's tests may take so many times as long as all of them usually do."""
 
 
-# ---------------------------------------------------------------- what is changed
-
-
 def changes(node: ast.AST) -> Iterator[tuple[str, ast.AST]]:  # noqa: C901, PLR0912 - a table
     """Yield every change of a node itself: what it is called, and the node in its place."""
     match node:
@@ -150,9 +147,6 @@ def mutant(path: Path, k: int = -1) -> tuple[ast.Module, list[tuple[int, str]]]:
     mutator = Mutator(k)
     tree = mutator.visit(ast.parse(path.read_text(encoding="utf-8")))
     return ast.fix_missing_locations(tree), mutator.found
-
-
-# ---------------------------------------------------------------- whether its tests fail
 
 
 def in_fork(work: Callable[[], int], limit_s: float) -> int:

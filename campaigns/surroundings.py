@@ -1,9 +1,7 @@
 """Cases of what may happen around a daemon: to its broker, processor, model and configuration.
 
-What happens to its disk and clock is in the campaigns `disk` and `clock`. Each case starts a real
-daemon on a simulated module, does its worst, and takes it back. Then the daemon must be online
-again, without having been started again, and every event that it noted in its file must have
-reached the broker and the store.
+Each case starts a daemon on a simulated module, does its worst, and takes it back. Then the daemon
+must be online again, without having been started again, and every event be at every output.
 """
 
 import os
