@@ -177,12 +177,10 @@ def _announce(_folder: Path, data: bytes) -> None:
     """Make Home Assistant's discovery of what a run, and its module, say of themselves."""
     try:
         hello = json.loads(data)
-    except (ValueError, RecursionError):
-        return
-    # The driver gives texts and numbers under these names, whatever the module has sent.
-    if not isinstance(hello, dict):
-        return
-    if not all(isinstance(hello.get(key), type(value)) for key, value in _HELLO.items()):
+        # The driver gives texts and numbers under these names, whatever the module has sent.
+        if not all(isinstance(hello.get(key), type(value)) for key, value in _HELLO.items()):
+            return
+    except (ValueError, RecursionError, AttributeError):
         return
     topics = MqttTopics("hall", "radard", MqttSection(), takes_commands=True)
     topics.on_record({**hello, "type": "hello"}, 0.0)
