@@ -8,11 +8,8 @@ limit for them. Its clock on the wall, which one module asks (`x2radar.wall_cloc
 computer and an offset, drawn for each step; half of them come while it is ended. Its files
 get older or newer by the step, as they would. Nothing may go by that clock.
 
-The last line is one JSON object: steps; events; decisions (those compared); lost_events (not at
-every output, or deleted from the store by a step); duplicate_events (a number, a key or a row used
-twice); unreadable (a clip that an event names and that is not there, while an older one is);
-lost_states (no longer armed); silent_stalls (no decision, or not online, after a step);
-decisions_differ (from a run whose clock nobody set); crashes. Exit code 1 if harm was found.
+The last line is one JSON object: steps, events, decisions (those compared with a run whose clock
+nobody set) and the harm, which gives exit code 1.
 """
 
 import os

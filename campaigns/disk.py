@@ -11,12 +11,8 @@ C library, `disk_layer.c`, which takes a compiler); or pages of a file are overw
 event log, the store, a clip or a recording.
 
 The last line is one JSON object: faults, by their kind; skipped (kinds that this computer cannot
-have); events; decisions (those compared); lost_events (that did not come to the broker, or to the
-store, although that was whole); duplicate_events (a number, a key or a row used twice); unreadable
-(a clip that an event names, that is not there and of whose loss the log says nothing);
-silent_stalls (no decision while it lasted, or not a word of it); unrecovered (not well again
-afterwards); decisions_differ (from a run where nothing happened); crashes. Exit code 1 if harm was
-found.
+have); events; decisions (those compared with a run where nothing happened); and the harm, which
+gives exit code 1.
 """
 
 import os
@@ -34,7 +30,6 @@ from unittest.mock import patch
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from campaigns.kept import PORT, House, campaign
-from campaigns.outputs import phases
 from campaigns.processes import CONFIG, wait_for
 
 _MODES = {"slow": b"s", "read_only": b"r", "broken": b"e"}
@@ -60,21 +55,19 @@ class Disk:
 
     def __init__(self, folder: Path, mode: Path, rng: random.Random, stack: ExitStack) -> None:
         self.folder, self._mode, self._rng = folder, mode, rng
-        self._layer = mode.with_suffix(".so")
+        layer = mode.with_suffix(".so")
         self.skipped: set[str] = set()
         self._mode.write_bytes(b"-")
         if _does("mount", "-t", "tmpfs", "-o", f"size={_MB}m", "tmpfs", str(folder)):
             stack.callback(_does, "umount", "-l", str(folder))
         else:
             self.skipped |= {"full", "low"}
-        build = ("gcc", "-shared", "-fPIC", "-O1", "-o", str(self._layer))
+        build = ("gcc", "-shared", "-fPIC", "-O1", "-o", str(layer))
         if not _does(*build, str(Path(__file__).parent / "disk_layer.c"), "-ldl"):
             self.skipped |= set(_MODES)
-
-    def environment(self) -> dict[str, str]:
-        """Return what puts the layer before a process."""
-        own = {"DISK_MODE": str(self._mode), "DISK_FOLDER": str(self.folder)}
-        return {**own, "LD_PRELOAD": str(self._layer)} if self._layer.exists() else {}
+        own = {"DISK_MODE": str(mode), "DISK_FOLDER": str(folder), "LD_PRELOAD": str(layer)}
+        # What puts the layer before a process.
+        self.environment = own if layer.exists() else {}
 
     def fail(self, kind: str) -> str:
         """Let something happen; return what is to be known of it."""
@@ -121,7 +114,7 @@ class Guard(House):
 
     def __init__(self, folder: Path, rng: random.Random, stack: ExitStack) -> None:
         super().__init__(folder, rng, stack)
-        self.disk = Disk(self.outputs.store.parent, folder / "mode", rng, stack)
+        self.disk = Disk(self.store.parent, folder / "mode", rng, stack)
         self.state = self.disk.folder / "state"
         self._is_damaged = False
         self.kinds: Counter[str] = Counter()
@@ -130,7 +123,7 @@ class Guard(House):
 
     def start(self, *arguments: str) -> None:
         """Start the daemon on the disk, with a recording there."""
-        with patch.dict(os.environ, self.disk.environment()):
+        with patch.dict(os.environ, self.disk.environment):
             super().start("--record", str(self.disk.folder / "rec.h5"), *arguments)
 
     def once(self, k: int) -> None:
@@ -178,7 +171,7 @@ class Guard(House):
     def stop(self, *, is_slow: bool = False) -> None:
         """End the daemon, once everybody has heard of all events."""
         with suppress(TimeoutError):
-            wait_for(lambda: not self._untold(), "events at the broker", 20)
+            wait_for(lambda: not self.untold(), "events at the broker", 20)
         super().stop(is_slow=is_slow)
 
     def revive(self) -> None:
@@ -189,13 +182,10 @@ class Guard(House):
     def missing(self) -> set[tuple[str, str]]:
         """Return what nobody heard of, or the store lacks although it was whole all the time."""
         if self._is_damaged:
-            return self._untold()
+            return self.untold()
         with suppress(DatabaseError):
             return super().missing()
         return {("store", "unreadable")}
-
-    def _untold(self) -> set[tuple[str, str]]:
-        return phases(self.outputs.records("event")) - phases(self.outputs.broker.events())
 
     def _still_goes_on(self, what: str) -> None:
         self.goes_on(self.rng.randint(3, 12), what)

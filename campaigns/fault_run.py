@@ -11,6 +11,7 @@ import math
 import threading
 from collections import Counter
 from collections.abc import Callable
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -196,12 +197,9 @@ def _stitched(rows: list[float | None], rate_hz: float) -> str:
 
 def _is_full(rows: list[bool], rate_hz: float) -> bool:
     """Return whether so few rows of a window are missing that it may be judged."""
-    gap = longest = 0
-    for is_here in rows:
-        gap = 0 if is_here else gap + 1
-        longest = max(longest, gap)
-    missing = rows.count(False)
-    return missing <= MAX_LOST * len(rows) and longest <= MAX_GAP_S * rate_hz + 1e-6
+    longest = max((len(list(gap)) for is_here, gap in groupby(rows) if not is_here), default=0)
+    is_enough = rows.count(False) <= MAX_LOST * len(rows)
+    return is_enough and longest <= MAX_GAP_S * rate_hz + 1e-6
 
 
 class Run:
@@ -254,7 +252,9 @@ class Run:
                         self._take(each)
                 elif item.kind in {"lost", "found"}:
                     self._ring.post(item.kind, item.reason)
-                    self._drain()
+                    with contextlib.suppress(TimeoutError):
+                        while (each := self._ring.next_item(0)) is not None:
+                            self._take(each)
 
     def tick(self) -> None:
         """Do what a worker does that waits in vain; to be called twice a second."""
@@ -266,11 +266,6 @@ class Run:
                 or "fault" in self._worker.tracker.open_events
             )
             self.watcher.look(is_announced=is_announced)
-
-    def _drain(self) -> None:
-        with contextlib.suppress(TimeoutError):
-            while (item := self._ring.next_item(0)) is not None:
-                self._take(item)
 
     def _take(self, item: Dwell | Notice) -> None:
         self._heard_s = self._clock.now()

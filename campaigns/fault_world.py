@@ -6,6 +6,7 @@ times; from then on nothing goes wrong any more.
 """
 
 import random
+import threading
 from collections import deque
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -85,10 +86,10 @@ class World:
         self, plan: FaultPlan, seed: int, *, healed_s: float, end_s: float, is_usb: bool = False
     ) -> None:
         self._rng = random.Random(seed)  # noqa: S311 - no secret
-        self._plan, self._seed, self._is_usb = plan, seed, is_usb
+        self._plan, self._seed, self.is_usb = plan, seed, is_usb
         self.healed_s, self._end_s = healed_s, end_s
         self._now_s, self._tick_s = 1.0, 1.0
-        self._module = Module(plan, seed, self._now_s)
+        self.module = Module(plan, seed, self._now_s)
         self.most_read = self._rng.choice((0, _TERMINAL_BYTES, _KERNEL_BYTES))
         """Most bytes of one read; 0 for one piece of what the line made."""
         self._port: Port | None = None
@@ -118,16 +119,12 @@ class World:
             self.sleep(0.001)
             msg = "module: no such port"
             raise PortNotFound(msg)
-        self._port = Port(self, is_usb=self._is_usb)
+        self._port = Port(self)
         return self._port
-
-    def write(self, data: bytes) -> None:
-        """Hand the module what the host sends."""
-        self._module.receive(data)
 
     def step(self, until_s: float) -> None:
         """Go on to what happens next, at `until_s` at the latest."""
-        module = self._module
+        module = self.module
         wake_s = self._tick_s + _TICK_S
         if not self._is_healed:
             wake_s = min(wake_s, max(self.healed_s, self._now_s))
@@ -159,15 +156,15 @@ class World:
             self.sleep(self.pauses.popleft()[1])
 
     def _look_at_cable(self) -> None:
-        module = self._module
+        module = self.module
         if module.has_hung_up:
             self._pull(self._rng.uniform(0.1, 5.0))
             self._seed += 1_000_003
             plan = {} if self._is_healed else self._plan
-            self._module, self._n_boots = Module(plan, self._seed, self._now_s), 0
+            self.module, self._n_boots = Module(plan, self._seed, self._now_s), 0
         elif module.n_boots > self._n_boots:
             self._n_boots = module.n_boots
-            if self._is_usb:
+            if self.is_usb:
                 self._pull(0.04)
 
     def _pull(self, for_s: float) -> None:
@@ -180,11 +177,11 @@ class World:
 class Port:
     """The host's end of the cable, as `Transport` has it."""
 
-    def __init__(self, world: World, *, is_usb: bool) -> None:
+    def __init__(self, world: World) -> None:
         self._world = world
         self._waiting: deque[bytes] = deque()
         self._n_waiting = 0  # bytes
-        self.is_usb = is_usb
+        self.is_usb = world.is_usb
         self.is_gone = False
 
     def arrive(self, data: bytes) -> None:
@@ -214,7 +211,7 @@ class Port:
     def write(self, data: bytes) -> None:
         """Hand the module what the host sends."""
         self._check()
-        self._world.write(data)
+        self._world.module.receive(data)
 
     def close(self) -> None:
         """Close it; nothing is read from it any more."""
@@ -231,19 +228,10 @@ class Port:
 def clock_of(world: World) -> ExitStack:
     """Let the driver have its time from a world, until what is returned is closed."""
 
-    class Event:
-        def __init__(self) -> None:
-            self._is_set = False
-
-        def set(self) -> None:
-            self._is_set = True
-
-        def is_set(self) -> bool:
-            return self._is_set
-
-        def wait(self, seconds: float) -> bool:
-            world.sleep(seconds)
-            return self._is_set
+    class Event(threading.Event):
+        def wait(self, timeout: float | None = None) -> bool:
+            world.sleep(timeout or 0.0)
+            return self.is_set()
 
     made = {
         "time": SimpleNamespace(monotonic=world.now),

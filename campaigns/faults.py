@@ -5,23 +5,19 @@
 
 --runs are seeded runs of the driver, the ring and the worker on a virtual clock, before a
 simulated module with every fault that it has, alone and mixed, at rates up to one in ten, with
-cables pulled and a host that stands still. --injected runs are in real time, through a faulty
-line between two pseudo-terminals that shares no code with the simulator (`Injector`).
---surroundings names cases of `surroundings`, with commas. Frames carry
-the time at which they were made, which is the truth that decisions are held against.
+cables pulled and a host that stands still. --injected runs are in real time, on a pseudo-terminal
+with a faulty line that shares no code with the simulator (`FaultyLine`).
+--surroundings names cases of `surroundings`, with commas. Frames carry the time at which they
+were made, which is the truth that decisions are held against.
 
-The last line is one JSON object: runs; crashes; deadlocks; gap_decisions (a window with a gap
-or a jump that was judged as if whole); silent_stalls (nothing decided, nothing said);
-unrecovered (no decision 3.1 s of stream after the last bad frame, or no good frame in time);
-uncounted (frames that are missing and that nobody counted); lost_events (of the surroundings);
-and, by kind of run, the same and more. hidden_restarts are those of a module's counter among lost
-frames, where its numbers seem to go on: no driver can tell. Exit code 1 if harm was found.
+The last line is one JSON object: runs; by kind of run what was counted; and the harm, which gives
+exit code 1. hidden_restarts are those of a module's counter among lost frames, where its numbers
+seem to go on: no driver can tell.
 """
 
 import contextlib
 import logging
 import os
-import pty
 import random
 import select
 import signal
@@ -31,10 +27,9 @@ import threading
 import time
 import traceback
 import tty
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
-from contextlib import ExitStack
 from functools import lru_cache, partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -46,12 +41,12 @@ os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
 
 from campaigns.fault_run import Run
 from campaigns.fault_world import Module, Over, World, clock_of, drawn_plan
-from campaigns.processes import HARM, end_with, parser_of
+from campaigns.processes import HARM, end_with, parser_of, wait_for
 from campaigns.surroundings import CASES, surrounded
 from radard.judge.bundle import load_bundle
 from radard.judge.classifier import Classifier
 from radard.stream.source import CoalescedReads
-from x2radar.device.transport import PtyTransport, SerialTransport
+from x2radar.device.transport import SerialTransport
 from x2radar.sim.module.host import serve
 
 _STUCK_S = 300
@@ -142,99 +137,60 @@ def drawn_line(rng: random.Random) -> dict[str, float]:
     return plan | {"longest_s": rng.uniform(0.2, 4.0), "both_ways": rng.random() < 0.5}
 
 
-class Injector:
-    """Pass bytes between the terminal at `module_path` and another one behind `link`.
+class FaultyLine:
+    """A terminal under `link` that a module is served on, with all that is wrong with its cable.
 
-    It opens the terminal that a module's end serves, offers another one to a host under a fixed
-    link, and passes bytes both ways. While it is faulty it drops, flips, doubles, invents and
-    holds back stretches of them, and pulls the cable: the host's terminal goes away, and another
-    one, of another name, comes back under the link.
+    While it `is_faulty` it drops, flips, doubles, invents and holds back stretches of bytes, and
+    pulls the cable: the host's terminal goes away, and another one, of another name, comes back
+    under the link.
     """
 
-    def __init__(self, module_path: str, link: Path, plan: Mapping[str, float], seed: int) -> None:
-        self.n_faults = 0
-        self._plan = plan
-        self._rng = random.Random(seed)  # noqa: S311 - no secret
-        self._link = link
-        self._module = os.open(module_path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-        tty.setraw(self._module)
-        self._host = -1
+    def __init__(self, link: Path, plan: Mapping[str, float], rng: random.Random) -> None:
+        self.n_faults, self.is_faulty = 0, True
+        self.link, self._plan, self._rng = link, plan, rng
         self._until_s = self._plug_s = 0.0
-        self._to_host: deque[bytes] = deque()
-        self._to_module: deque[bytes] = deque()
-        self._is_faulty = True
-        self._halt = threading.Event()
+        self._held = b""
         self._plug()
-        self._thread = threading.Thread(target=self._run, name="injector", daemon=True)
-        self._thread.start()
 
-    def heal(self) -> None:
-        """Let nothing go wrong from here on."""
-        self._is_faulty = False
+    def read(self, timeout_s: float) -> bytes:
+        """Return what the host has sent, as a `Transport`; nothing while the cable is out."""
+        self.write(b"")
+        if self._terminal < 0:
+            time.sleep(_WAIT_S)
+            return b""
+        ready, _, _ = select.select([self._terminal], [], [], min(timeout_s, _WAIT_S))
+        data = os.read(self._terminal, _CHUNK) if ready else b""
+        return self._spoiled(data) if self._plan["both_ways"] else data
+
+    def write(self, data: bytes) -> None:
+        """Send the host what the line leaves of it, and what was held back before."""
+        now_s = time.monotonic()
+        if self._terminal < 0 and (now_s >= self._plug_s or not self.is_faulty):
+            self._plug()
+        if len(self._held) < _MAX_HELD:
+            self._held += self._spoiled(data)
+        if self._terminal < 0:
+            self._held = b""
+        elif now_s >= self._until_s or not self.is_faulty:
+            with contextlib.suppress(BlockingIOError):
+                self._held = self._held[os.write(self._terminal, self._held) :]
 
     def close(self) -> None:
-        """End, and close both terminals."""
-        self._halt.set()
-        self._thread.join()
-        self._unplug()
-        os.close(self._module)
+        """Pull the cable."""
+        if self._terminal >= 0:
+            self.link.unlink()
+            os.close(self._terminal)
+            os.close(self._slave)
+            self._terminal = -1
 
     def _plug(self) -> None:
-        self._host, slave = pty.openpty()
-        tty.setraw(slave)
-        os.set_blocking(self._host, False)
-        # Kept open: a host that closes its end and opens it again finds the same terminal.
-        self._slave = slave
-        fresh = self._link.with_suffix(".new")
-        fresh.symlink_to(os.ttyname(slave))
-        fresh.rename(self._link)
-
-    def _unplug(self) -> None:
-        if self._host >= 0:
-            self._link.unlink()
-            os.close(self._host)
-            os.close(self._slave)
-            self._host = -1
-
-    def _run(self) -> None:
-        while not self._halt.is_set():
-            now_s = time.monotonic()
-            if self._host < 0 and (now_s >= self._plug_s or not self._is_faulty):
-                self._to_host.clear()
-                self._plug()
-            is_stalled = self._is_faulty and now_s < self._until_s
-            ends = [self._module] + ([self._host] if self._host >= 0 else [])
-            ready, _, _ = select.select(ends, [], [], _WAIT_S)
-            if self._module in ready:
-                self._take(self._module, self._to_host, self._is_faulty)
-            if self._host in ready:
-                spoils = self._is_faulty and bool(self._plan["both_ways"])
-                self._take(self._host, self._to_module, spoils)
-            self._give(self._module, self._to_module)
-            if self._host < 0:
-                self._to_host.clear()
-            elif not is_stalled:
-                self._give(self._host, self._to_host)
-
-    def _take(self, end: int, queue: deque[bytes], spoils: bool) -> None:
-        data = b""
-        with contextlib.suppress(OSError):
-            data = os.read(end, _CHUNK)
-        if not data:
-            return
-        if spoils:
-            data = self._spoiled(data)
-        if sum(map(len, queue)) < _MAX_HELD:
-            queue.append(data)
-
-    @staticmethod
-    def _give(end: int, queue: deque[bytes]) -> None:
-        with contextlib.suppress(OSError):
-            while queue:
-                queue[0] = queue[0][os.write(end, queue[0]) :]
-                if queue[0]:
-                    return
-                queue.popleft()
+        # The slave is kept open: a host that closes it and opens it again finds the same one.
+        self._terminal, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._terminal, False)
+        fresh = self.link.with_suffix(".new")
+        fresh.symlink_to(os.ttyname(self._slave))
+        fresh.rename(self.link)
 
     def _falls(self, kind: str) -> bool:
         has_fallen = self._rng.random() < self._plan.get(kind, 0.0)
@@ -243,6 +199,8 @@ class Injector:
 
     def _spoiled(self, data: bytes) -> bytes:
         rng, longest_s = self._rng, self._plan["longest_s"]
+        if not self.is_faulty or not data:
+            return data
         if self._falls("drop"):
             at = rng.randrange(len(data))
             data = data[:at] + data[at + rng.randint(1, len(data)) :]
@@ -257,8 +215,8 @@ class Injector:
             data = rng.randbytes(rng.randint(1, 300)) + data
         if self._falls("stall"):
             self._until_s = time.monotonic() + rng.uniform(0.05, longest_s)
-        if self._falls("pull") and self._host >= 0:
-            self._unplug()
+        if self._falls("pull") and self._terminal >= 0:
+            self.close()
             self._plug_s = time.monotonic() + rng.uniform(0.05, longest_s)
         return data
 
@@ -266,68 +224,57 @@ class Injector:
 def injected_run(n: int, seed: int) -> dict[str, Any]:
     """Run a radar behind a faulty line, whose module is well; return what was found."""
     rng = random.Random(f"{seed} {n}")  # noqa: S311 - no secret
-    plan, own_seed, halt = drawn_line(rng), seed * 1000 + n, threading.Event()
-    with ExitStack() as stack:
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        served = PtyTransport()
-        stack.callback(served.close)
-        module = Module({}, own_seed, 0.0)
-        serving = _thread(lambda: serve(module, served, stop=halt.is_set))
-        stack.callback(serving.join, _JOIN_S)
-        stack.callback(halt.set)
-        injector = Injector(served.path, folder / "module", plan, own_seed)
-        stack.callback(injector.close)
-        found = _watched(str(folder / "module"), n, injector)
-    return {"what": str(plan), "injected": injector.n_faults, **found}
+    plan, halt = drawn_line(rng), threading.Event()
+    with tempfile.TemporaryDirectory() as folder:
+        line = FaultyLine(Path(folder) / "module", plan, rng)
+        connect = lambda: CoalescedReads(SerialTransport(str(line.link)))  # noqa: E731
+        run = Run(connect, _CLOCK, seed=n, rate_hz=_RATE_HZ)
+        found: dict[str, Any] = {"what": str(plan), "run": run}
+
+        def read() -> None:
+            try:
+                run.go()
+            except Exception:  # noqa: BLE001 - counted
+                found["crash"] = traceback.format_exc()
+
+        def tick() -> None:
+            while not halt.wait(0.5):
+                run.tick()
+
+        def play() -> None:
+            serve(Module({}, seed * 1000 + n, 0.0), line, stop=halt.is_set)
+
+        threads = [threading.Thread(target=each, daemon=True) for each in (read, tick, play)]
+        for thread in threads:
+            thread.start()
+        time.sleep(random.Random(n).uniform(*_FAULTY_S))  # noqa: S311 - no secret
+        line.is_faulty = False
+        healed_s, watcher = time.monotonic(), run.watcher
+        watcher.note_end_of_faults()
+
+        def is_over() -> bool:
+            bad_s = watcher.last_bad[0] if watcher.last_bad else healed_s
+            is_well = any(now_s > bad_s + 1.0 for now_s, _ in watcher.wholes[-1:])
+            return is_well or not threads[0].is_alive()
+
+        with contextlib.suppress(TimeoutError):
+            wait_for(is_over, "a decision", _MAX_AFTER_S)
+        run.radar.close()
+        halt.set()
+        for thread in threads:
+            thread.join(_JOIN_S)
+        if any(thread.is_alive() for thread in threads):
+            found["deadlock"] = "a thread does not end"
+        line.close()
+    recovery = watcher.recovery(healed_s, _OUTAGE_LIMIT_S)
+    return {**found, "injected": line.n_faults, "recovery": recovery}
 
 
-def _thread(target: Any) -> threading.Thread:
-    thread = threading.Thread(target=target, daemon=True)
-    thread.start()
-    return thread
-
-
-def _watched(path: str, n: int, injector: Injector) -> dict[str, Any]:
-    run = Run(lambda: CoalescedReads(SerialTransport(path)), _CLOCK, seed=n, rate_hz=_RATE_HZ)
-    watcher = run.watcher
-    found: dict[str, Any] = {"run": run}
-    halt = threading.Event()
-
-    def read() -> None:
-        try:
-            run.go()
-        except Exception:  # noqa: BLE001 - counted
-            found["crash"] = traceback.format_exc()
-
-    def tick() -> None:
-        while not halt.wait(0.5):
-            run.tick()
-
-    threads = [_thread(read), _thread(tick)]
-    time.sleep(random.Random(n).uniform(*_FAULTY_S))  # noqa: S311 - no secret
-    injector.heal()
-    healed_s = time.monotonic()
-    watcher.note_end_of_faults()
-    while time.monotonic() - healed_s < _MAX_AFTER_S and threads[0].is_alive():
-        time.sleep(0.1)
-        # Well again, and no bad frame for a while.
-        bad_s = watcher.last_bad[0] if watcher.last_bad else healed_s
-        if any(now_s > bad_s + 1.0 for now_s, _ in watcher.wholes[-1:]):
-            break
-    run.radar.close()
-    halt.set()
-    for thread in threads:
-        thread.join(_JOIN_S)
-    if any(thread.is_alive() for thread in threads):
-        found["deadlock"] = "a thread does not end"
-    return {**found, "recovery": watcher.recovery(healed_s, _OUTAGE_LIMIT_S)}
-
-
-Judged = tuple[str, tuple[float, float, str], Counter[str], list[str]]
+Judged = tuple[tuple[float, float, str], Counter[str], str]
 
 
 def judge(run: Callable[[int, int], dict[str, Any]], seed: int, n: int) -> Judged:
-    """Make run `n`; return which it was, its counts, and what to say of it."""
+    """Make run `n`; return how it came back, its counts, and what to say of it."""
     found = run(n, seed)
     watcher, (*_, fault) = found["run"].watcher, found["recovery"]
     counts = watcher.tally + Counter(
@@ -340,20 +287,21 @@ def judge(run: Callable[[int, int], dict[str, Any]], seed: int, n: int) -> Judge
         injected=found.get("injected", 0),
     )
     notes = [*watcher.notes, fault, found.get("crash"), found.get("deadlock")]
-    told = [note for note in notes if note and any(counts[key] for key in HARM)]
-    return f"{n} ({found['what']})", found["recovery"], counts, told
+    is_harm = any(counts[key] for key in HARM)
+    told = f"{n} ({found['what']}): {list(filter(None, notes))}" if is_harm else ""
+    return found["recovery"], counts, told
 
 
 def counted(kind: str, results: Iterable[Judged]) -> dict[str, float]:
     """Count runs of one kind, and say on stderr which were not as they should be."""
     total: Counter[str] = Counter()
     stream_s = outage_s = 0.0
-    for which, (own_stream_s, own_outage_s, fault), counts, notes in results:
+    for (own_stream_s, own_outage_s, fault), counts, told in results:
         total.update(counts)
         if not fault:
             stream_s, outage_s = max(stream_s, own_stream_s), max(outage_s, own_outage_s)
-        if notes:
-            print(f"{kind} {which}: {notes}", file=sys.stderr)
+        if told:
+            print(f"{kind} {told}", file=sys.stderr)
     return {**total, "recovery_s_max": round(stream_s, 2), "outage_s_max": round(outage_s, 2)}
 
 

@@ -3,18 +3,13 @@
     python campaigns/fuzz.py --seconds 600 --keep found/
     python campaigns/fuzz.py --inputs 50 --targets hdf5,npz      # the same inputs each time
 
-Targets are the decoder, recordings (HDF5, XeThru, FrameLogger, P4xx .mat, npz, SigMF, wire
-captures), scenes, the configuration, model bundles (sidecar and ONNX), calibrations, kept state,
-and what comes over a network: requests, messages of pages, commands over MQTT, what a module says
-of itself in Home Assistant's discovery, and what a broker says of a fleet. An input is run in a
-process of its own kind, which dies with it if it must: 3 s of its processor's time (or 60 s by
-the clock) is a hang, and the address space may grow by 512 MiB over what the imports took; more
-is counted as over_memory. Right is a result or one of the project's own errors; any other
-exception, or the death of the process, is unhandled.
+Targets (`fuzz_targets`, `fuzz_network`) are the readers of all files, and of what comes over a
+network. An input is run in a process of its own kind, which dies with it if it must: 3 s of its
+processor's time (or 60 s by the clock) is a hang, and the address space may grow by 512 MiB over
+what the imports took. Right is a result or one of the project's own errors.
 
 All inputs are mutations of good ones by a seeded generator. The last line is one JSON object:
-inputs, unhandled, hangs, over_memory, and the same for each of `targets`. Exit code 1 if harm was
-found.
+inputs and the harm, which gives exit code 1, also of each of `targets`.
 """
 
 import hashlib
@@ -29,7 +24,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import islice, takewhile
 from multiprocessing import get_context
@@ -137,10 +132,12 @@ def work(pipe: Connection, targets: Sequence[str], folder: Path) -> None:
         pipe.send(made)
 
 
-def fed(worker: Worker, target: str, inputs: Iterator[bytes], keep: Path | None) -> Counter[str]:
-    """Run inputs of one target, and keep those that are not as they should be; return counts."""
-    count = Counter[str]()
-    for data in inputs:
+def fed(
+    worker: Worker, target: str, inputs: Iterator[bytes], keep: Path | None, until_s: float
+) -> Counter[str]:
+    """Run inputs of one target for so long; keep those that are not right, return counts."""
+    count = Counter(dict.fromkeys(_KEYS, 0))
+    for data in takewhile(lambda _: time.monotonic() < until_s, inputs):
         count["inputs"] += 1
         kind, text = worker.run(target, data)
         if kind == "fine":
@@ -154,21 +151,16 @@ def fed(worker: Worker, target: str, inputs: Iterator[bytes], keep: Path | None)
     return count
 
 
-def mutations(
-    target: str, seed: int, n: int | None, until_s: float, seeds: list[bytes]
-) -> Iterator[bytes]:
-    """Yield the good inputs, then mutations of them, until a number or a time is reached."""
+def mutations(target: str, seed: int) -> Iterator[bytes]:
+    """Yield the good inputs, then mutations of them without end."""
     rng = random.Random(f"{target} {seed}")  # noqa: S311 - no secret
-
-    def endless() -> Iterator[bytes]:
-        yield from seeds
-        while True:
-            parts = rng.choice(seeds).split(BORDER)
-            k = rng.randrange(len(parts))
-            parts[k] = mutate(rng, parts[k], seeds)
-            yield BORDER.join(parts)
-
-    yield from takewhile(lambda _: time.monotonic() < until_s, islice(endless(), n))
+    seeds = _seeds(target)
+    yield from seeds
+    while True:
+        parts = rng.choice(seeds).split(BORDER)
+        k = rng.randrange(len(parts))
+        parts[k] = mutate(rng, parts[k], seeds)
+        yield BORDER.join(parts)
 
 
 def _seeds(target: str) -> list[bytes]:
@@ -182,97 +174,76 @@ def mutate(rng: random.Random, data: bytes, others: Sequence[bytes]) -> bytes:
     is_text = b"\0" not in data[:512]
     for _ in range(rng.choice((1, 1, 1, 2, 3, 6))):
         change = rng.choice(_TEXT_CHANGES if is_text and rng.random() < 0.8 else _CHANGES)
-        if not (out := change(rng, out, others)):
+        if not (out := _changed(change, rng, out, others)):
             break
     if out[:8] == b"\x89HDF\r\n\x1a\n" and rng.random() < 0.6:
         _mend_checksums(out)
     return bytes(out)
 
 
-def _flip(rng: random.Random, out: bytearray, _others: Sequence[bytes]) -> bytearray:
-    out[_place(rng, out)] ^= 1 << rng.randrange(8)
+_CHANGES = ("flip", "flip", "number", "number", "float", "cut", "drop", "again")
+_TEXT_CHANGES = ("token", "token", "token", "line", "word", "drop", "again", "cut")
+
+
+def _changed(
+    change: str, rng: random.Random, out: bytearray, others: Sequence[bytes]
+) -> bytearray:
+    # Heads are denser in meaning than what follows them.
+    at = rng.randrange(len(out) if rng.random() < 0.5 else min(len(out), 256))
+    match change:
+        case "flip":
+            out[at] ^= 1 << rng.randrange(8)
+        case "number" | "float":
+            at, piece = (at, _float(rng)) if change == "float" else _number(rng, at)
+            out[at : at + len(piece)] = piece[: len(out) - at]
+        case "cut":
+            return out[: rng.randrange(len(out) + 1)]
+        case "drop":
+            del out[at : at + rng.choice((1, 2, 4, 8, 64, 1000))]
+        case "again":
+            source = bytes(out) if rng.random() < 0.5 or not others else rng.choice(others)
+            begin, n = rng.randrange(len(source) or 1), rng.choice((1, 4, 8, 32, 256, 2000))
+            piece = source[begin : begin + n] * rng.choice((1, 1, 1, 20))
+            out[at : at + (len(piece) if rng.random() < 0.5 else 0)] = piece
+        case "word":
+            out[at:at] = rng.choice(_WORDS)
+        case "token":
+            # A strange value, or another of the same text, where a number or a word stands.
+            if found := list(rng.choice((_NUMBER, _TEXT)).finditer(bytes(out))):
+                begin, end = rng.choice(found).span()
+                other = rng.choice(found).group()
+                out[begin:end] = other if rng.random() < 0.3 else rng.choice(_WORDS)
+        case "line":
+            return _line(rng, out, others)
     return out
 
 
-def _place(rng: random.Random, out: bytearray) -> int:
-    # Heads are denser in meaning than what follows them.
-    return rng.randrange(len(out) if rng.random() < 0.5 else min(len(out), 256))
-
-
-def _number(rng: random.Random, out: bytearray, _others: Sequence[bytes]) -> bytearray:
+def _number(rng: random.Random, at: int) -> tuple[int, bytes]:
+    """Return a whole number, and where to put it: aligned, most often."""
     width = rng.choice((1, 2, 4, 4, 8))
     value = rng.choice((*_NUMBERS, *_LONG, rng.getrandbits(32))) & ((1 << 8 * width) - 1)
-    at = _place(rng, out)
     if rng.random() < 0.7:
         at -= at % min(width, 4)
-    piece = value.to_bytes(width, rng.choice(("little", "big")))
-    out[at : at + width] = piece[: len(out) - at]
-    return out
+    return at, value.to_bytes(width, rng.choice(("little", "big")))
 
 
-def _float(rng: random.Random, out: bytearray, _others: Sequence[bytes]) -> bytearray:
+def _float(rng: random.Random) -> bytes:
     value = rng.choice((float("nan"), float("inf"), -float("inf"), 0.0, -1.0, 1e300, 1e-320, 1e30))
-    short = 3e38 if 3e38 < abs(value) < math.inf else value
-    piece = struct.pack("<d", value) if rng.random() < 0.5 else struct.pack("<f", short)
-    at = _place(rng, out)
-    out[at : at + len(piece)] = piece[: len(out) - at]
-    return out
-
-
-def _cut(rng: random.Random, out: bytearray, _others: Sequence[bytes]) -> bytearray:
-    return out[: rng.randrange(len(out) + 1)]
-
-
-def _drop(rng: random.Random, out: bytearray, _others: Sequence[bytes]) -> bytearray:
-    at = rng.randrange(len(out))
-    del out[at : at + rng.choice((1, 2, 4, 8, 64, 1000))]
-    return out
-
-
-def _again(rng: random.Random, out: bytearray, others: Sequence[bytes]) -> bytearray:
-    source = bytes(out) if rng.random() < 0.5 or not others else rng.choice(others)
-    at, n = rng.randrange(len(source) or 1), rng.choice((1, 4, 8, 32, 256, 2000))
-    place = rng.randrange(len(out))
-    piece = source[at : at + n] * rng.choice((1, 1, 1, 20))
-    out[place : place + (len(piece) if rng.random() < 0.5 else 0)] = piece
-    return out
-
-
-def _word(rng: random.Random, out: bytearray, _others: Sequence[bytes]) -> bytearray:
-    at = rng.randrange(len(out))
-    out[at:at] = rng.choice(_WORDS)
-    return out
-
-
-def _token(rng: random.Random, out: bytearray, _others: Sequence[bytes]) -> bytearray:
-    """Put a strange value, or another of the same text, where a number or a word stands."""
-    found = list(rng.choice((_NUMBER, _TEXT)).finditer(bytes(out)))
-    if not found:
-        return out
-    spot, other = rng.choice(found), rng.choice(found)
-    out[spot.start() : spot.end()] = other.group() if rng.random() < 0.3 else rng.choice(_WORDS)
-    return out
+    if rng.random() < 0.5:
+        return struct.pack("<d", value)
+    return struct.pack("<f", 3e38 if 3e38 < abs(value) < math.inf else value)
 
 
 def _line(rng: random.Random, out: bytearray, others: Sequence[bytes]) -> bytearray:
-    """Drop, repeat, move or indent a line, or take one of another file."""
+    """Drop, repeat or indent a line, or take one of another file."""
     lines = bytes(out).split(b"\n")
     k = rng.randrange(len(lines))
-    kind = rng.randrange(4)
-    if kind == 0:
-        del lines[k]
-    elif kind == 1:
-        lines[k:k] = [lines[k]] * rng.choice((1, 3))
-    elif kind == 2:
-        lines[k] = b"  " * rng.randrange(4) + lines[k].lstrip()
-    else:
-        lines.insert(k, rng.choice(rng.choice(others or [bytes(out)]).split(b"\n")))
+    foreign = rng.choice(rng.choice(others or [bytes(out)]).split(b"\n"))
+    indented = b"  " * rng.randrange(4) + lines[k].lstrip()
+    lines[k : k + 1] = rng.choice(
+        ([], [lines[k]] * rng.choice((2, 4)), [indented], [foreign, lines[k]])
+    )
     return bytearray(b"\n".join(lines))
-
-
-_Change = Callable[[random.Random, bytearray, Sequence[bytes]], bytearray]
-_CHANGES: tuple[_Change, ...] = (_flip, _flip, _number, _number, _float, _cut, _drop, _again)
-_TEXT_CHANGES: tuple[_Change, ...] = (_token, _token, _token, _line, _word, _drop, _again, _cut)
 
 
 def _mend_checksums(out: bytearray) -> None:
@@ -280,20 +251,15 @@ def _mend_checksums(out: bytearray) -> None:
     if len(out) > 48 and out[8] in {2, 3}:
         struct.pack_into("<I", out, 44, lookup3(bytes(out[:44])))
     for found in re.finditer(rb"OHDR\x02|EAHD\x00", bytes(out)):
-        at = found.start()
-        n = 68 if out[at : at + 1] == b"E" else _header_bytes(out, at)
-        if n and at + n + 4 <= len(out):
+        at, n = found.start(), 68
+        if found.group().startswith(b"O"):
+            # Of an object header (version 2): what lies before its checksum.
+            flags = out[at + 5] if at + 5 < len(out) else 0
+            begin = at + 6 + 16 * bool(flags & 0x20) + 4 * bool(flags & 0x10)
+            end = begin + (1 << (flags & 3))
+            n = end - at + int.from_bytes(out[begin:end], "little")
+        if at + n + 4 <= len(out):
             struct.pack_into("<I", out, at + n, lookup3(bytes(out[at : at + n])))
-
-
-def _header_bytes(out: bytearray, at: int) -> int:
-    """Return the bytes of an object header (version 2) before its checksum; 0 if cut off."""
-    flags = out[at + 5] if at + 5 < len(out) else 0
-    begin = at + 6 + 16 * bool(flags & 0x20) + 4 * bool(flags & 0x10)
-    width = 1 << (flags & 3)
-    if begin + width > len(out):
-        return 0
-    return begin + width + int.from_bytes(out[begin : begin + width], "little") - at
 
 
 def main() -> int:
@@ -307,20 +273,18 @@ def main() -> int:
     args = parser.parse_args()
     targets = args.targets.split(",")
     share_s = float("inf") if args.inputs else args.seconds / len(targets)
-    each: dict[str, dict[str, int]] = {}
+    each: dict[str, Counter[str]] = {}
     with tempfile.TemporaryDirectory() as folder:
         worker = Worker(targets, Path(folder))
         try:
             for target in targets:
-                until_s = time.monotonic() + share_s
-                inputs = mutations(target, args.seed, args.inputs, until_s, _seeds(target))
-                count = fed(worker, target, inputs, args.keep)
+                inputs = islice(mutations(target, args.seed), args.inputs)
+                count = fed(worker, target, inputs, args.keep, time.monotonic() + share_s)
                 print(f"{target}: {dict(count)}", file=sys.stderr)
-                each[target] = {key: count[key] for key in _KEYS}
+                each[target] = count
         finally:
             worker.close()
-    totals = {key: sum(count[key] for count in each.values()) for key in _KEYS}
-    return end_with({**totals, "targets": each})
+    return end_with({**sum(each.values(), Counter[str]()), "targets": each})
 
 
 if __name__ == "__main__":

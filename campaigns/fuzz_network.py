@@ -27,8 +27,6 @@ from tests.web_helpers import decision, event
 
 BORDER = b"\n--8<--\n"
 """Between the parts of an input."""
-_LENGTH = b"@LENGTH"
-"""Stands for the length of what comes behind the border."""
 _RIGHT = (503, 507)
 _ANSWER_S = 0.3
 """An answer takes a few milliseconds, also on a busy machine."""
@@ -42,67 +40,55 @@ class Unhandled(Exception):
     """The server has failed at an input."""
 
 
-class _Watch(logging.Handler):
-    """Notes what is logged with a traceback."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.seen: list[str] = []
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Note it."""
-        if record.exc_info and record.exc_info[0] is not None:
-            self.seen.append(f"{record.exc_info[0].__name__}: {record.exc_info[1]}")
-
-
-class _Dashboard:
-    """A dashboard that has heard of a decision and an event."""
-
-    def __init__(self) -> None:
-        self.watch = _Watch()
-        for name in ("", "radard", "uvicorn", "uvicorn.error", "asyncio", "websockets"):
-            logging.getLogger(name).addHandler(self.watch)
-        folder = tempfile.TemporaryDirectory()
-        atexit.register(folder.cleanup)
-        self._made = maker(Path(folder.name))
-        client = next(self._made)(served=True)
-        atexit.register(next, self._made, None)
-        for record in (_HELLO, decision(), event(_ID)):
-            client.tell(record)
-        self.port = client.port
-
-    def send(self, data: bytes) -> bytes:
-        """Send bytes and no more; return what comes back."""
-        self.watch.seen.clear()
-        answer = b""
-        line = socket.create_connection(("127.0.0.1", self.port), timeout=_ANSWER_S)
-        # Else all but the first inputs would be turned away.
-        unlimited = patch("radard.web.auth.RateLimit.take", lambda _limit: True)
-        with line, unlimited, contextlib.suppress(ConnectionError):
-            line.sendall(data)
-            # Half a request gets no answer, and one whose sender has left may get none.
-            with contextlib.suppress(TimeoutError):
-                answer = line.recv(65536)
-            line.shutdown(socket.SHUT_WR)
-            line.settimeout(20)
-            while part := line.recv(65536):
-                answer = (answer + part)[:1_000_000]
-        if self.watch.seen:
-            raise Unhandled(self.watch.seen[0])
-        return answer
+_logged: list[logging.LogRecord] = []
 
 
 @lru_cache(maxsize=1)
-def _dashboard() -> _Dashboard:
-    return _Dashboard()
+def _dashboard() -> int:
+    """Return the port of a dashboard that has heard of a decision and an event."""
+    watch = logging.Handler()
+    watch.emit = _logged.append  # type: ignore[method-assign]
+    for name in ("", "radard", "uvicorn", "uvicorn.error", "asyncio", "websockets"):
+        logging.getLogger(name).addHandler(watch)
+    folder = tempfile.TemporaryDirectory()
+    atexit.register(folder.cleanup)
+    made = maker(Path(folder.name))
+    client = next(made)(served=True)
+    atexit.register(next, made, None)
+    for record in (_HELLO, decision(), event(_ID)):
+        client.tell(record)
+    return client.port
+
+
+def _send(data: bytes) -> bytes:
+    """Send the dashboard bytes and no more; return what comes back."""
+    address = ("127.0.0.1", _dashboard())
+    _logged.clear()
+    answer = b""
+    line = socket.create_connection(address, timeout=_ANSWER_S)
+    # Else all but the first inputs would be turned away.
+    unlimited = patch("radard.web.auth.RateLimit.take", lambda _limit: True)
+    with line, unlimited, contextlib.suppress(ConnectionError):
+        line.sendall(data)
+        # Half a request gets no answer, and one whose sender has left may get none.
+        with contextlib.suppress(TimeoutError):
+            answer = line.recv(65536)
+        line.shutdown(socket.SHUT_WR)
+        line.settimeout(20)
+        while part := line.recv(65536):
+            answer = (answer + part)[:1_000_000]
+    for record in _logged:
+        if record.exc_info and record.exc_info[0] is not None:
+            raise Unhandled(repr(record.exc_info[1]))
+    return answer
 
 
 def _http(_folder: Path, data: bytes) -> None:
     """Send a request; its head says @LENGTH for the length of the body behind the border."""
     head, border, body = data.partition(BORDER)
     length = str(len(body)).encode()
-    raw = head.replace(b"\r\n", b"\n").replace(b"\n", b"\r\n").replace(_LENGTH, length)
-    answer = _dashboard().send(raw + (b"\r\n\r\n" + body if border else b""))
+    raw = head.replace(b"\r\n", b"\n").replace(b"\n", b"\r\n").replace(b"@LENGTH", length)
+    answer = _send(raw + (b"\r\n\r\n" + body if border else b""))
     for line in answer.split(b"\r\n"):
         if line.startswith(b"HTTP/1.1 5") and int(line[9:12]) not in _RIGHT:
             raise Unhandled(line.decode(errors="replace"))
@@ -146,7 +132,7 @@ def _websocket(_folder: Path, data: bytes) -> None:
     """Open a page's WebSocket and send frames: as they are, or texts behind borders as frames."""
     if data[:1] == b"{":
         data = b"".join(_frame(1, text) for text in data.split(BORDER))
-    _dashboard().send(_UPGRADE + data)
+    _send(_UPGRADE + data)
 
 
 def _frame(opcode: int, payload: bytes) -> bytes:
@@ -191,12 +177,10 @@ def _announce(_folder: Path, data: bytes) -> None:
     """Make Home Assistant's discovery of what a run, and its module, say of themselves."""
     try:
         hello = json.loads(data)
-    except (ValueError, RecursionError):
-        return
-    # The driver gives texts and numbers under these names, whatever the module has sent.
-    if not isinstance(hello, dict):
-        return
-    if not all(isinstance(hello.get(key), type(value)) for key, value in _HELLO.items()):
+        # The driver gives texts and numbers under these names, whatever the module has sent.
+        if not all(isinstance(hello.get(key), type(value)) for key, value in _HELLO.items()):
+            return
+    except (ValueError, RecursionError, AttributeError):
         return
     topics = MqttTopics("hall", "radard", MqttSection(), takes_commands=True)
     topics.on_record({**hello, "type": "hello"}, 0.0)
@@ -227,14 +211,9 @@ def _fleet_seeds(_folder: Path) -> list[bytes]:
     state = {"armed": True, "alarm": False, "gate": "open", "label": "pet"}
     health = {"state": "online", "reason": "", "fault": None, "tamper": "covered: it is dark"}
     rows = {"availability": "online", "state": json.dumps(state), "health": json.dumps(health)}
-    return [
-        BORDER.join(
-            part.encode()
-            for kind, payload in rows.items()
-            for part in (f"radard/{name}/{kind}", payload)
-        )
-        for name in ("hall", "attic")
-    ]
+    border = BORDER.decode()
+    parts = [f"radard/hall/{kind}{border}{payload}" for kind, payload in rows.items()]
+    return [border.join(parts).encode()]
 
 
 ROWS = {

@@ -28,6 +28,7 @@ from radard.detect.calibration import load_calibration
 from radard.errors import RadardError
 from radard.judge.bundle import load_bundle
 from radard.log import EventLog
+from tests.clutter_helpers import calibration
 from tests.radar_helpers import BASEBAND
 from tests.recording_helpers import make, quanta
 from x2radar.commands.convert import convert
@@ -215,9 +216,7 @@ def _bundle_seeds(_folder: Path) -> list[bytes]:
     out = []
     for name in ("fast", "thesis"):
         raw = json.loads((_ROOT / "models" / f"{name}.json").read_bytes())
-        raw["onnx_sha256"] = _SHA_OF_PART.decode()
-        for key in ("training", "metrics"):
-            raw.pop(key, None)
+        raw |= {"onnx_sha256": _SHA_OF_PART.decode(), "training": {}, "metrics": {}}
         network = (_ROOT / "models" / "fast.onnx").read_bytes()
         out.append(json.dumps(raw).encode() + BORDER + network)
     return out
@@ -233,17 +232,10 @@ def _calibration(folder: Path, data: bytes) -> None:
 
 
 def _calibration_seeds(_folder: Path) -> list[bytes]:
-    raw = {
-        "format": "radard-calibration",
-        "format_version": 2,
-        "frame_rate_hz": 60.0,
-        "bin_length_m": BASEBAND.bin_length_m,
-        "range_offset_m": BASEBAND.range_offset_m,
-        "noise_floor_db": [-60.0, None] * (BASEBAND.n_range // 2),
-        "threshold_db": [6.5] * BASEBAND.n_range,
-    }
-    provenance = {"made_utc": "2026-02-01T12:00:00Z", "device": "x", "n_dwells": 600}
-    return [json.dumps(raw).encode(), json.dumps(raw | {"provenance": provenance}).encode()]
+    raw = json.loads(calibration(n_range=BASEBAND.n_range).text())
+    raw["noise_floor_db"][1::2] = [None] * (BASEBAND.n_range // 2)
+    made = {"made_utc": "2026-02-01T12:00:00Z", "device": "x", "n_dwells": 600}
+    return [json.dumps({**raw, **more}).encode() for more in ({}, {"provenance": made})]
 
 
 def _state(_folder: Path, data: bytes) -> None:
@@ -254,13 +246,8 @@ def _state(_folder: Path, data: bytes) -> None:
 
 
 def _state_seeds(_folder: Path) -> list[bytes]:
-    kept = {
-        "is_armed": True,
-        "alarm_id": "01J0000000000000000000000A",
-        "alarm_reason": "human at 2.1 m",
-        "alarm_peak": 0.97,
-    }
-    return [json.dumps(kept).encode(), b'{"is_armed": false}\n']
+    alarm = {"alarm_id": f"{1:026d}", "alarm_reason": "human at 2.1 m", "alarm_peak": 0.97}
+    return [json.dumps({"is_armed": True, **alarm}).encode(), b'{"is_armed": false}\n']
 
 
 _BOTH = ("baseband", "rf")

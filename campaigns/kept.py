@@ -1,4 +1,4 @@
-"""A daemon that is started again and again, and what must stay true of all that it keeps."""
+"""A daemon with a file, a store and a broker, and what must stay true of all that it keeps."""
 
 import contextlib
 import json
@@ -7,19 +7,56 @@ import sqlite3
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, closing
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from campaigns.outputs import Broker, Outputs, records
+from amqtt.broker import BrokerContext
+from amqtt.plugins.base import BasePlugin
+from amqtt.session import ApplicationMessage
+
 from campaigns.processes import Daemon, end_with, parser_of, wait_for
 from radard.run.control import ask, control_path
+from tests.sink_helpers import MqttBroker
 
 PORT = "sim:human?run=kept"
 """A simulated module whose stream is the same in every run."""
 _OWN = {"time", "latency_ms", "alarm"}
 """What tells of the clock on the wall, or of an alarm that was on before a start."""
+
+
+class EventLog(BasePlugin[BrokerContext]):
+    """In a broker: writes the payload of every message on a topic that ends with /event."""
+
+    async def on_broker_message_received(
+        self, *, client_id: str, message: ApplicationMessage
+    ) -> None:
+        """Write the payload of an event, a line each."""
+        del client_id
+        if message.topic.endswith("/event") and message.data:
+            with Path(self.config.path).open("ab") as file:
+                file.write(bytes(message.data) + b"\n")
+
+    @dataclass
+    class Config:
+        """Where to."""
+
+        path: str = ""
+
+
+def records(path: Path, kind: str) -> Iterator[dict[str, Any]]:
+    """Yield the records of a type in JSON Lines; the last line of a killed run may be torn."""
+    for line in path.read_text().splitlines() if path.exists() else ():
+        with contextlib.suppress(ValueError):
+            if (row := json.loads(line))["type"] == kind:
+                yield row
+
+
+def phases(rows: Iterable[Mapping[str, Any]]) -> set[tuple[str, str]]:
+    """Return the ids of events, each with its phase."""
+    return {(row["id"], row["phase"]) for row in rows}
 
 
 class House:
@@ -34,11 +71,14 @@ class House:
     """Whether its decisions are held against those of a run that nothing happens to."""
 
     def __init__(self, folder: Path, rng: random.Random, stack: ExitStack) -> None:
-        broker = Broker(folder)
-        stack.callback(broker.stop)
+        self._at_broker = folder / "broker.events"
+        noted = {"campaigns.kept.EventLog": {"path": str(self._at_broker)}}
+        self.broker = MqttBroker(folder, plugins=noted)
+        stack.callback(self.broker.stop)
         self.root, self.home, self.rng = folder, folder / "radard", rng
         self.state = self.home / "state"
-        self.outputs = Outputs(folder, broker)
+        self.out, self.store = folder / "out.jsonl", folder / "store" / "radard.db"
+        self.store.parent.mkdir(parents=True)
         self.found: Counter[str] = Counter()
         self.counts: dict[str, Any] = {}
         self.daemon: Daemon
@@ -59,8 +99,9 @@ class House:
     def start(self, *arguments: str) -> None:
         """Start the daemon."""
         config = {**self.config, "service": {"state_dir": str(self.state)}}
-        arguments = (*arguments, *self.outputs.arguments)
-        self.daemon = Daemon(self.home, *arguments, config=config, before=self.before)
+        broker = f"mqtt://127.0.0.1:{self.broker.port}/radard"
+        outputs = ("-o", f"json:{self.out}", "-o", f"store:{self.store}", "-o", broker)
+        self.daemon = Daemon(self.home, *arguments, *outputs, config=config, before=self.before)
 
     def wait_status(self) -> None:
         """Wait until it says how it is: the file of the one before is still there."""
@@ -74,7 +115,7 @@ class House:
         is_forced = is_slow and "not ended in" in self.daemon.log[n_before:]
         if is_forced:
             # The clip of the last event may have been in the making.
-            self._unfinished |= {row["id"] for row in list(self.outputs.records("event"))[-1:]}
+            self._unfinished |= {row["id"] for row in list(self.records("event"))[-1:]}
         if (code != 0 and not is_forced) or "Traceback" in self.daemon.log:
             self.note("crashes", f"ended with {code}: {self.daemon.log[-3000:]}")
 
@@ -84,7 +125,18 @@ class House:
 
     def n_told(self, kind: str) -> int:
         """Return how many records of a type the file has."""
-        return sum(1 for _ in self.outputs.records(kind))
+        return sum(1 for _ in self.records(kind))
+
+    def records(self, kind: str) -> Iterator[dict[str, Any]]:
+        """Yield the records of a type in the file."""
+        return records(self.out, kind)
+
+    def kept(self) -> list[str]:
+        """Return the ids of the store's events, one a row."""
+        if not self.store.exists():
+            return []
+        with closing(sqlite3.connect(f"file:{self.store}?mode=ro", uri=True, timeout=30)) as db:
+            return [row[0] for row in db.execute("SELECT id FROM events")]
 
     def expect(self, key: str, what: str, condition: Callable[[], object]) -> None:
         """Wait for something; note it if it never is, or if the daemon has ended meanwhile."""
@@ -117,15 +169,29 @@ class House:
         self.ask("arm")
 
     def missing(self) -> set[tuple[str, str]]:
-        """Return the events of which one output was told and another not."""
-        return self.outputs.missing()
+        """Return the events, with their phase, of which one output was told and another not."""
+        told, came = phases(self.records("event")), phases(records(self._at_broker, "event"))
+        kept = set(self.kept())
+        unsaid = {(each, "") for each in kept - {each for each, _ in came}}
+        return (told - came) | unsaid | {row for row in told | came if row[0] not in kept}
+
+    def untold(self) -> set[tuple[str, str]]:
+        """Return the events, with their phase, that did not come to the broker."""
+        return phases(self.records("event")) - phases(records(self._at_broker, "event"))
+
+    def let_arrive(self) -> None:
+        """Wait until no event is missing; note those that never come."""
+        with contextlib.suppress(TimeoutError):
+            wait_for(lambda: not self.missing(), "events at all outputs")
+        for row in self.missing():
+            self.note("lost_events", str(row))
 
     def finish(self) -> None:
         """Let all events arrive, end the daemon, and look at it all."""
-        self.found["lost_events"] += self.outputs.lost(self.missing)
+        self.let_arrive()
         self.look()
         self.stop()
-        self.counts["events"] = len({row["id"] for row in self.outputs.records("event")})
+        self.counts["events"] = len({row["id"] for row in self.records("event")})
 
     def begin_again(self) -> None:
         """Expect no more what a damaged file held; a key is still never used twice."""
@@ -141,7 +207,7 @@ class House:
             one, same = self._numbers.setdefault(n, key), self._records.setdefault(key, record)
             if (one, same) != (key, record):
                 self.note("duplicate_events", f"number {n}: {one}, then {key}: {record}")
-        stored = self.outputs.kept()
+        stored = self.kept()
         for each in self._stored - set(stored):
             self.note("lost_events", f"{each} is in the store no more")
         for _ in range(len(stored) - len(set(stored))):
@@ -155,7 +221,7 @@ class House:
         """
         log = self.daemon.log
         told: dict[str, list[Mapping[str, Any]]] = {}
-        for event in self.outputs.records("event"):
+        for event in self.records("event"):
             # A simulated stream that begins again brings the ids of before: the last counts.
             told[event["id"]] = [*told.pop(event["id"], ()), event]
         # By its last phase; of one that has only begun the clip may just be made.
@@ -183,7 +249,7 @@ class House:
         behind that differs by right.
         """
         n, is_same, k = 0, True, 0
-        for line in self.outputs.out.read_text().splitlines():
+        for line in self.out.read_text().splitlines():
             row = json.loads(line)
             if row["type"] == "hello":
                 is_same, k = True, 0

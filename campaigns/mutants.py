@@ -6,9 +6,9 @@
 Mutants of a module: comparisons, arithmetic, `and` and `or`, `not`, numbers, True and False,
 conditions, calls left out, what is returned. Texts, annotations, decorators, errors and logging
 are left alone. Every mutant is tried in a fork of a process that has loaded the libraries, with
-those tests of the table below that run its line, until the first fails; one that takes five times
-as long as usual has failed, too. The last line is one JSON object; `survivors` names line and
-change.
+those tests of the table below that run its line, until the first fails; one with which they take
+five times as long as all tests do has failed, too. The last line is one JSON object; `survivors`
+names line and change.
 """
 
 import argparse
@@ -21,8 +21,8 @@ import random
 import signal
 import sys
 import tempfile
-from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from importlib.machinery import SourceFileLoader
 from multiprocessing import get_context
 from pathlib import Path
@@ -74,11 +74,8 @@ _OTHER: dict[type[ast.AST], type[ast.AST]] = {
     ast.BitXor: ast.BitAnd,
 }
 _TALK = {"log", "_log", "warning", "info", "debug", "exception"}
-_SLOWER, _MORE_S = 5, 5.0
-"""A mutant's tests may take so many times as long as usual, and so much more."""
-
-
-# ---------------------------------------------------------------- what is changed
+_SLOWER = 5
+"""A mutant's tests may take so many times as long as all of them usually do."""
 
 
 def changes(node: ast.AST) -> Iterator[tuple[str, ast.AST]]:  # noqa: C901, PLR0912 - a table
@@ -152,25 +149,6 @@ def mutant(path: Path, k: int = -1) -> tuple[ast.Module, list[tuple[int, str]]]:
     return ast.fix_missing_locations(tree), mutator.found
 
 
-# ---------------------------------------------------------------- whether its tests fail
-
-
-class Timer:
-    """A plugin for pytest: the seconds of each test, whose name is that of what coverage notes."""
-
-    def __init__(self, measured: coverage.Coverage) -> None:
-        self.seconds: Counter[str] = Counter()
-        self._measured = measured
-
-    def pytest_runtest_protocol(self, item: Any) -> None:
-        """Note what runs from here on under the test's name."""
-        self._measured.switch_context(item.nodeid)
-
-    def pytest_runtest_logreport(self, report: Any) -> None:
-        """Note how long it took."""
-        self.seconds[report.nodeid] += report.duration
-
-
 def in_fork(work: Callable[[], int], limit_s: float) -> int:
     """Run in a fork, in silence; return its exit code, -9 where it takes too long."""
 
@@ -195,36 +173,36 @@ def in_fork(work: Callable[[], int], limit_s: float) -> int:
     return process.exitcode
 
 
-def run_tests(names: Sequence[str], plugins: Sequence[object] = ()) -> int:
+def run_tests(names: Sequence[str], *options: str) -> int:
     """Run tests in this process until one fails."""
     import pytest  # noqa: PLC0415 - loaded already, by the parent
 
-    options = ["-x", "-q", "-n", "0", "-p", "no:cacheprovider"]
-    return int(pytest.main([*options, *names], list(plugins)))
+    plain = ("-x", "-q", "-n", "0", "-p", "no:cacheprovider")
+    return int(pytest.main([*plain, *options, *names]))
 
 
-def traced(path: Path, tests: Sequence[str]) -> tuple[dict[str, float], dict[int, list[str]]]:
-    """Return each test's seconds, and the tests that run each line; nothing if one fails."""
+def traced(path: Path, tests: Sequence[str]) -> tuple[float, dict[int, set[str]]]:
+    """Return the seconds of all tests, and those that run each line; nothing if one fails."""
+    begun_s = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
-        out, lines = Path(folder) / "seconds", Path(folder) / "lines"
+        lines = Path(folder) / "lines"
 
         def work() -> int:
-            measured = coverage.Coverage(lines, include=[str(path)], config_file=False)
-            timer = Timer(measured)
-            with measured.collect():
-                code = run_tests([f"tests/{each}.py" for each in tests], [timer])
-            measured.save()
-            out.write_text(json.dumps(timer.seconds))
-            return code
+            os.environ["COVERAGE_FILE"] = str(lines)
+            options = (f"--cov={path.parent}", "--cov-config=/dev/null", "--cov-report=")
+            return run_tests(tests, *options, "--cov-context=test")
 
         if in_fork(work, 1200) != 0:
-            return {}, {}
+            return 0.0, {}
         data = coverage.CoverageData(str(lines))
         data.read()
-        return json.loads(out.read_text()), data.contexts_by_lineno(str(path))
+        contexts = data.contexts_by_lineno(str(path))
+    # A context is a test and its phase; what runs on import has none.
+    by_line = {n: {each.rpartition("|")[0] for each in own} for n, own in contexts.items()}
+    return time.monotonic() - begun_s, by_line
 
 
-def is_killed(path: Path, k: int, names: Sequence[str], seconds: Mapping[str, float]) -> bool:
+def is_killed(path: Path, k: int, tests: Sequence[str], limit_s: float) -> bool:
     """Return whether one of these tests fails on a mutant."""
     tree, plain = mutant(path, k)[0], SourceFileLoader.get_code
 
@@ -234,9 +212,9 @@ def is_killed(path: Path, k: int, names: Sequence[str], seconds: Mapping[str, fl
 
     def work() -> int:
         SourceFileLoader.get_code = get_code  # type: ignore[method-assign]
-        return run_tests(sorted(names, key=seconds.__getitem__))
+        return run_tests(tests)
 
-    return in_fork(work, _MORE_S + _SLOWER * sum(seconds[name] for name in names)) != 0
+    return in_fork(work, limit_s) != 0
 
 
 def main() -> int:
@@ -259,15 +237,17 @@ def main() -> int:
         ks = [k for k, (line, _) in enumerate(found) if args.line in {None, line}]
         n = max(1, round(args.share * len(ks)))
         drawn = sorted(random.Random(args.seed).sample(ks, n))  # noqa: S311 - a choice
-        seconds, by_line = traced(path, tests.split())
+        files = [f"tests/{each}.py" for each in tests.split()]
+        seconds, by_line = traced(path, files)
         if not seconds:
             print(f"{name}: its tests fail as it is", file=sys.stderr)
             return 1
         alive = []
         for k in drawn:
             # Of a line that runs on import every test may be the one.
-            names = set(by_line.get(found[k][0], ())) & set(seconds) or set(seconds)
-            alive += [] if is_killed(path, k, sorted(names), seconds) else [k]
+            names = by_line.get(found[k][0], set()) - {""}
+            wanted = [name for file in files for name in sorted(names) if name.startswith(file)]
+            alive += [] if is_killed(path, k, wanted or files, _SLOWER * seconds) else [k]
         left += [f"{file}.py:{found[k][0]}: {found[k][1]}" for k in alive]
         report[name] = {"mutants": len(found), "tried": n, "killed": n - len(alive)}
         print(f"{name}: {n - len(alive)} of {n} killed, of {len(found)}", flush=True)

@@ -15,12 +15,23 @@ from tests.processes import environ, started
 
 PATIENCE_S = 120.0
 """For anything that a busy machine delays."""
-HARM = (
-    *("crashes", "deadlocks", "unhandled", "hangs", "over_memory", "gap_decisions"),
-    *("silent_stalls", "unrecovered", "uncounted", "lost_events", "duplicate_events"),
-    *("lost_states", "unreadable", "decisions_differ"),
-)
-"""What no campaign may find; the last line of each says all of them."""
+HARM = {
+    "crashes": "a daemon, or a run, that ended otherwise than it should",
+    "deadlocks": "a run that did not end",
+    "unhandled": "an input met with an error that is not the project's own, or killed the process",
+    "hangs": "an input that took too long",
+    "over_memory": "an input that took too much memory",
+    "gap_decisions": "a window with a gap or a jump that was judged as if whole",
+    "silent_stalls": "nothing decided, or nothing said of what happened",
+    "unrecovered": "not well again, or too late, after what happened",
+    "uncounted": "missing frames that nobody counted",
+    "lost_events": "not at every output, or no more in the store",
+    "duplicate_events": "a number, a key or a row used twice; an alarm that came back as another",
+    "lost_states": "armed or not, and an alarm that was on, were not as before",
+    "unreadable": "a recording, or a clip of an event, that is not there or cannot be read",
+    "decisions_differ": "from those where nothing happened, or of a replay",
+}
+"""What no campaign may find; the last line of each counts all of them."""
 CONFIG: Mapping[str, Any] = {
     "alarm": {"sensitivity": "high"},
     "log": {"first_retry_s": 0.2, "longest_retry_s": 1.0},
@@ -31,9 +42,10 @@ _RADARD = "import sys; from radard.cli import main; sys.exit(main())"
 
 
 def parser_of(doc: str | None) -> argparse.ArgumentParser:
-    """Return a parser whose help begins and ends as a campaign's docstring does."""
-    paragraphs = (doc or "").split("\n\n")
-    return argparse.ArgumentParser(description=paragraphs[0], epilog=paragraphs[-1])
+    """Return a parser with a campaign's docstring as its help, and what it counts as harm."""
+    harm = "\n".join(f"{key}: {what}" for key, what in HARM.items())
+    plain = argparse.RawDescriptionHelpFormatter
+    return argparse.ArgumentParser(description=doc, epilog=harm, formatter_class=plain)
 
 
 def wait_for(condition: Callable[[], Any], what: str, timeout_s: float = PATIENCE_S) -> Any:
@@ -95,23 +107,11 @@ class Daemon:
         """What it has logged."""
         return (self.folder / "log").read_text(errors="replace")
 
-    def status(self, sensor: str = "radar") -> dict[str, Any]:
+    def status(self) -> dict[str, Any]:
         """Return what its status file says; empty without one."""
         with contextlib.suppress(OSError, ValueError):
-            return dict(json.loads((self.folder / f"{sensor}.status.json").read_text()))
+            return dict(json.loads((self.folder / "radar.status.json").read_text()))
         return {}
-
-    def wait_state(self, state: str, word: str = "") -> None:
-        """Wait until its status file shows a state, with a word in its reason."""
-
-        def is_shown() -> bool:
-            if not self.is_alive:
-                msg = f"it ended: {self.log[-500:]}"
-                raise RuntimeError(msg)
-            status = self.status()
-            return status.get("state") == state and word in status.get("reason", "")
-
-        wait_for(is_shown, f"{state} {word!r}")
 
     def stop(self) -> int:
         """End it as a user would; return its exit code, -9 if it had to be killed."""

@@ -24,7 +24,7 @@ def test_a_reset_of_a_module_that_a_busy_machine_kept_waiting_is_no_other_decisi
     fault = {"type": "event", "kind": "fault", "reason": "no frame for 1.5 s"}
 
     def told(*rows):
-        house.outputs.out.write_text("".join(json.dumps(row) + "\n" for row in rows))
+        house.out.write_text("".join(json.dumps(row) + "\n" for row in rows))
         return house.look_at_decisions(reference), house.found["decisions_differ"]
 
     hello = {"type": "hello"}
