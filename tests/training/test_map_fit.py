@@ -14,7 +14,7 @@ from radard.judge.classifier import Classifier, softmax
 from tests.training_helpers import FEATURES, INPUTS, TINY, as_float, tiny, toy, trained, write_tiny
 from x2train.bundle.export import exported
 from x2train.bundle.metrics import map_metrics
-from x2train.nets import map_checkpoint
+from x2train.nets import map_fit
 from x2train.nets.bundle_answers import outputs_of, taught_by
 from x2train.nets.calibration import first_windows, fit_evidence, fused, log_loss
 from x2train.nets.map_fit import INPUTS as NAMES
@@ -139,10 +139,10 @@ def fitted(path):
 @pytest.fixture
 def often(monkeypatch):
     """Checkpoints after every step; `often(n)` switches the machine off after so many."""
-    monkeypatch.setattr(map_checkpoint, "_EVERY_S", 0.0)
+    monkeypatch.setattr(map_fit, "_EVERY_S", 0.0)
 
     def stop_after(n):
-        write, count = map_checkpoint.write_whole, [0]
+        write, count = map_fit.write_whole, [0]
 
         def counted(path, data):
             write(path, data)
@@ -150,7 +150,7 @@ def often(monkeypatch):
             if count[0] == n:
                 raise Stopped
 
-        monkeypatch.setattr(map_checkpoint, "write_whole", counted)
+        monkeypatch.setattr(map_fit, "write_whole", counted)
 
     return stop_after
 
@@ -186,7 +186,7 @@ def test_nothing_that_runs_code_is_read(tmp_path):
             return (open, (str(tmp_path / "ran"), "w"))
 
     path = tmp_path / "net.checkpoint"
-    torch.save({"print": Evil()}, path)
+    torch.save({"run": Evil()}, path)
     fitted(path)
     assert not (tmp_path / "ran").exists()
 

@@ -2,11 +2,16 @@
 
 Muon (K. Jordan et al., 2024, `torch.optim.Muon`) is for matrices, AdamW for all else, in one
 cycle of both rates. A convolution is a matrix with a row for each channel; layers of few inputs or
-few outputs are AdamW's.
+few outputs are AdamW's. A training of hours goes on from its checkpoint when it was interrupted.
 """
 
+import hashlib
+import io
+import json
+import time
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +24,8 @@ from torch.nn import functional
 from radard.errors import UsageError
 from radard.judge.bundle import Bundle
 from radard.judge.installation import INSTALLATION
+from x2radar.atomic import write_whole
 from x2train.nets.calibration import Epoch, cross_entropy, temperature_of
-from x2train.nets.map_checkpoint import Checkpoints, fingerprint
 from x2train.nets.nets import MapFitSettings, MapNet, start_from
 from x2train.sets.augment import augmented
 from x2train.sets.window_set import hidden_more
@@ -32,6 +37,7 @@ _N_SHOWN = 512  # windows that open the norms of a network to go on from
 _RISE = 0.2  # of the steps: as usual for one cycle
 _MIN_ROWS, _MIN_COLUMNS = 4, 31  # the layers named above are smaller
 _STARTED_RATE = 0.3  # of the learning rates, from a bundle: it is not to forget it
+_EVERY_S = 300.0  # between checkpoints, by the wall clock: what an interruption costs at most
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,19 +125,15 @@ def fit_maps(
     shown = None if taught is None else torch.from_numpy(taught).to(device)
     # The last batch of an epoch is smaller: once more compiled, not made to fit any size.
     answer = torch.compile(net, dynamic=False) if settings.is_compiled else net
-    run = fingerprint(train, settings, taught, start) if checkpoint else ""
-    kept = Checkpoints(checkpoint, run)
+    run = _fingerprint(train, settings, taught, start) if checkpoint else ""
+    kept = _Checkpoints(checkpoint, run, net, optimizer.parts, rng)
     total: float | torch.Tensor
-    first, done, total = kept.resume(net, optimizer.parts, rng)
+    first, done, total, order = kept.resume()
     for number in range(first, settings.epochs + 1):
         net.train()
-        order = rng.get_state()
-        parts = torch.split(
-            torch.randperm(len(labels), generator=rng, device=device), settings.batch
-        )
-        if done:
-            kept.at_step(rng)
-        for step, part in enumerate(parts[done:], done + 1):
+        if order is None:
+            order = torch.randperm(len(labels), generator=rng, device=device)
+        for step, part in enumerate(torch.split(order, settings.batch)[done:], done + 1):
             shown_maps = augmented(*(m[part].float() / 255 for m in maps), rng=rng)
             batch = (*shown_maps, hidden_more(known[part], rng))
             with torch.autocast(device, torch.bfloat16, enabled=settings.is_half):
@@ -142,15 +144,90 @@ def fit_maps(
             # Summed where it is: to fetch each would let a GPU wait.
             total = total + loss.detach().double() * len(part)
             if kept.is_due:
-                kept.save((number, step, float(total)), net, optimizer.parts, order, rng)
+                kept.save(epoch=number, step=step, total=float(total), order=order)
         logits = logits_of(net, validation)
         score = cross_entropy(logits, np.asarray(validation["label"]))
         yield Epoch(number, float(total) / len(labels), score)
-        done, total = 0, 0.0
+        done, total, order = 0, 0.0, None
     kept.done()
     net.cpu()
     logits = logits_of(net, validation)
     yield MapTrained(net, temperature_of(logits, np.asarray(validation["label"])))
+
+
+def _fingerprint(
+    windows: Arrays, settings: MapFitSettings, taught: NDArray[Any] | None, start: Bundle | None
+) -> str:
+    """Return a digest of what a training depends on: settings, labels, size, some of the maps."""
+    digest = hashlib.sha256(json.dumps(asdict(settings), sort_keys=True).encode())
+    for name in sorted(windows):
+        values = windows[name]
+        digest.update(f"{name} {values.shape} {values.dtype}".encode())
+        digest.update(values[:: max(1, len(values) // 1000)].tobytes())
+    digest.update(windows["label"].tobytes())
+    if taught is not None:
+        digest.update(taught.tobytes())
+    if start is not None:
+        digest.update(start.onnx)
+    return digest.hexdigest()
+
+
+class _Checkpoints:
+    """A file that a training writes now and then, and goes on from as if it had not stopped."""
+
+    def __init__(
+        self,
+        path: Path | None,
+        run: str,
+        net: nn.Module,
+        parts: tuple[Any, ...],
+        rng: torch.Generator,
+    ) -> None:
+        self._path, self._run, self._net, self._parts, self._rng = path, run, net, parts, rng
+        self._next_s = time.monotonic() + _EVERY_S
+
+    def resume(self) -> tuple[int, int, float, torch.Tensor | None]:
+        """Put a training back; return epoch, steps done in it, their loss, and its order."""
+        point: Any = {}
+        # Damaged, or of another run, it is begun afresh; whatever is in it, no code is run.
+        with suppress(Exception):
+            if self._path is not None and self._path.exists():
+                point = torch.load(self._path, weights_only=True, map_location="cpu")
+        if not isinstance(point, dict) or point.get("run") != self._run:
+            return 1, 0, 0.0, None
+        self._net.load_state_dict(point["net"])
+        for part, state in zip(self._parts, point["parts"], strict=True):
+            part.load_state_dict(state)
+        self._rng.set_state(point["rng"])
+        torch.set_rng_state(point["layers"])
+        return point["epoch"], point["step"], point["total"], point["order"].to(self._rng.device)
+
+    @property
+    def is_due(self) -> bool:
+        """Whether it is time for the next one."""
+        return self._path is not None and time.monotonic() >= self._next_s
+
+    def save(self, **at: float | torch.Tensor) -> None:
+        """Write a checkpoint, whole or not at all; `at` is what `resume` returns, by name."""
+        assert self._path is not None  # noqa: S101 - it is due
+        point = {
+            "run": self._run,
+            "net": self._net.state_dict(),
+            "parts": [part.state_dict() for part in self._parts],
+            "rng": self._rng.get_state(),
+            "layers": torch.get_rng_state(),
+            **at,
+        }
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        data = io.BytesIO()
+        torch.save(point, data)
+        write_whole(self._path, data.getvalue())
+        self._next_s = time.monotonic() + _EVERY_S
+
+    def done(self) -> None:
+        """Remove the file: the training has ended."""
+        if self._path is not None:
+            self._path.unlink(missing_ok=True)
 
 
 def _error(
