@@ -3,6 +3,7 @@
 import json
 from dataclasses import asdict, replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -200,22 +201,11 @@ def shaped(bundle, n):
 def test_a_teacher_says_what_the_daemon_would():
     bundle = load_bundle("fast")
     windows = shaped(bundle, 5)
-    said, classifier = taught_by(bundle, windows), Classifier(bundle)
+    about = {"settings": asdict(bundle.features)}
+    said = taught_by(bundle, windows, about, Path())
+    classifier = Classifier(bundle)
     assert said.dtype == np.float32
     for k, row in enumerate(said):
         inputs = {name: values[k].astype(np.float32) / 255 for name, values in windows.items()}
         p = classifier.classify(inputs)
         assert row == pytest.approx([p.human, p.pet, p.other], abs=1e-5)
-
-
-def test_a_teacher_of_other_maps_or_classes_is_refused():
-    bundle = load_bundle("fast")
-    windows = shaped(bundle, 2)
-    windows["range_time"] = windows["range_time"][:, 1:]
-    with pytest.raises(UsageError, match=r"range_time of shape \(80, 40\), not \(79, 40\)"):
-        taught_by(bundle, windows)
-    del windows["range_time"]
-    with pytest.raises(UsageError, match=r"range_time of shape \(80, 40\), not None"):
-        taught_by(bundle, windows)
-    with pytest.raises(UsageError, match="tells pet, human apart"):
-        taught_by(load_bundle("thesis"), windows)

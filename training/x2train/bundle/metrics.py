@@ -84,7 +84,6 @@ def map_metrics(
 
 def window_metrics(p: NDArray[np.float64], label: NDArray[np.int64]) -> dict[str, float]:
     """Return what single windows achieve, by their calibrated probabilities, shape (n, 3)."""
-    quiet = p[:, 1] + p[:, 2] > PET_LIMIT
     is_human, is_body = label == 0, label < CLASSES.index("other")
     odds = p[is_body, 0] / np.maximum(p[is_body, :2].sum(axis=1), 1e-12)
     return {
@@ -94,12 +93,17 @@ def window_metrics(p: NDArray[np.float64], label: NDArray[np.int64]) -> dict[str
         "balanced accuracy": float(
             np.mean([(p.argmax(axis=1) == label)[label == k].mean() for k in np.unique(label)])
         ),
-        **{
-            f"share without alarm, {name}": float(quiet[label == k].mean())
-            for k, name in enumerate(("person", "pet", "thing"))
-            if (label == k).any()
-        },
+        **shares_without_alarm(p[:, 1] + p[:, 2] > PET_LIMIT, label),
         "log loss of a window": log_loss(p[:, 0], is_human),
+    }
+
+
+def shares_without_alarm(quiet: NDArray[np.bool_], label: NDArray[np.int64]) -> dict[str, float]:
+    """Return of which share of the windows of each class the rule alone keeps quiet."""
+    return {
+        f"share without alarm, {name}": float(quiet[label == k].mean())
+        for k, name in enumerate(("person", "pet", "thing"))
+        if (label == k).any()
     }
 
 

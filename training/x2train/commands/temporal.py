@@ -25,41 +25,24 @@ def register(commands: Commands) -> None:
         "--validate sets/check\n",
     )
     add = parser.add_argument
-    add(
-        "--model",
-        nargs="+",
-        required=True,
-        help="a bundle without a temporal head, of three classes; of several, their mean",
-    )
+    text = "a bundle without a temporal head, of three classes; of several, their mean"
+    add("--model", nargs="+", required=True, help=text)
     add("--train", type=Path, nargs="+", required=True, help="sets to train on")
     add("--validate", type=Path, nargs="+", required=True, help="sets to calibrate on")
     add("--size", choices=sorted(SIZES), default="balanced", help="of the head (balanced)")
     add("--name", help="name of the new bundle (that of the old one)")
     add("--out", type=Path, default=Path("models"), help="folder of the new bundle (models)")
-    add(
-        "--prior",
-        metavar="NATS",
-        type=float,
-        default=0.0,
-        help="added to what speaks for a person, to calibrate it on bodies nobody trained on (0)",
-    )
+    text = "added to what speaks for a person: calibrates it on bodies nobody trained on (0)"
+    add("--prior", metavar="NATS", type=float, default=0.0, help=text)
     add("--human-limit", type=float, help="no waiting from this p(human) on (by --size)")
     add("--leaning", metavar="P", type=float, help="likelier pets wait longer, people less")
     add("--brief", metavar="S", type=float, help="who leaves undecided sooner is passed over")
     add("--epochs", type=int, default=6, help="passes over the passages (6)")
     add("--seed", type=int, default=0, help="same seed, same file (0)")
-    add(
-        "--start",
-        metavar="MODEL",
-        help="a bundle whose head is gone on from; its networks are the last of --model",
-    )
-    add(
-        "--apart",
-        metavar="MODEL",
-        nargs="+",
-        default=[],
-        help="of --model: heard apart as well; with --start what learns is how to hear these",
-    )
+    text = "a bundle whose head is gone on from; its networks are the last of --model"
+    add("--start", metavar="MODEL", help=text)
+    text = "of --model: heard apart as well; with --start what learns is how to hear these"
+    add("--apart", metavar="MODEL", nargs="+", default=[], help=text)
     parser.set_defaults(run=_run)
 
 
