@@ -12,9 +12,15 @@ from scipy.special import log_softmax
 
 from radard.errors import RadardError
 from radard.judge.bundle import Bundle, EvidenceSettings, sidecar_path
-from x2train.bundle.export import DIFFERENCE, checked
+from x2train.bundle.export import (
+    DIFFERENCE,
+    GIVEN,
+    checked,
+    n_parameters,
+    with_given,
+    with_head,
+)
 from x2train.bundle.metrics import NOTES, gate_of, kept_out_of, rounded, window_metrics
-from x2train.bundle.temporal_graph import GIVEN, n_parameters, with_given, with_head
 from x2train.bundle.writing import write_bundle
 from x2train.nets.bundle_answers import Answers, outputs_of
 from x2train.nets.calibration import first_windows, fit_evidence, log_loss
