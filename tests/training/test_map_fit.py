@@ -117,8 +117,7 @@ def test_the_discount_is_what_repetition_asks_for():
         logits = np.stack([ratio, 0 * ratio, 0 * ratio - 9], axis=1)
         p = np.stack([softmax(row) for row in logits])
         is_first, is_human = first_windows({"passage": passage, "t_s": t_s}), label == 0
-        best = fit_evidence(p, is_first, is_human, EvidenceSettings(most=8.0, prior_human=0.1))
-        assert (best.most, best.prior_human) == (8.0, 0.1)
+        best = fit_evidence(p, is_first, is_human)
         loss = log_loss(fused(p, is_first, best), is_human)
         for discount in (0.2, 0.5, 1.0):
             other = replace(best, discount=discount)

@@ -57,17 +57,15 @@ def map_metrics(
     """Return how evidence is best fused, and what windows and fused values achieve.
 
     `validation` are windows of passages that training never saw, in order within each;
-    `prior_human` is how far the policy leans, in nats, of `PRIOR_HUMAN`. The settings have `TRUST`
-    times the discount of the lowest log loss; the log loss in the metrics is that of the best
-    discount, without a prior. Raises UsageError if the windows are of people alone, or of none.
+    `prior_human` is how far the policy leans, in nats. The settings have `TRUST` times the
+    discount of the lowest log loss; that in the metrics is of the best discount, without a prior.
     """
     label = np.asarray(validation["label"])
-    check_calibration(label)
     logits = logits_of(trained.net, validation)
     p = Answers(logits).p(trained.temperature)
     is_human = label == 0
     is_first = first_windows(validation)
-    evidence = fit_evidence(p, is_first, is_human, EvidenceSettings())
+    evidence = fit_evidence(p, is_first, is_human)
     metrics = {
         "parameters": float(sum(p.numel() for p in trained.net.parameters())),
         **window_metrics(p, label),

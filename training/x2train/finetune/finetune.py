@@ -29,7 +29,7 @@ from radard.judge.decision import Verdict, judge
 from radard.judge.evidence import Evidence
 from x2train.bundle.metrics import gate_of, shares_without_alarm
 from x2train.bundle.writing import write_bundle
-from x2train.finetune.own_clips import OwnWindows, decisions_on
+from x2train.finetune.own_clips import OwnWindows, has_alarm
 from x2train.judge.estimates import share
 from x2train.nets.bundle_answers import Answers, outputs_of
 from x2train.nets.calibration import Epoch, first_windows
@@ -177,10 +177,7 @@ def tune(
     net = yield from _retrained(bundle, own, mix, epochs=epochs, seed=seed)
     onnx, way, before, after = _guarded(bundle, net, guard.of_people(), own)
     better = replace(bundle, onnx=onnx)
-    rows = tuple(
-        (c.clip.label, c.n_alarms > 0, any(d.alarm for d in decisions_on(c.clip, better)))
-        for c in own
-    )
+    rows = tuple((c.clip.label, c.has_alarm, has_alarm(c.clip, better)) for c in own)
     tuned = Tuned(better, way, before, after, rows)
     old, new, _ = tuned.count(is_human=False)
     if new >= old:
