@@ -19,10 +19,8 @@ from radard.judge.features import feature_shape
 from radard.judge.installation import N_INSTALLATION
 from x2train.commands.dataset import FEATURES
 from x2train.commands.fit import WIDTHS
-from x2train.nets.map_fit import MAPS, MuonAdamW
+from x2train.nets.map_fit import MAPS, MuonAdamW, augmented, hidden_more
 from x2train.nets.nets import MapFitSettings, MapNet
-from x2train.sets.augment import augmented
-from x2train.sets.window_set import hidden_more
 
 _WAYS = {
     "plain": (False, False),

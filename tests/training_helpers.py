@@ -10,8 +10,7 @@ import numpy as np
 from radard.judge.bundle import CLASSES, Bundle, EvidenceSettings, ModelInput, load_bundle
 from radard.judge.features import feature_shape
 from radard.judge.installation import INSTALLATION, N_INSTALLATION
-from x2train.bundle.export import exported
-from x2train.bundle.temporal_graph import GIVEN, with_given, with_head
+from x2train.bundle.export import GIVEN, exported, with_given, with_head
 from x2train.bundle.writing import write_bundle
 from x2train.commands.dataset import FEATURES
 from x2train.commands.fit import stream_of

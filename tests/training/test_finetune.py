@@ -16,7 +16,7 @@ from tests import training_helpers as small
 from tests.alarm_helpers import write_recording
 from tests.radar_helpers import run_radard
 from x2train.cli import main
-from x2train.finetune.guard import Guard, load_guard
+from x2train.finetune.finetune import Guard, load_guard
 from x2train.finetune.own_clips import OwnClip, judge_of, labelled_clips, merged, named_clips
 from x2train.nets.bundle_answers import Answers
 

@@ -14,9 +14,9 @@ from x2radar.sim.bodies.skeleton.species import SPECIES
 from x2radar.sim.points import Points
 from x2train.commands.fit import stream_of
 from x2train.judge.suites import SUITES, check_suites, n_more_pets, suite_of
-from x2train.sets.augment import augmented
-from x2train.sets.domain_randomization import DomainRandomization, RandomizedActor
+from x2train.nets.map_fit import augmented
 from x2train.sets.families import FAMILIES, LABELS, PAIRS, draw_cast, families
+from x2train.sets.passages import DomainRandomization, RandomizedActor
 from x2train.sets.sites import X2, draw_radar, draw_site
 from x2train.sets.window_set import ADULT_DB, known_of
 

@@ -13,9 +13,8 @@ from radard.judge.bundle import EvidenceSettings, load_bundle
 from radard.judge.classifier import Answer, Classifier, Probabilities
 from radard.judge.evidence import Evidence
 from tests import training_helpers as small
-from x2train.bundle.export import joined
+from x2train.bundle.export import head_of, joined, n_parameters, with_head
 from x2train.bundle.temporal_bundle import HUMAN_LIMIT
-from x2train.bundle.temporal_graph import head_of, n_parameters, with_head
 from x2train.cli import main
 from x2train.nets.bundle_answers import outputs_of
 from x2train.nets.graph_net import GraphNet

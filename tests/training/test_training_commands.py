@@ -123,3 +123,11 @@ def test_sets_that_cannot_be_used_are_refused(words, tmp_path, capsys):
         assert main(["fit", *sets, "--out", str(out)]) == code
         assert words in one_line(capsys)
     assert not out.exists()
+
+
+@pytest.mark.parametrize(("teacher", "words"), [("fast", "takes; make"), ("thesis", "holds no")])
+def test_a_teacher_of_other_maps_is_refused(teacher, words, tmp_path, capsys):
+    write_set(tmp_path / "good", toy(12), use="train", settings=SETTINGS)
+    sets = ["--train", str(tmp_path / "good"), "--validate", str(tmp_path / "good")]
+    assert main(["fit", *sets, "--teacher", teacher, "--out", str(tmp_path / "out")]) == 2
+    assert words in one_line(capsys)

@@ -109,7 +109,7 @@ def test_events_are_filtered_replayed_and_labelled(tab, radard):
     # It goes on for a while behind the alarm's end.
     radard.wait(lambda: is_finished(clip.path))
     seen = own_windows(clip, load_bundle("accurate"))
-    assert seen.n_alarms > 0
+    assert seen.has_alarm
     one.page.select_option("select[name=label]", "pet")
     one.until("document.querySelectorAll('.event').length === 1")
     one.page.select_option("select[name=label]", "")

@@ -57,17 +57,15 @@ def map_metrics(
     """Return how evidence is best fused, and what windows and fused values achieve.
 
     `validation` are windows of passages that training never saw, in order within each;
-    `prior_human` is how far the policy leans, in nats, of `PRIOR_HUMAN`. The settings have `TRUST`
-    times the discount of the lowest log loss; the log loss in the metrics is that of the best
-    discount, without a prior. Raises UsageError if the windows are of people alone, or of none.
+    `prior_human` is how far the policy leans, in nats. The settings have `TRUST` times the
+    discount of the lowest log loss; that in the metrics is of the best discount, without a prior.
     """
     label = np.asarray(validation["label"])
-    check_calibration(label)
     logits = logits_of(trained.net, validation)
     p = Answers(logits).p(trained.temperature)
     is_human = label == 0
     is_first = first_windows(validation)
-    evidence = fit_evidence(p, is_first, is_human, EvidenceSettings())
+    evidence = fit_evidence(p, is_first, is_human)
     metrics = {
         "parameters": float(sum(p.numel() for p in trained.net.parameters())),
         **window_metrics(p, label),
@@ -84,7 +82,6 @@ def map_metrics(
 
 def window_metrics(p: NDArray[np.float64], label: NDArray[np.int64]) -> dict[str, float]:
     """Return what single windows achieve, by their calibrated probabilities, shape (n, 3)."""
-    quiet = p[:, 1] + p[:, 2] > PET_LIMIT
     is_human, is_body = label == 0, label < CLASSES.index("other")
     odds = p[is_body, 0] / np.maximum(p[is_body, :2].sum(axis=1), 1e-12)
     return {
@@ -94,12 +91,17 @@ def window_metrics(p: NDArray[np.float64], label: NDArray[np.int64]) -> dict[str
         "balanced accuracy": float(
             np.mean([(p.argmax(axis=1) == label)[label == k].mean() for k in np.unique(label)])
         ),
-        **{
-            f"share without alarm, {name}": float(quiet[label == k].mean())
-            for k, name in enumerate(("person", "pet", "thing"))
-            if (label == k).any()
-        },
+        **shares_without_alarm(p[:, 1] + p[:, 2] > PET_LIMIT, label),
         "log loss of a window": log_loss(p[:, 0], is_human),
+    }
+
+
+def shares_without_alarm(quiet: NDArray[np.bool_], label: NDArray[np.int64]) -> dict[str, float]:
+    """Return of which share of the windows of each class the rule alone keeps quiet."""
+    return {
+        f"share without alarm, {name}": float(quiet[label == k].mean())
+        for k, name in enumerate(("person", "pet", "thing"))
+        if (label == k).any()
     }
 
 

@@ -10,11 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_softmax
 
-from radard.errors import RadardError
-from radard.judge.bundle import Bundle, EvidenceSettings, sidecar_path
-from x2train.bundle.export import DIFFERENCE, checked
+from radard.judge.bundle import Bundle, sidecar_path
+from x2train.bundle.export import (
+    DIFFERENCE,
+    GIVEN,
+    checked,
+    n_parameters,
+    with_given,
+    with_head,
+)
 from x2train.bundle.metrics import NOTES, gate_of, kept_out_of, rounded, window_metrics
-from x2train.bundle.temporal_graph import GIVEN, n_parameters, with_given, with_head
 from x2train.bundle.writing import write_bundle
 from x2train.nets.bundle_answers import Answers, outputs_of
 from x2train.nets.calibration import first_windows, fit_evidence, log_loss
@@ -27,7 +32,6 @@ HUMAN_LIMIT = {"fast": 0.65, "balanced": 0.8, "accurate": 0.9}
 three the highest that leaves the median time to alarm under 3 s. Their misses are the same
 (docs/research/evaluation-tried.md)."""
 _N_SAMPLE = 512  # windows that torch and onnxruntime are compared on
-_SAME = 1e-5  # logits of single windows, in single precision
 _MEAN = " It is the mean of {n} networks, trained apart."
 _RECIPE = (
     " A temporal head (GRU) integrates evidence over successive windows. Families kept out of "
@@ -79,11 +83,9 @@ def write_temporal(
     """Write the bundle with its head; return its metrics.
 
     `models` are the bundles that it was made from and `base` these as one (`joined`),
-    `validation` passages that training never saw;
-    `abouts`, what the sets to train on were made from, and `command` are for the card, behind the
-    base's command; `evidence` holds `human_limit`, of `HUMAN_LIMIT`, and more of
-    `EvidenceSettings`. Raises RadardError if onnxruntime and torch do not agree, or single
-    windows are not what they were.
+    `validation` passages that training never saw; `abouts`, what the sets to train on were made
+    from, and `command` are for the card, behind the base's command; `evidence` holds `human_limit`
+    and more of `EvidenceSettings`. Raises RadardError if onnxruntime and torch do not agree.
     """
     onnx = with_head(base.onnx, trained, base.temperature)
     given = validation.given
@@ -93,12 +95,9 @@ def write_temporal(
     made = outputs_of(onnx, inputs, is_first=given.is_first[:n])
     assert made.fused is not None  # noqa: S101 - the network has a head
     difference = checked(float(np.abs(made.fused - fused[:n]).max()))
-    off = float(np.abs(made.logits - validation.logits[:n]).max())
-    if not off <= _SAME:
-        raise RadardError(f"with a head single windows differ by {off:.2g} from what they were")
     is_human = given.label == 0
     p = Answers(validation.logits).p(base.temperature)
-    best = fit_evidence(p, given.is_first, is_human, EvidenceSettings())
+    best = fit_evidence(p, given.is_first, is_human)
     log_p = fused - np.logaddexp.reduce(fused, axis=1, keepdims=True)
     metrics = rounded(
         {

@@ -29,20 +29,11 @@ def register(commands: Commands) -> None:
     add(
         "--model",
         default=AUTO_MODEL,
-        help=f"bundle by name or file; what radard takes before each radar ({AUTO_MODEL})",
+        help=f"bundle by name or file; by radar ({AUTO_MODEL})",
     )
-    add(
-        "--level",
-        action="store_true",
-        help="tell the daemon its mount and level, as after `radard walktest` (to 2 dB)",
-    )
-    add(
-        "--clips",
-        type=Path,
-        metavar="DIR",
-        help="recorded people and animals come instead, see train-export motion: those clips "
-        "alone from which the bundle has not learned",
-    )
+    add("--level", action="store_true", help="mount and level known, as after `radard walktest`")
+    text = "recorded people and animals instead, of clips that the bundle has not learned from"
+    add("--clips", type=Path, metavar="DIR", help=text)
     add("--out", type=Path, required=True, help="folder: passages, acceptance.json and .html")
     add("--share", type=float, default=1.0, metavar="F", help="of every entry's passages (1)")
     add("--seed", type=int, default=90, help="same seed, same passages (90)")

@@ -50,28 +50,14 @@ def register(commands: Commands) -> None:
     add = parser.add_argument
     add("--out", type=Path, required=True, help="folder of the set; what is there is kept")
     add("--passages", type=int, default=24_000, help="passages to simulate (24000)")
-    add(
-        "--families",
-        metavar="USE",
-        default="train",
-        help="who moves: train, staying (in place), things (nobody), held out, thesis, all, or a "
-        "plug-in's body (train)",
-    )
-    add(
-        "--clips",
-        type=Path,
-        metavar="DIR",
-        help="bodies of recorded motion instead: a folder of clips, see train-export motion",
-    )
+    who = "train, staying (in place), things (nobody), held out, thesis, all, or a plug-in's body"
+    add("--families", metavar="USE", default="train", help=f"who moves: {who} (train)")
+    text = "a folder of recorded motion, whose bodies come instead; see train-export motion"
+    add("--clips", type=Path, metavar="DIR", help=text)
     add("--rooms", choices=("usual", "unseen"), default="usual", help="where")
     add("--radar", choices=("any", "x2", "x4m03"), default="any", help="with which radar (any)")
-    add(
-        "--longest",
-        metavar="SECONDS",
-        type=float,
-        default=6.0,
-        help="bodies are there for 2 s to so long (6); temporal heads learn from long ones",
-    )
+    text = "bodies are there for 2 s to so long (6); temporal heads learn from long ones"
+    add("--longest", metavar="SECONDS", type=float, default=6.0, help=text)
     add("--motion", nargs="+", choices=MOTIONS, default=["gait"], help="generators (gait)")
     add("--skin", nargs="+", choices=tuple(SKINS), default=["surface"], help="echoes (surface)")
     for name, who in _SHARES.items():

@@ -35,19 +35,11 @@ def register(commands: Commands) -> None:
     add("--pet-hours", type=float, default=0.0, metavar="H", help="with pets, at least (0)")
     add("--seed", type=int, default=50, help="same seed, same passages (50)")
     add("--policy", choices=("window", "fused"), help="instead of the bundle's own")
-    add(
-        "--radar",
-        choices=("suites", "thesis", "x4m03", "p4xx"),
-        default="suites",
-        help="each suite's own, or one for all; thesis: an X2 with all its bins (suites)",
-    )
+    text = "each suite's own, or one for all; thesis: an X2 with all its bins (suites)"
+    add("--radar", choices=("suites", "thesis", "x4m03", "p4xx"), default="suites", help=text)
     add("--only", nargs="+", default=[], metavar="SUITE", help="suites, by name (all)")
-    add(
-        "--recordings",
-        type=Path,
-        metavar="LIST",
-        help="instead of simulated passages: a CSV or YAML file of file, start, end, label",
-    )
+    text = "instead of simulated passages: a CSV or YAML file of file, start, end, label"
+    add("--recordings", type=Path, metavar="LIST", help=text)
     add("--against", type=Path, metavar="DIR", help="another bundle's folder, compared")
     add("--card", action="store_true", help="enter the rates into the bundle's card")
     add_crew(parser)

@@ -49,36 +49,19 @@ def register(commands: Commands) -> None:
     )
     add = parser.add_argument
     add("--train", type=Path, nargs="+", required=True, help="sets to train on")
-    add(
-        "--validate",
-        type=Path,
-        nargs="+",
-        required=True,
-        help="sets to calibrate on; the bundle is for their radars",
-    )
+    text = "sets to calibrate on; the bundle is for their radars"
+    add("--validate", type=Path, nargs="+", required=True, help=text)
     add("--name", default="balanced", help="name of the bundle (balanced)")
     add("--size", choices=sorted(WIDTHS), default="balanced", help="of the network (balanced)")
     add("--out", type=Path, default=_OUT, help="folder of the bundle (models)")
     add("--epochs", type=int, default=12, help="passes over the windows (12)")
     add("--seed", type=int, default=0, help="same seed, same file (0)")
-    add(
-        "--half",
-        action="store_true",
-        help="compute in bfloat16: faster where the processor can (AVX512-BF16, AMX)",
-    )
-    add(
-        "--compile",
-        action="store_true",
-        help="let torch compile the network: faster, needs a C++ compiler",
-    )
+    add("--half", action="store_true", help="compute in bfloat16: faster with AVX512-BF16 or AMX")
+    add("--compile", action="store_true", help="compile it first: faster; needs a C++ compiler")
     add("--batch", type=int, default=_BATCH, help=f"windows a step ({_BATCH}); a GPU likes 512")
     add("--threads", type=int, default=1, help="of a processor; others, other weights (1)")
-    add(
-        "--device",
-        choices=("auto", "cpu", "cuda"),
-        default="auto",
-        help="where to train: on a GPU if torch finds one (auto)",
-    )
+    text = "where to train: on a GPU if torch finds one (auto)"
+    add("--device", choices=("auto", "cpu", "cuda"), default="auto", help=text)
     add("--teacher", metavar="MODEL", help="a bundle whose probabilities are learnt beside labels")
     add("--stream", choices=sorted(_STREAMS), help="what it is for (what --validate is of)")
     add("--start", metavar="MODEL", help="a bundle of this size whose weights are gone on from")
@@ -112,7 +95,7 @@ def _run(args: argparse.Namespace) -> int:
     metrics.check_calibration(validation["label"])
     features = FeatureSettings.from_mapping(abouts[0]["settings"])
     teacher = load_bundle(args.teacher) if args.teacher else None
-    taught = taught_by(teacher, train) if teacher else None
+    taught = taught_by(teacher, train, abouts[0], args.train[0]) if teacher else None
     start = load_bundle(args.start) if args.start else None
     same = ("epochs", "batch", "threads", "device", "seed")
     given: dict[str, Any] = {name: getattr(args, name) for name in same}

@@ -35,9 +35,7 @@ def register(commands: Commands) -> None:
     add = parser.add_argument
     add("name", choices=sorted(RECIPES), help="of the bundle")
     add("--out", type=Path, default=Path("models"), help="folder of the bundle (models)")
-    add(
-        "--motion", type=Path, metavar="DIR", help="a folder of clips, for recorded motion as well"
-    )
+    add("--motion", type=Path, metavar="DIR", help="a folder of clips, to learn from as well")
     add("--share", type=float, default=1.0, help="of the passages, to try it (1)")
     add("--workers", type=int, default=os.cpu_count() or 1, help="processes (all cores)")
     add("--sets", action="store_true", help="make its sets and stop")

@@ -23,13 +23,7 @@ def register(commands: Commands) -> None:
     add("action", choices=["import"], help="make clips of files")
     add("files", nargs="+", type=Path, metavar="FILE", help=".bvh, .amc, .gltf, .glb, .npz")
     add("--map", required=True, type=Path, metavar="YAML", help="which joint is which")
-    add(
-        "--out",
-        required=True,
-        type=Path,
-        metavar="DIR",
-        help="of the clips; they are written there",
-    )
+    add("--out", required=True, type=Path, metavar="DIR", help="where the clips are written")
     add("--species", required=True, help="human, or the animal: dog, cat, rabbit, ...")
     add("--who", required=True, help="the individual; clips of one individual follow each other")
     add("--licence", help="for cards of bundles that learn from it")

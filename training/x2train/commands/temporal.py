@@ -25,51 +25,33 @@ def register(commands: Commands) -> None:
         "--validate sets/check\n",
     )
     add = parser.add_argument
-    add(
-        "--model",
-        nargs="+",
-        required=True,
-        help="a bundle without a temporal head, of three classes; of several, their mean",
-    )
+    text = "a bundle without a temporal head, of three classes; of several, their mean"
+    add("--model", nargs="+", required=True, help=text)
     add("--train", type=Path, nargs="+", required=True, help="sets to train on")
     add("--validate", type=Path, nargs="+", required=True, help="sets to calibrate on")
     add("--size", choices=sorted(SIZES), default="balanced", help="of the head (balanced)")
     add("--name", help="name of the new bundle (that of the old one)")
     add("--out", type=Path, default=Path("models"), help="folder of the new bundle (models)")
-    add(
-        "--prior",
-        metavar="NATS",
-        type=float,
-        default=0.0,
-        help="added to what speaks for a person, to calibrate it on bodies nobody trained on (0)",
-    )
+    text = "added to what speaks for a person: calibrates it on bodies nobody trained on (0)"
+    add("--prior", metavar="NATS", type=float, default=0.0, help=text)
     add("--human-limit", type=float, help="no waiting from this p(human) on (by --size)")
     add("--leaning", metavar="P", type=float, help="likelier pets wait longer, people less")
     add("--brief", metavar="S", type=float, help="who leaves undecided sooner is passed over")
     add("--epochs", type=int, default=6, help="passes over the passages (6)")
     add("--seed", type=int, default=0, help="same seed, same file (0)")
-    add(
-        "--start",
-        metavar="MODEL",
-        help="a bundle whose head is gone on from; its networks are the last of --model",
-    )
-    add(
-        "--apart",
-        metavar="MODEL",
-        nargs="+",
-        default=[],
-        help="of --model: heard apart as well; with --start what learns is how to hear these",
-    )
+    text = "a bundle whose head is gone on from; its networks are the last of --model"
+    add("--start", metavar="MODEL", help=text)
+    text = "of --model: heard apart as well; with --start what learns is how to hear these"
+    add("--apart", metavar="MODEL", nargs="+", default=[], help=text)
     parser.set_defaults(run=_run)
 
 
 def _run(args: argparse.Namespace) -> int:
     check_least(args, epochs=1, seed=0)
     # Late: torch takes seconds, and --help must not.
-    from x2train.bundle.export import joined  # noqa: PLC0415
+    from x2train.bundle.export import head_of, joined, spans_of  # noqa: PLC0415
     from x2train.bundle.metrics import check_calibration  # noqa: PLC0415
     from x2train.bundle.temporal_bundle import HUMAN_LIMIT, given_of_sets, write_temporal  # noqa: PLC0415
-    from x2train.bundle.temporal_graph import head_of, spans_of  # noqa: PLC0415
     from x2train.nets.temporal_head import HeadSettings, fit_head  # noqa: PLC0415
 
     parts = [load_bundle(model) for model in args.model]

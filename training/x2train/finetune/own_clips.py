@@ -19,7 +19,6 @@ from radard.config.sections import AUTO_MODEL, DEFAULT_MODEL
 from radard.errors import ModelMismatch, UsageError
 from radard.judge.bundle import Bundle
 from radard.judge.classifier import Answer, Classifier, Hidden
-from radard.judge.decision import Decision
 from radard.judge.features import Features
 from radard.judge.model_choice import model_for
 from radard.pipeline import Pipeline
@@ -120,7 +119,7 @@ class OwnWindows:
     # (n, ...): by the network's input names; one row a window with the gate open
     inputs: Mapping[str, NDArray[np.float32]]
     t_s: NDArray[np.float64]  # (n,): stream time at the end of each, in seconds
-    n_alarms: int  # decisions with an alarm
+    has_alarm: bool  # whether any decision was one
 
     @property
     def is_first(self) -> NDArray[np.bool_]:
@@ -153,14 +152,14 @@ def own_windows(clip: OwnClip, bundle: Bundle) -> OwnWindows:
     listener = _Listener(bundle)
     rows: list[Features] = []
     t_s: list[float] = []
-    n_alarms = 0
+    alarms: list[bool] = []
     with open_recording(clip.path) as reader:
         try:
             pipeline = Pipeline(reader.stream, Config(), listener)
         except ModelMismatch as err:
             raise ModelMismatch(f"{clip.path}: {err}") from err
         for decision in replayed(reader, pipeline):
-            n_alarms += decision.alarm
+            alarms.append(decision.alarm)
             if decision.window is not None:
                 # The whole window comes first, then what each track's own gate lets through.
                 rows.append(listener.given[0])
@@ -170,10 +169,11 @@ def own_windows(clip: OwnClip, bundle: Bundle) -> OwnWindows:
         raise UsageError(f"{clip.path}: nothing moves in it; record a visit of at least 3 s")
     inputs = {each.name: np.stack([row[each.feature] for row in rows]) for each in bundle.inputs}
     digest = hashlib.sha256(clip.path.read_bytes()).hexdigest()
-    return OwnWindows(clip, digest, inputs, np.array(t_s), n_alarms)
+    return OwnWindows(clip, digest, inputs, np.array(t_s), any(alarms))
 
 
-def decisions_on(clip: OwnClip, bundle: Bundle) -> list[Decision]:
-    """Return what radard decides on a clip with a bundle."""
+def has_alarm(clip: OwnClip, bundle: Bundle) -> bool:
+    """Return whether radard alarms on a clip with a bundle."""
     with open_recording(clip.path) as reader:
-        return list(replayed(reader, Pipeline(reader.stream, Config(), Classifier(bundle))))
+        pipeline = Pipeline(reader.stream, Config(), Classifier(bundle))
+        return any(decision.alarm for decision in replayed(reader, pipeline))

@@ -4,17 +4,17 @@ import statistics
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_softmax
 
-from radard.errors import UsageError
-from radard.judge.bundle import CLASSES, Bundle
+from radard.judge.bundle import Bundle
 from radard.judge.classifier import FUSED_LOGITS, HIDDEN, NEXT_HIDDEN, Hidden, softmax
 from radard.judge.onnx_runtime import ort
-from x2train.sets.window_set import inputs_of
+from x2train.sets.window_set import Columns, check_made_for, inputs_of
 
 Array = NDArray[np.float64]
 Feed = Mapping[str, NDArray[np.float32]]
@@ -89,20 +89,15 @@ def outputs_of(
     return Answers(logits, made[FUSED_LOGITS].astype(np.float64), before, made.get(tap))
 
 
-def taught_by(bundle: Bundle, windows: Mapping[str, NDArray[Any]]) -> NDArray[np.float32]:
-    """Return a teacher's calibrated probabilities of windows by feature, shape (n, 3).
+def taught_by(
+    bundle: Bundle, windows: Columns, about: Mapping[str, Any], folder: Path
+) -> NDArray[np.float32]:
+    """Return a teacher's calibrated probabilities of a set's windows, (n, 3); or UsageError.
 
     A smaller network learns from them beside the labels, which do not say how much could be seen
     (Hinton, Vinyals and Dean, "Distilling the knowledge in a neural network", 2015, recalled).
     """
-    if bundle.classes != CLASSES:
-        raise UsageError(f"teacher '{bundle.name}': tells {', '.join(bundle.classes)} apart")
-    for each in bundle.inputs:
-        found = windows[each.feature].shape[1:] if each.feature in windows else None
-        if found != each.shape:
-            raise UsageError(
-                f"teacher '{bundle.name}': takes {each.feature} of shape {each.shape}, not {found}"
-            )
+    check_made_for(bundle, windows, about, folder)
     answers = outputs_of(bundle.onnx, inputs_of(bundle, windows))
     return answers.p(bundle.temperature).astype(np.float32)
 

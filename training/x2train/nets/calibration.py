@@ -5,7 +5,7 @@ that training never saw.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -59,7 +59,7 @@ def fused(p: Array, is_first: NDArray[np.bool_], settings: EvidenceSettings) -> 
     for k, (row, is_new) in enumerate(zip(p, is_first, strict=True)):
         if is_new:
             evidence.reset()
-        out[k] = evidence.add(Probabilities(*(float(v) for v in row))).human
+        out[k] = evidence.add(Probabilities(*row.tolist())).human
     return out
 
 
@@ -70,8 +70,8 @@ def log_loss(p_human: Array, is_human: NDArray[np.bool_]) -> float:
 
 
 def fit_evidence(
-    p: Array, is_first: NDArray[np.bool_], is_human: NDArray[np.bool_], start: EvidenceSettings
+    p: Array, is_first: NDArray[np.bool_], is_human: NDArray[np.bool_]
 ) -> EvidenceSettings:
     """Return the settings with the discount of the lowest log loss of the fused value."""
-    tried = [replace(start, discount=discount) for discount in _DISCOUNTS]
+    tried = [EvidenceSettings(discount=discount) for discount in _DISCOUNTS]
     return min(tried, key=lambda s: log_loss(fused(p, is_first, s), is_human))

@@ -2,11 +2,20 @@
 
 Muon (K. Jordan et al., 2024, `torch.optim.Muon`) is for matrices, AdamW for all else, in one
 cycle of both rates. A convolution is a matrix with a row for each channel; layers of few inputs or
-few outputs are AdamW's.
+few outputs are AdamW's. A training of hours goes on from its checkpoint when it was interrupted.
+
+Batches of maps are changed in ways that a radar or a room could have changed them. They are not
+turned round, approaching for leaving: networks that learn from such maps as well do worse
+(docs/research/evaluation-tried.md).
 """
 
+import hashlib
+import io
+import json
+import time
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +28,9 @@ from torch.nn import functional
 from radard.errors import UsageError
 from radard.judge.bundle import Bundle
 from radard.judge.installation import INSTALLATION
+from x2radar.atomic import write_whole
 from x2train.nets.calibration import Epoch, cross_entropy, temperature_of
-from x2train.nets.map_checkpoint import Checkpoints, fingerprint
 from x2train.nets.nets import MapFitSettings, MapNet, start_from
-from x2train.sets.augment import augmented
-from x2train.sets.window_set import hidden_more
 
 Arrays = Mapping[str, NDArray[Any]]
 MAPS = ("velocity_time", "range_time", "velocity_time_medium", "velocity_time_long")
@@ -32,6 +39,11 @@ _N_SHOWN = 512  # windows that open the norms of a network to go on from
 _RISE = 0.2  # of the steps: as usual for one cycle
 _MIN_ROWS, _MIN_COLUMNS = 4, 31  # the layers named above are smaller
 _STARTED_RATE = 0.3  # of the learning rates, from a bundle: it is not to forget it
+_EVERY_S = 300.0  # between checkpoints, by the wall clock: what an interruption costs at most
+_MAX_SHIFT = 12  # cells: 0.6 m
+_FLOOR_SHARE, _MAX_FLOOR, _SPECKLE = 0.4, 0.6, 0.08  # of windows; of the scale; likewise
+_CUT_SHARE, _LOST_SHARE = 0.3, 0.15  # of windows
+_HIDDEN_SHARE = 0.15  # of windows, for each of height, tilt and strength, in training
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,19 +131,15 @@ def fit_maps(
     shown = None if taught is None else torch.from_numpy(taught).to(device)
     # The last batch of an epoch is smaller: once more compiled, not made to fit any size.
     answer = torch.compile(net, dynamic=False) if settings.is_compiled else net
-    run = fingerprint(train, settings, taught, start) if checkpoint else ""
-    kept = Checkpoints(checkpoint, run)
+    run = _fingerprint(train, settings, taught, start) if checkpoint else ""
+    kept = _Checkpoints(checkpoint, run, net, optimizer.parts, rng)
     total: float | torch.Tensor
-    first, done, total = kept.resume(net, optimizer.parts, rng)
+    first, done, total, order = kept.resume()
     for number in range(first, settings.epochs + 1):
         net.train()
-        order = rng.get_state()
-        parts = torch.split(
-            torch.randperm(len(labels), generator=rng, device=device), settings.batch
-        )
-        if done:
-            kept.at_step(rng)
-        for step, part in enumerate(parts[done:], done + 1):
+        if order is None:
+            order = torch.randperm(len(labels), generator=rng, device=device)
+        for step, part in enumerate(torch.split(order, settings.batch)[done:], done + 1):
             shown_maps = augmented(*(m[part].float() / 255 for m in maps), rng=rng)
             batch = (*shown_maps, hidden_more(known[part], rng))
             with torch.autocast(device, torch.bfloat16, enabled=settings.is_half):
@@ -142,15 +150,90 @@ def fit_maps(
             # Summed where it is: to fetch each would let a GPU wait.
             total = total + loss.detach().double() * len(part)
             if kept.is_due:
-                kept.save((number, step, float(total)), net, optimizer.parts, order, rng)
+                kept.save(epoch=number, step=step, total=float(total), order=order)
         logits = logits_of(net, validation)
         score = cross_entropy(logits, np.asarray(validation["label"]))
         yield Epoch(number, float(total) / len(labels), score)
-        done, total = 0, 0.0
+        done, total, order = 0, 0.0, None
     kept.done()
     net.cpu()
     logits = logits_of(net, validation)
     yield MapTrained(net, temperature_of(logits, np.asarray(validation["label"])))
+
+
+def _fingerprint(
+    windows: Arrays, settings: MapFitSettings, taught: NDArray[Any] | None, start: Bundle | None
+) -> str:
+    """Return a digest of what a training depends on: settings, labels, size, some of the maps."""
+    digest = hashlib.sha256(json.dumps(asdict(settings), sort_keys=True).encode())
+    for name in sorted(windows):
+        values = windows[name]
+        digest.update(f"{name} {values.shape} {values.dtype}".encode())
+        digest.update(values[:: max(1, len(values) // 1000)].tobytes())
+    digest.update(windows["label"].tobytes())
+    if taught is not None:
+        digest.update(taught.tobytes())
+    if start is not None:
+        digest.update(start.onnx)
+    return digest.hexdigest()
+
+
+class _Checkpoints:
+    """A file that a training writes now and then, and goes on from as if it had not stopped."""
+
+    def __init__(
+        self,
+        path: Path | None,
+        run: str,
+        net: nn.Module,
+        parts: tuple[Any, ...],
+        rng: torch.Generator,
+    ) -> None:
+        self._path, self._run, self._net, self._parts, self._rng = path, run, net, parts, rng
+        self._next_s = time.monotonic() + _EVERY_S
+
+    def resume(self) -> tuple[int, int, float, torch.Tensor | None]:
+        """Put a training back; return epoch, steps done in it, their loss, and its order."""
+        point: Any = {}
+        # Damaged, or of another run, it is begun afresh; whatever is in it, no code is run.
+        with suppress(Exception):
+            if self._path is not None and self._path.exists():
+                point = torch.load(self._path, weights_only=True, map_location="cpu")
+        if not isinstance(point, dict) or point.get("run") != self._run:
+            return 1, 0, 0.0, None
+        self._net.load_state_dict(point["net"])
+        for part, state in zip(self._parts, point["parts"], strict=True):
+            part.load_state_dict(state)
+        self._rng.set_state(point["rng"])
+        torch.set_rng_state(point["layers"])
+        return point["epoch"], point["step"], point["total"], point["order"].to(self._rng.device)
+
+    @property
+    def is_due(self) -> bool:
+        """Whether it is time for the next one."""
+        return self._path is not None and time.monotonic() >= self._next_s
+
+    def save(self, **at: float | torch.Tensor) -> None:
+        """Write a checkpoint, whole or not at all; `at` is what `resume` returns, by name."""
+        assert self._path is not None  # noqa: S101 - it is due
+        point = {
+            "run": self._run,
+            "net": self._net.state_dict(),
+            "parts": [part.state_dict() for part in self._parts],
+            "rng": self._rng.get_state(),
+            "layers": torch.get_rng_state(),
+            **at,
+        }
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        data = io.BytesIO()
+        torch.save(point, data)
+        write_whole(self._path, data.getvalue())
+        self._next_s = time.monotonic() + _EVERY_S
+
+    def done(self) -> None:
+        """Remove the file: the training has ended."""
+        if self._path is not None:
+            self._path.unlink(missing_ok=True)
 
 
 def _error(
@@ -205,3 +288,67 @@ def logits_of(net: nn.Module, windows: Arrays) -> NDArray[np.float64]:
             known = torch.from_numpy(windows[INSTALLATION][rows]).to(device)
             out.append(net(*maps, known).cpu().numpy().astype(np.float64))
     return np.concatenate(out) if out else np.zeros((0, 3))
+
+
+def augmented(
+    velocity: torch.Tensor, ranges: torch.Tensor, *long: torch.Tensor, rng: torch.Generator
+) -> tuple[torch.Tensor, ...]:
+    """Return changed copies of maps, 0 to 1, each of shape (n, rows, n_cells), by `rng`."""
+    n, _, n_cells = velocity.shape
+    u = torch.rand(n, 7, generator=rng, device=rng.device)
+    ranges = _shifted(ranges, u[:, 0])
+    slow = [_noisier(_deeper(each, u[:, 1]), u[:, 3], rng) for each in (velocity, *long)]
+    ranges = _noisier(_deeper(ranges, u[:, 2]), u[:, 3], rng)
+    keep, is_lost = _kept(u[:, 4:], n_cells)
+    # A lost frame leaves no whole CPI to a long map, and few to a medium one.
+    whole = (~is_lost).float()[:, None, None]
+    velocity, *long_maps = slow
+    kept = keep[:, None]
+    return velocity * kept, ranges * kept, *(each * whole for each in long_maps)
+
+
+def _shifted(ranges: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
+    """Move each map along range; what comes in is empty."""
+    n_rows = ranges.shape[1]
+    shift = (u * (2 * _MAX_SHIFT + 1)).floor().long() - _MAX_SHIFT
+    source = torch.arange(n_rows, device=u.device)[None] - shift[:, None]
+    inside = (source >= 0) & (source < n_rows)
+    index = source.clamp(0, n_rows - 1)[:, :, None].expand(-1, -1, ranges.shape[2])
+    return ranges.gather(1, index) * inside[:, :, None]
+
+
+def _deeper(maps: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
+    """Stretch the decibels under the reference by 0.8 to 1.25; what is empty stays so."""
+    factor = 0.8 * (1.25 / 0.8) ** u
+    stretched = (1 - (1 - maps) * factor[:, None, None]).clamp(0, 1)
+    return torch.where(maps > 0, stretched, maps)
+
+
+def _noisier(maps: torch.Tensor, u: torch.Tensor, rng: torch.Generator) -> torch.Tensor:
+    """Lay a speckled floor under some of the maps."""
+    rows = torch.nonzero(u < _FLOOR_SHARE)[:, 0]
+    level = (_MAX_FLOOR * u[rows] / _FLOOR_SHARE)[:, None, None]
+    speckle = _SPECKLE * torch.randn(maps[rows].shape, generator=rng, device=rng.device)
+    lit = maps.amax(2, keepdim=True)[rows] > 0
+    made = maps.clone()
+    made[rows] = torch.where(lit, torch.maximum(maps[rows], level + speckle), 0.0).clamp(0, 1)
+    return made
+
+
+def _kept(u: torch.Tensor, n_cells: int) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return which time cells stay, shape (n, n_cells), and in whose middle some are lost."""
+    at = torch.arange(n_cells, device=u.device)[None] / n_cells
+    size = 0.35 * u[:, 1:2]
+    is_cut = u[:, 0:1] < _CUT_SHARE
+    cut = is_cut & torch.where(u[:, 2:3] < 0.5, at < size, at >= 1 - size)
+    is_lost = (u[:, 0:1] >= _CUT_SHARE) & (u[:, 0:1] < _CUT_SHARE + _LOST_SHARE)
+    lost = is_lost & ((at - u[:, 2:3]).abs() < 0.05)
+    return (~(cut | lost)).float(), is_lost[:, 0]
+
+
+def hidden_more(known: torch.Tensor, rng: torch.Generator) -> torch.Tensor:
+    """Return a batch of inputs, shape (n, `N_INSTALLATION`), with more of them missing."""
+    kept = torch.rand(len(known), 3, generator=rng, device=rng.device) >= _HIDDEN_SHARE
+    pairs = kept.repeat_interleave(2, dim=1)
+    always = torch.ones(len(known), 1, device=rng.device)
+    return known * torch.cat([always, pairs], 1)

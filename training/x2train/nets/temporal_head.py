@@ -141,7 +141,7 @@ def fit_head(
     """Train on passages apart from those to validate on; yield every epoch, at last the head.
 
     `start` are weights of a head to go on from, those of its projection without mean and spread
-    (`temporal_graph.head_of`). Where networks are heard apart as well, these parts alone learn.
+    (`export.head_of`). Where networks are heard apart as well, these parts alone learn.
     """
     torch.manual_seed(settings.seed)
     torch.set_num_threads(1)

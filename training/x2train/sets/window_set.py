@@ -1,8 +1,7 @@
 """Window sets on disk, read back, with what installations know of their windows.
 
 Each passage is one installation, the input of that name: it knows its mount or not, its level or
-not, and the level to 2 dB; more of them know it where cross sections follow from sizes. Training
-hides more, batch by batch, so that a network works without any of it.
+not, and the level to 2 dB; more of them know it where cross sections follow from sizes.
 """
 
 from collections.abc import Callable, Mapping
@@ -10,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from radard.errors import UsageError
@@ -29,7 +27,6 @@ _FREE_KNOWN_Z = -1.7507
 half of the windows that knew it taught that strength says nothing, and it was hardly evidence
 (docs/research/evaluation-tried.md)."""
 LEVEL_ERROR_DB = 2.0  # sigma: what a walk test repeats to
-_HIDDEN_SHARE = 0.15  # of windows, for each of height, tilt and strength, in training
 _MIN_SHARE, _MIN_MPS = 0.6, 0.1  # of a dwell in view, and towards or away
 _KEPT_PASSAGES = 5  # of so many passages one keeps all its windows
 
@@ -121,11 +118,3 @@ def known_of(windows: Mapping[str, NDArray[Any]]) -> NDArray[np.float32]:
             echo_db - level_db if has_level and np.isfinite(echo_db) else None,
         )
     return made
-
-
-def hidden_more(known: torch.Tensor, rng: torch.Generator) -> torch.Tensor:
-    """Return a batch of inputs, shape (n, `N_INSTALLATION`), with more of them missing."""
-    kept = torch.rand(len(known), 3, generator=rng, device=rng.device) >= _HIDDEN_SHARE
-    pairs = kept.repeat_interleave(2, dim=1)
-    always = torch.ones(len(known), 1, device=rng.device)
-    return known * torch.cat([always, pairs], 1)

@@ -91,12 +91,11 @@ def pool(workers: int) -> Iterator[Run]:
         with without_interrupts():
             return executor.submit(_make_chunk, make, chunk).result
 
-    with (
-        _one_thread(),
-        ProcessPoolExecutor(
-            workers, mp_context=context, initializer=setattr, initargs=(_Pooled, "stop", stop)
-        ) as executor,
-    ):
+    # Processes that start from now on have one thread for linear algebra, to round alike.
+    os.environ.update(dict.fromkeys(_THREADS, "1"))
+    with ProcessPoolExecutor(
+        workers, mp_context=context, initializer=setattr, initargs=(_Pooled, "stop", stop)
+    ) as executor:
         try:
             yield lambda make, chunks: _in_order(partial(submit, make), chunks, _AHEAD * workers)
         except BrokenProcessPool as err:
@@ -147,16 +146,3 @@ class _Pooled:
     """What a worker process knows: whether to stop."""
 
     stop: Event | None = None
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Let processes that start now have one thread for linear algebra, to round alike."""
-    before = {name: os.environ[name] for name in _THREADS if name in os.environ}
-    os.environ.update(dict.fromkeys(_THREADS, "1"))
-    try:
-        yield
-    finally:
-        for name in _THREADS:
-            del os.environ[name]
-        os.environ.update(before)
