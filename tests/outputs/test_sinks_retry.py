@@ -33,13 +33,14 @@ def token(tmp_path):
     return tmp_path / "token"
 
 
-def test_a_server_that_hangs_up_is_named_so(opened):
-    """Before, it was said to speak no HTTP."""
+@pytest.mark.parametrize("n_read", [1, 65_536])
+def test_a_server_that_hangs_up_is_named_so(opened, n_read):
+    """Also one that has not read all, whose end is a reset."""
     with socket.create_server(("127.0.0.1", 0)) as silent:
         sink = opened(f"webhook:http://127.0.0.1:{silent.getsockname()[1]}")
         sink.write(event(1))
         line, _ = silent.accept()
-        line.recv(65_536)
+        line.recv(n_read)
         line.close()
         wait_for(lambda: "closes the connection without" in sink.state.reason)
 

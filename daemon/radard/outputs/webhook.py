@@ -87,7 +87,7 @@ class _Poster:
             # What `_hang_up` has closed may be any of them, of TLS a ValueError.
             if time.monotonic() - began_s >= self._section.timeout_s:
                 msg = LATE
-            elif isinstance(err, http.client.RemoteDisconnected):
+            elif isinstance(err, ConnectionResetError | BrokenPipeError):
                 msg = "the server closes the connection without an answer"
             elif isinstance(err, http.client.HTTPException):
                 msg = f"not an HTTP answer: {type(err).__name__}"
