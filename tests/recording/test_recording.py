@@ -93,6 +93,13 @@ def test_faults_are_named(tmp_path, changes, words):
     refused(minimal(tmp_path / "m.h5", **changes), words)
 
 
+def test_half_a_frame_number_is_refused(tmp_path):
+    """Half a number was cut off."""
+    path = minimal(tmp_path / "m.h5", counter=np.arange(10) + 0.5)
+    with pytest.raises(RecordingError, match="no numbers of frames"):
+        list(RecordingReader(path).frames())
+
+
 def test_attributes_are_those_of_the_contract(tmp_path):
     with h5py.File(write(tmp_path / "r.h5", noise(3))) as file:
         assert file.attrs["format"] == "x2radar-recording"
