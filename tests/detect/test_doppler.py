@@ -73,7 +73,7 @@ def test_too_short(shape):
 def steps_of(frames, valid=None, *, n_block=64):
     """All steps of a record as complex128, and the flags."""
     frames = np.asarray(frames)
-    buffer = StepBuffer(len(frames))
+    buffer = StepBuffer(len(frames), n_block)
     for part, flags in blocks(frames, valid, n_block):
         buffer.push(part, flags)
     rows = buffer.rows(len(frames)).astype(np.float64)

@@ -140,7 +140,7 @@ def test_the_mode_of_files_that_are_there_is_left(tmp_path):
     wait_for(lambda: sink.state.n_sent == 6)
     sink.close()
     opened(store).close()
-    # The next file of a rotation is read by whoever read the one before.
+    # The reader of one file of a rotation can read the next one.
     assert (tmp_path / "a.jsonl.2").exists()
     assert modes_in(tmp_path) == {0o640}
 

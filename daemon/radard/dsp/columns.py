@@ -10,11 +10,12 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from radard.errors import FeatureError
 
 LARGEST = np.float32(1e38)  # frames with a part beyond: steps would leave float32
+_IN_CACHE = 1 << 15  # complex numbers that are worked on at a time: 256 KiB
 
 Frames = NDArray[np.generic]
 Flags = NDArray[np.bool_]
@@ -49,14 +50,44 @@ def whole(valid: Flags, n_cpi: int, stride: int = 1) -> Flags:
     return np.asarray((n_lost[n_cpi:] == n_lost[:-n_cpi])[::stride])
 
 
+class Tail:
+    """The last `n_keep` rows of what grows, each with a flag, contiguous, oldest first.
+
+    They move to the front of a buffer when it is full, for which at most `n_most` come at once.
+    """
+
+    def __init__(self, n_keep: int, n_most: int) -> None:
+        self.n_keep = n_keep
+        self._rows: Values = np.zeros((n_keep + n_most, 0))
+        self._flags = np.zeros(n_keep + n_most, np.bool_)
+        self.fill = 0  # rows that are there; `n_keep` of them will stay
+
+    def grow(self, n: int, shape: tuple[int, ...], dtype: DTypeLike) -> tuple[Values, Flags]:
+        """Return `n` new rows and flags to write, as views; the first ones set shape and type."""
+        if self._rows.shape[1:] != shape:
+            self._rows, self.fill = np.zeros((len(self._flags), *shape), dtype), 0
+        if self.fill + n > len(self._flags):
+            kept = slice(self.fill - self.n_keep, self.fill)
+            self._rows[: self.n_keep] = self._rows[kept]
+            self._flags[: self.n_keep] = self._flags[kept]
+            self.fill = self.n_keep
+        self.fill += n
+        return self.last(n)
+
+    def last(self, n: int) -> tuple[Values, Flags]:
+        """Return the last `n` rows and flags, views."""
+        part = slice(self.fill - n, self.fill)
+        return self._rows[part], self._flags[part]
+
+
 class StepBuffer:
     """The last `n_keep` steps of one stream: all real parts of a row, then all imaginary ones."""
 
-    def __init__(self, n_keep: int) -> None:
-        self._n_keep = n_keep
+    def __init__(self, n_keep: int, n_block: int) -> None:
         self.n_range = 0
-        self._rows = np.zeros((0, 0), np.float32)
-        self._flags = np.zeros(0, np.bool_)
+        self._tail = Tail(n_keep, n_block)
+        self._n_block = n_block
+        self._scratch = np.zeros((0, 0), np.complex64)
         self._last: Frames | None = None
         self._product: tuple[NDArray[np.float32], NDArray[np.float32]] | None = None
         self.n_frames = 0
@@ -66,11 +97,13 @@ class StepBuffer:
         n, n_range = frames.shape
         if self.n_frames == 0 and n_range != self.n_range:
             self.n_range = n_range
-            self._rows = np.zeros((0, 2 * n_range), np.float32)
+            n_scratch = min(self._n_block, max(1, _IN_CACHE // n_range))
+            self._scratch = np.zeros((n_scratch, n_range), np.complex64)
         if n_range != self.n_range:
             raise FeatureError(f"a frame of {n_range} bins in a stream of {self.n_range}")
         self._product = None
-        flags, rows = valid.copy(), np.empty((n, 2 * n_range), np.float32)
+        rows, flags = self._tail.grow(n, (2 * n_range,), np.float32)
+        flags[:] = valid
         # A first frame has no step that would show what is wrong with it.
         looks_good = self._last is not None or _usable(frames[:1]).all()
         if not flags.all() or not looks_good or not self._write(frames, rows):
@@ -78,14 +111,11 @@ class StepBuffer:
             self._write(frames, rows)
         if flags.any():
             self._last = frames[-1].astype(np.result_type(frames.dtype, np.complex64))
-        kept = slice(-(self._n_keep + n), None)
-        self._rows = np.concatenate([self._rows, rows])[kept]
-        self._flags = np.concatenate([self._flags, flags])[kept]
         self.n_frames += n
 
     def rows(self, n: int) -> NDArray[np.float32]:
         """Return the last `n` steps, shape (n, 2 n_range), float32, a view."""
-        return self._rows[len(self._rows) - n :]
+        return self._tail.last(n)[0]
 
     def product(self, matrix: NDArray[np.float32], n: int) -> NDArray[np.float32]:
         """Return the last `n` steps times a matrix, (n, columns), float32; kept for maps alike."""
@@ -95,7 +125,7 @@ class StepBuffer:
 
     def flags(self, n: int) -> Flags:
         """Return which of the last `n` frames are good, shape (n,), bool, a view."""
-        return self._flags[len(self._flags) - n :]
+        return self._tail.last(n)[1]
 
     def _write(self, frames: Frames, rows: NDArray[np.float32]) -> bool:
         """Write the steps that lead to `frames`; return False if one is not finite."""
@@ -103,11 +133,16 @@ class StepBuffer:
         # The wider of input and complex64: a step is rounded once, after the subtraction.
         work = np.result_type(frames.dtype, np.complex64)
         last = frames[0] if self._last is None else self._last
-        steps = np.empty((n, n_range), np.complex64)
+        size = len(self._scratch)
         with np.errstate(over="ignore", invalid="ignore"):
-            np.subtract(frames[0], last, out=steps[0], dtype=work, casting="same_kind")
-            np.subtract(frames[1:], frames[:-1], out=steps[1:], dtype=work, casting="same_kind")
-            rows[:, :n_range], rows[:, n_range:] = steps.real, steps.imag
+            for first in range(0, n, size):
+                part = frames[first : first + size]
+                steps = self._scratch[: len(part)]
+                np.subtract(part[0], last, out=steps[0], dtype=work, casting="same_kind")
+                np.subtract(part[1:], part[:-1], out=steps[1:], dtype=work, casting="same_kind")
+                rows[first : first + size, :n_range] = steps.real
+                rows[first : first + size, n_range:] = steps.imag
+                last = part[-1]
         flat = rows.reshape(-1)
         # One dot product finds what is not finite; strong frames, which overflow it, do not count.
         return bool(np.isfinite(np.vdot(flat, flat)) or _usable(frames).all())
@@ -138,17 +173,16 @@ class ColumnStore:
 
     def __init__(self, n_keep: int) -> None:
         self.n_keep = n_keep
-        self._columns: Values = np.zeros((0, 0))
-        self._flags = np.zeros(0, np.bool_)
+        self._tail = Tail(n_keep, n_keep)
 
     def __len__(self) -> int:
-        return len(self._flags)
+        return min(self._tail.fill, self.n_keep)
 
     def append(self, columns: Values, flags: Flags) -> None:
         """Add columns, shape (n, ...); further axes and type are those of the first ones."""
-        kept = self._columns if len(self) else columns[:0]
-        self._columns = np.concatenate([kept, columns])[-self.n_keep :]
-        self._flags = np.concatenate([self._flags, flags])[-self.n_keep :]
+        columns, flags = columns[-self.n_keep :], flags[-self.n_keep :]
+        kept, kept_flags = self._tail.grow(len(columns), columns.shape[1:], columns.dtype)
+        kept[:], kept_flags[:] = columns, flags
 
     def last(self, n: int | None) -> tuple[Values, Flags]:
         """Return the last `n` columns and flags, views; raise FeatureError if there are fewer."""
@@ -156,8 +190,7 @@ class ColumnStore:
         if not 0 <= n <= len(self):
             msg = f"{n} columns wanted, {len(self)} are there (at most {self.n_keep} are kept)"
             raise FeatureError(msg)
-        part = slice(len(self) - n, len(self))
-        return self._columns[part], self._flags[part]
+        return self._tail.last(n)
 
 
 class ColumnStream(ABC):
@@ -204,7 +237,7 @@ class SharedSteps:
     def __init__(self, *streams: ColumnStream) -> None:
         self._streams = streams
         self._n_block = min(stream.n_block for stream in streams)
-        self._steps = StepBuffer(max(stream.n_history for stream in streams))
+        self._steps = StepBuffer(max(stream.n_history for stream in streams), self._n_block)
 
     def push(self, frames: ArrayLike, valid: ArrayLike | None = None) -> int:
         """Add frames to all maps, see `ColumnStream.push`; return the columns of the last one."""
