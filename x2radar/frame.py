@@ -4,7 +4,7 @@ Owns the unwrapping of the module's frame counter. A lost, repeated or restarted
 stated, never hidden: `CounterTracker` says for every frame how many are missing before it.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import Literal, Self
 
@@ -44,9 +44,11 @@ class FastTimeAxis:
 
     @property
     def range_m(self) -> NDArray[np.float64]:
-        """Range of every bin, in metres: ndarray, shape (n_range,), float64."""
-        bins: NDArray[np.float64] = np.arange(self.n_range, dtype=np.float64)
-        return self.range_offset_m + self.bin_length_m * bins
+        """Range of every bin, in metres: ndarray, shape (n_range,), float64, read-only."""
+        bins = np.arange(self.n_range, dtype=np.float64)
+        axis: NDArray[np.float64] = self.range_offset_m + self.bin_length_m * bins
+        axis.flags.writeable = False
+        return axis
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,14 +116,21 @@ class CounterTracker:
         return (Step.NEXT, 0) if ahead == 1 else (Step.GAP, ahead - 1)
 
 
-class FrameCounts(CounterTracker):
+@dataclass(slots=True)
+class FrameCounts:
     """Frames by their counters: how many, and what is missing between them."""
 
-    n_frames = lost = gaps = longest_gap = restarts = repeats = 0
+    n_frames: int = 0
+    lost: int = 0
+    gaps: int = 0
+    longest_gap: int = 0
+    restarts: int = 0
+    repeats: int = 0
+    tracker: CounterTracker = field(default_factory=CounterTracker)
 
     def add(self, counter: int) -> None:
         """Count the frame just received."""
-        step, lost = self.update(counter)
+        step, lost = self.tracker.update(counter)
         self.n_frames += 1
         self.lost, self.longest_gap = self.lost + lost, max(self.longest_gap, lost)
         self.gaps += step is Step.GAP

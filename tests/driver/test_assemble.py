@@ -48,6 +48,7 @@ def test_iq_frame_takes_its_axis_from_the_message() -> None:
     assert (axis.range_offset_m, axis.carrier_hz, axis.sample_rate_hz) == (0.4, 6.8e9, 39e9)
     assert axis.bandwidth_hz == 2.35e9
     np.testing.assert_allclose(axis.range_m, [0.4, 0.44])
+    assert not axis.range_m.flags.writeable
 
 
 def test_amplitude_and_phase_become_complex() -> None:

@@ -1,5 +1,6 @@
 """Elements of the thesis: the same from seed to set, and the physics in them."""
 
+import os
 from dataclasses import replace
 
 import numpy as np
@@ -68,6 +69,8 @@ def test_data_sets_alternate_and_do_not_depend_on_chunks_or_workers(tmp_path, mo
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         monkeypatch.delenv(name, raising=False)
     make(tmp_path / "a")
+    # What comes in this process, as a training, has all threads again.
+    assert not {"OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"} & os.environ.keys()
     whole = load_cell(tmp_path / "a", SPEC, CELL, 0, 10)
     assert whole.x.shape == (10, 1176)
     np.testing.assert_array_equal(whole.y, [0, 1] * 5)

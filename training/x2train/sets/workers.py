@@ -91,11 +91,13 @@ def pool(workers: int) -> Iterator[Run]:
         with without_interrupts():
             return executor.submit(_make_chunk, make, chunk).result
 
-    # Processes that start from now on have one thread for linear algebra, to round alike.
-    os.environ.update(dict.fromkeys(_THREADS, "1"))
-    with ProcessPoolExecutor(
-        workers, mp_context=context, initializer=setattr, initargs=(_Pooled, "stop", stop)
-    ) as executor:
+    initargs = (_Pooled, "stop", stop)
+    with (
+        _one_thread(),
+        ProcessPoolExecutor(
+            workers, mp_context=context, initializer=setattr, initargs=initargs
+        ) as executor,
+    ):
         try:
             yield lambda make, chunks: _in_order(partial(submit, make), chunks, _AHEAD * workers)
         except BrokenProcessPool as err:
@@ -146,3 +148,17 @@ class _Pooled:
     """What a worker process knows: whether to stop."""
 
     stop: Event | None = None
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Let processes that start now have one thread for linear algebra, to round alike."""
+    before = {name: os.environ.get(name) for name in _THREADS}
+    os.environ.update(dict.fromkeys(_THREADS, "1"))
+    try:
+        yield
+    finally:
+        # A training that follows in this process has all threads.
+        for name, value in before.items():
+            del os.environ[name]
+            os.environ |= {} if value is None else {name: value}
