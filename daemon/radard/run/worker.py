@@ -8,6 +8,7 @@ and silence.
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from importlib import import_module
 
 from radard.alarm.events import Event, EventTracker
 from radard.alarm.panel import ARM_MODES, AlarmPanel
@@ -80,6 +81,9 @@ class Worker:
 
     def command(self, name: str) -> None:
         """Queue a command, see `Host.command`; for any thread."""
+        if name == "calibrate":
+            # Its scipy takes a second or more to load: here no decision waits for it.
+            import_module("radard.detect.survey")
         self.ring.post("command", call=partial(self._take_command, name))
 
     def exchange(self, parts: Parts) -> None:
