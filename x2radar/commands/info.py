@@ -127,7 +127,7 @@ def _counted(reader: "BlockReader") -> dict[str, Any]:
     for counter in counters.tolist():
         counts.add(counter)
     losses = ("lost", "gaps", "longest_gap", "restarts", "repeats")
-    span_s, index = float(times_s[-1] - times_s[0]), counts.index
+    span_s, index = float(times_s[-1] - times_s[0]), counts.tracker.index
     return {
         "n_frames": counts.n_frames,
         "duration_s": span_s + 1 / reader.stream.frame_rate_hz,
