@@ -40,7 +40,7 @@ MODULES = {
     "codec": ("x2radar/wire/codec", "driver/test_codec"),
     "link": ("x2radar/device/link", "driver/test_device driver/test_device_start_up"),
     "ring": ("daemon/radard/stream/ring", "detect/test_ring detect/test_ring_model"),
-    "gate": ("daemon/radard/detect/gate", "detect/test_gate"),
+    "gate": ("daemon/radard/detect/gate", "detect/test_noise_floor detect/test_gate"),
     "evidence": ("daemon/radard/judge/evidence", "training/test_evidence"),
     "decision": ("daemon/radard/judge/decision", "detect/test_decision training/test_evidence"),
     "panel": ("daemon/radard/alarm/panel", "detect/test_alarm detect/test_alarm_events"),
