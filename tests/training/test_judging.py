@@ -163,7 +163,7 @@ def evaluate(*argv):
 
 
 def test_evaluate_compares_them(model, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("x2train.judge.page.passage_png", lambda *_: None)
+    monkeypatch.setattr("x2train.judge.page.passage_png", lambda *_: b"")
     short = tuple(replace(s, duration_s=5.0) for s in SUITES)
     monkeypatch.setattr("x2train.judge.suites.SUITES", short)
     a, b = tmp_path / "a", tmp_path / "b"

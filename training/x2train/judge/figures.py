@@ -26,7 +26,6 @@ from x2train.judge.table import LABELS, PassageTable
 from x2train.judge.verdicts import (
     BUDGET_HOURS,
     PET_LIMIT,
-    Outcome,
     Policy,
     Sweep,
     Verdicts,
@@ -91,12 +90,9 @@ class Figures:
     """The whole evaluation of one table."""
 
     content: dict[str, Any]  # of the report, see report.schema.json
-    worst: list[dict[str, Any]]  # passages that are, or nearly are, on the wrong side
-    # what is drawn, and compared with another model
-    shipped: Outcome
+    # what is drawn besides, and compared with another model
     found: tuple[Verdicts, Verdicts]  # as shipped, and at one false alarm in 60 pet-hours
     sweeps: dict[Policy, Sweep]
-    reliability: dict[str, Reliability]
 
 
 def figures(table: PassageTable) -> Figures:
@@ -130,7 +126,6 @@ def figures(table: PassageTable) -> Figures:
     pets = table.label == "pet"
     of_windows = _window_figures(table, windows, scores["fused"], rng)
     alone = baselines(table, windows, rng)
-    relied = _reliability(table, judged, rng)
     content = {
         "passages": {k: int((table.label == k).sum()) for k in LABELS if k in table.label},
         "pet_hours_in_swath": float(np.nansum((table.leaves_s - table.enters_s)[pets])) / 3600,
@@ -141,11 +136,11 @@ def figures(table: PassageTable) -> Figures:
         "windows": of_windows,
         "is_matched": all(b["is_below"] for b in alone if b["is_required"]),
         "baselines": alone,
-        "reliability": relied,
+        "reliability": _reliability(table, judged, rng),
         "groups": groups(table, (shipped, budget), rng),
+        "worst": _worst(table, scores["fused"], shipped),
     }
-    worst = _worst(table, scores["fused"], shipped)
-    return Figures(content, worst, own, (shipped, budget), sweeps, relied)
+    return Figures(content, (shipped, budget), sweeps)
 
 
 def _name(policy: Policy, budget_h: float) -> str:
@@ -293,16 +288,9 @@ def balanced_accuracy(table: PassageTable, windows: Windows, rng: np.random.Gene
     """Return the mean of the shares of people and of pets that are called so."""
     quiet = (table.p_pet + table.p_other)[windows.row]
     is_right = (table.p_human[windows.row] >= quiet) == windows.is_human
-    n = windows.n_passages
-    right, total = (
-        np.stack(
-            [
-                np.bincount(windows.passage, counted & of_class, n)
-                for of_class in (windows.is_human, ~windows.is_human)
-            ]
-        )
-        for counted in (is_right, np.ones_like(is_right))
-    )
+    n, classes = windows.n_passages, (windows.is_human, ~windows.is_human)
+    right = np.stack([np.bincount(windows.passage, is_right & each, n) for each in classes])
+    total = np.stack([np.bincount(windows.passage, each, n) for each in classes])
 
     def mean_share(weight: _Float) -> float:
         totals = total @ weight
@@ -317,12 +305,10 @@ def confusion(table: PassageTable) -> dict[str, dict[str, int]]:
     """Return how many windows of each label were called what, by the likeliest class."""
     judged = is_judged(table)
     p = np.stack([table.p_human[judged], table.p_pet[judged], table.p_other[judged]])
-    guess = p.argmax(axis=0)
+    guess = np.array(_GUESSES)[p.argmax(axis=0)]
     label = table.label[table.passage[judged]]
     return {
-        truth: {
-            name: int(((label == truth) & (guess == k)).sum()) for k, name in enumerate(_GUESSES)
-        }
+        truth: {name: int(((label == truth) & (guess == name)).sum()) for name in _GUESSES}
         for truth in LABELS
     }
 
