@@ -30,7 +30,7 @@ from x2radar.bounded_yaml import load_yaml
 from x2radar.frame import FastTimeAxis, Frame
 from x2radar.recording.blocks import BlockReader
 from x2radar.recording.registry import open_recording
-from x2train.judge.suites import SUITES, Suite, check_suites, suite_of
+from x2train.judge.suites import SUITES, Suite, named_suites, suite_of
 from x2train.judge.table import Columns, PassageTable, passage_columns
 from x2train.sets.passages import Passage, level_db_of, play
 from x2train.sets.sites import ONE_RADAR, Radar, Site
@@ -58,12 +58,21 @@ class JudgeSpec:
 
     def __post_init__(self) -> None:
         """Check the names of suites."""
-        check_suites(self.only)
+        named_suites(self.only)
 
     def __call__(self, number: int) -> Mapping[str, NDArray[Any]]:
         """Return the columns of passage `number`, see `passage_columns`."""
         suite, played = self.suite(number), self.played(number)
-        return judged(played, suite, self.model, self.policy, build=str(number))
+        return from_decisions(
+            decisions(played, self.model, self.policy),
+            family=" with ".join(f.name for f in played.cast) or "empty room",
+            label=played.cast[0].label if played.cast else "empty",
+            split=suite.split,
+            suite=suite.name,
+            build=str(number),
+            duration_s=len(played.frames) / played.site.radar.frame_rate_hz,
+            **in_view(played),
+        )
 
     def suite(self, number: int) -> Suite:
         """Return the suite of passage `number`, before its radar."""
@@ -127,22 +136,6 @@ def dwells(
         for item in ring.items(Frame(samples, k, k, 0, False, axis)):
             if isinstance(item, Dwell):
                 yield item
-
-
-def judged(
-    played: Passage, suite: Suite, model: str, policy: str = "", build: str = ""
-) -> Columns:
-    """Return a passage with its truth and all decisions on it."""
-    return from_decisions(
-        decisions(played, model, policy),
-        family=" with ".join(f.name for f in played.cast) or "empty room",
-        label=played.cast[0].label if played.cast else "empty",
-        split=suite.split,
-        suite=suite.name,
-        build=build,
-        duration_s=len(played.frames) / played.site.radar.frame_rate_hz,
-        **in_view(played),
-    )
 
 
 def in_view(played: Passage) -> dict[str, float]:
