@@ -10,7 +10,7 @@ from radard.judge.bundle import load_bundle
 from x2radar.commands import add_command
 from x2train.commands import Commands, add_crew, check_least, crew_of, result_console, told
 from x2train.judge.table import PassageTable
-from x2train.sets.shards import about_of
+from x2train.sets.shards import read_manifest
 
 _MAX_PET_HOURS = 10_000.0  # weeks of simulation
 
@@ -71,7 +71,7 @@ def _run(args: argparse.Namespace) -> int:
     other: PassageTable | None = None
     if args.against:
         other = PassageTable.load(args.against / "passages")
-        if (radar := about_of(args.against / "passages")["radar"]) != args.radar:
+        if (radar := read_manifest(args.against / "passages").about.get("radar")) != args.radar:
             msg = f"--against {args.against}: judged with --radar {radar}, not {args.radar}"
             raise UsageError(msg)
     spec = JudgeSpec(

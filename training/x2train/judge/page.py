@@ -177,12 +177,12 @@ def _tradeoff(here: Figures, there: Figures | None) -> str:
     # What is zero is drawn at half of what could be told from it.
     left = 0.5 / max(shipped.pet_hours, 0.5)
     bottom = 0.5 / max(shipped.n_intrusions, 1)
-    figure, axes = _axes("false alarms per pet-hour", "missed intrusions")
-    for k, (name, sweep) in enumerate(sweeps.items()):
+    curves = []
+    for name, sweep in sweeps.items():
         false, missed = sweep.curve()
         x, y = np.maximum(false, left), np.maximum(missed, bottom)
-        x, y = np.append(x, max(60.0, 2 * left)), np.append(y, y[-1:])
-        axes.step(x, y, where="post", color=_SERIES[k], label=name)
+        curves.append((name, np.append(x, max(60.0, 2 * left)), np.append(y, y[-1:])))
+    figure, axes = _axes("false alarms per pet-hour", "missed intrusions", curves)
     rate, miss = shipped.false_alarms_per_hour, shipped.miss_rate
     if np.isfinite([rate.value, miss.value]).all():
         x0, y0 = max(rate.value, left), max(miss.value, bottom)
@@ -198,20 +198,17 @@ def _tradeoff(here: Figures, there: Figures | None) -> str:
         )
     axes.axvline(1 / 60, color=_INK, lw=1, ls=":")
     axes.set(xscale="log", yscale="log", xlim=(left, max(60.0, 2 * left)), ylim=(bottom, 1))
-    _legend(axes)
     return _svg(figure, "tradeoff", "Missed intrusions against false alarms per pet-hour")
 
 
 def _roc(curves: Sequence[_Curve]) -> str:
-    figure, axes = _axes("pet windows called human", "human windows called human")
     lowest = min((x[x > 0].min(initial=1.0) for _, x, _ in curves), default=1.0)
     left = max(float(lowest) / 2, 1e-5)
-    for k, (name, false, true) in enumerate(curves):
-        axes.step(np.maximum(false, left), true, where="post", color=_SERIES[k], label=name)
+    seen = [(name, np.maximum(false, left), true) for name, false, true in curves]
+    figure, axes = _axes("pet windows called human", "human windows called human", seen)
     chance = np.geomspace(left, 1, 100)
     axes.plot(chance, chance, color=_INK, lw=1, ls=":", label="chance")
     axes.set(xscale="log", xlim=(left, 1), ylim=(0, 1.01))
-    _legend(axes)
     return _svg(figure, "roc", "ROC curve of windows")
 
 
@@ -239,31 +236,26 @@ def _diagram(name: str, found: Reliability) -> str:
 
 
 def _time_to_alarm(curves: Sequence[_Curve]) -> str:
-    figure, axes = _axes("seconds after entering the swath", "intrusions with an alarm")
-    for k, (name, taken_s, reached) in enumerate(curves):
-        axes.step(taken_s, reached, where="post", color=_SERIES[k], label=name)
+    figure, axes = _axes("seconds after entering the swath", "intrusions with an alarm", curves)
     axes.set(xlim=(0, 10), ylim=(0, 1.02))
-    _legend(axes)
     return _svg(figure, "time", "Time to alarm")
 
 
-def _axes(xlabel: str, ylabel: str) -> tuple[Figure, Axes]:
+def _axes(xlabel: str, ylabel: str, curves: Sequence[_Curve] = ()) -> tuple[Figure, Axes]:
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(5.2, 3.9), layout="constrained")
         axes = figure.add_subplot()
         axes.set(xlabel=xlabel, ylabel=ylabel)
+        for (name, x, y), colour in zip(curves, _SERIES, strict=False):
+            axes.step(x, y, where="post", color=colour, label=name)
         return figure, axes
 
 
-def _legend(axes: Axes) -> None:
-    handles, labels = axes.get_legend_handles_labels()
-    if handles:
-        axes.figure.legend(
-            handles, labels, loc="outside upper left", ncols=2, frameon=False, labelcolor=_INK
-        )
-
-
 def _svg(figure: Figure, name: str, title: str) -> str:
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    if handles:
+        where: Any = {"loc": "outside upper left", "ncols": 2, "frameon": False}
+        figure.legend(handles, labels, **where, labelcolor=_INK)
     file = io.StringIO()
     # The salt names clip paths: pictures of one page must not share them by accident.
     with mpl.rc_context({**_STYLE, "svg.hashsalt": name}):

@@ -132,7 +132,7 @@ def fit_maps(
     # The last batch of an epoch is smaller: once more compiled, not made to fit any size.
     answer = torch.compile(net, dynamic=False) if settings.is_compiled else net
     run = _fingerprint(train, settings, taught, start) if checkpoint else ""
-    kept = _Checkpoints(checkpoint, run, net, optimizer.parts, rng)
+    kept = _Checkpoints(checkpoint, run, (net, *optimizer.parts), rng)
     total: float | torch.Tensor
     first, done, total, order = kept.resume()
     for number in range(first, settings.epochs + 1):
@@ -164,17 +164,13 @@ def fit_maps(
 def _fingerprint(
     windows: Arrays, settings: MapFitSettings, taught: NDArray[Any] | None, start: Bundle | None
 ) -> str:
-    """Return a digest of what a training depends on: settings, labels, size, some of the maps."""
+    """Return a digest of what a training depends on: settings, sizes, some of the windows."""
     digest = hashlib.sha256(json.dumps(asdict(settings), sort_keys=True).encode())
-    for name in sorted(windows):
-        values = windows[name]
+    digest.update(start.onnx if start else b"")
+    given = dict(windows) if taught is None else {**windows, "taught": taught}
+    for name, values in sorted(given.items()):
         digest.update(f"{name} {values.shape} {values.dtype}".encode())
         digest.update(values[:: max(1, len(values) // 1000)].tobytes())
-    digest.update(windows["label"].tobytes())
-    if taught is not None:
-        digest.update(taught.tobytes())
-    if start is not None:
-        digest.update(start.onnx)
     return digest.hexdigest()
 
 
@@ -182,14 +178,9 @@ class _Checkpoints:
     """A file that a training writes now and then, and goes on from as if it had not stopped."""
 
     def __init__(
-        self,
-        path: Path | None,
-        run: str,
-        net: nn.Module,
-        parts: tuple[Any, ...],
-        rng: torch.Generator,
+        self, path: Path | None, run: str, parts: tuple[Any, ...], rng: torch.Generator
     ) -> None:
-        self._path, self._run, self._net, self._parts, self._rng = path, run, net, parts, rng
+        self._path, self._run, self._parts, self._rng = path, run, parts, rng
         self._next_s = time.monotonic() + _EVERY_S
 
     def resume(self) -> tuple[int, int, float, torch.Tensor | None]:
@@ -201,7 +192,6 @@ class _Checkpoints:
                 point = torch.load(self._path, weights_only=True, map_location="cpu")
         if not isinstance(point, dict) or point.get("run") != self._run:
             return 1, 0, 0.0, None
-        self._net.load_state_dict(point["net"])
         for part, state in zip(self._parts, point["parts"], strict=True):
             part.load_state_dict(state)
         self._rng.set_state(point["rng"])
@@ -218,7 +208,6 @@ class _Checkpoints:
         assert self._path is not None  # noqa: S101 - it is due
         point = {
             "run": self._run,
-            "net": self._net.state_dict(),
             "parts": [part.state_dict() for part in self._parts],
             "rng": self._rng.get_state(),
             "layers": torch.get_rng_state(),
