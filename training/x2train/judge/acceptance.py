@@ -260,7 +260,7 @@ class AcceptSpec:
 
     def pipeline(self, radar: Radar, config: Config) -> Pipeline:
         """Return what makes windows of a radar's frames, and decides on each."""
-        return pipeline_for(radar, model_for(self.model, radar.stream()), config)
+        return pipeline_for(self.model, radar.stream(), config)
 
 
 @cache

@@ -69,13 +69,11 @@ def _figures(
         of: float = len(part)
         if is_rate:
             count, of = int(made.false_alarms.sum()), round(total_h, 4)
-            estimate = per_hour(count, total_h)
+        elif is_walk:
+            count, of = int((seen & ~made.is_alarm).sum()), int(seen.sum())
         else:
-            if is_walk:
-                count, of = int((seen & ~made.is_alarm).sum()), int(seen.sum())
-            else:
-                count = int((made.false_alarms > 0).sum())
-            estimate = share(count, int(of))
+            count = int((made.false_alarms > 0).sum())
+        estimate = per_hour(count, total_h) if is_rate else share(count, int(of))
         value, low, high = (float(x) if np.isfinite(x) else None for x in estimate)
         figure = {"count": count, "of": of, "value": value, "low": low, "high": high}
         if is_walk and made.is_alarm.any():

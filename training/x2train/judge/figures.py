@@ -22,7 +22,7 @@ from x2train.judge.estimates import (
     reliability,
     resampled,
 )
-from x2train.judge.table import LABELS, PassageTable
+from x2train.judge.table import LABELS, TEXTS, PassageTable
 from x2train.judge.verdicts import (
     BUDGET_HOURS,
     PET_LIMIT,
@@ -39,14 +39,9 @@ from x2train.judge.verdicts import (
 
 _DWELL_S = 2.0  # as all bundles have it
 _MATCHED_BELOW = 0.60  # AUC: hardly over chance
-_GUESSES = ("human", "pet", "other")
 _BINS = 20  # enough windows in each
 _BUDGET_H = 60.0  # the budget that the groups and the comparison are given at
 _WORST = 20  # passages with a picture: as many as are looked at
-_FACTS = (
-    *("family", "label", "split", "suite", "build"),
-    *("speed_mps", "range_m", "aspect_deg", "snr_db"),
-)
 _EDGES = {
     "speed_mps": (0.0, 0.1, 0.3, 0.6, 1.0, 1.5, 2.2, 3.0),
     "range_m": (0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0),
@@ -203,7 +198,7 @@ def _worst(table: PassageTable, score: _Float, shipped: Verdicts) -> list[dict[s
     return [
         {
             "index": k,
-            **{name: getattr(table, name)[k].item() for name in _FACTS},
+            **{name: getattr(table, name)[k].item() for name in (*TEXTS, *_EDGES)},
             "is_wrong": bool(is_wrong[k]),
             "margin": float(margin[k]),
             "alarm_s": float(shipped.alarm_s[k]),
@@ -305,10 +300,10 @@ def confusion(table: PassageTable) -> dict[str, dict[str, int]]:
     """Return how many windows of each label were called what, by the likeliest class."""
     judged = is_judged(table)
     p = np.stack([table.p_human[judged], table.p_pet[judged], table.p_other[judged]])
-    guess = np.array(_GUESSES)[p.argmax(axis=0)]
+    guess = np.array(LABELS)[p.argmax(axis=0)]
     label = table.label[table.passage[judged]]
     return {
-        truth: {name: int(((label == truth) & (guess == name)).sum()) for name in _GUESSES}
+        truth: {name: int(((label == truth) & (guess == name)).sum()) for name in LABELS[:3]}
         for truth in LABELS
     }
 

@@ -8,12 +8,11 @@ import io
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from importlib import resources
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from jinja2 import Environment, StrictUndefined
+from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -64,26 +63,29 @@ DASH = "\N{EN DASH}"
 
 def page(
     made: Mapping[str, Any],
-    table: PassageTable,
-    here: Figures,
-    there: tuple[PassageTable, Figures] | None,
+    judged: Mapping[str, tuple[PassageTable, Figures]],
     render: Callable[[int], bytes] | None,
 ) -> str:
-    """Return the page of `made`, the report's JSON; `render` gives PNGs of passages."""
-    both = [("this model", table, here)]
-    if there is not None:
-        both.append(("other model", *there))
-    windows = (_window_curve(name, t) for name, t, _ in both)
+    """Return the page of `made`, the report's JSON; `render` gives PNGs of passages.
+
+    What is drawn is `judged`, by name: this model, and perhaps another one.
+    """
+    windows = (_window_curve(name, table) for name, (table, _) in judged.items())
+    here, *_ = (figures for _, figures in judged.values())
     plots = {
-        "tradeoff": _tradeoff(here, None if there is None else there[1]),
-        "time": _time_to_alarm([_time_curve(name, t, f) for name, t, f in both]),
+        "tradeoff": _tradeoff(*(figures for _, figures in judged.values())),
+        "time": _time_to_alarm([_time_curve(name, *each) for name, each in judged.items()]),
         "roc": _roc([curve for curve in windows if curve is not None]),
         **{name: _diagram(name, found) for name, found in here.content["reliability"].items()},
     }
     worst = [case["index"] for case in made["worst"]]
     pictures = {k: base64.b64encode(render(k)).decode() for k in worst} if render else {}
     environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        loader=PackageLoader("x2train.judge", ""),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
     environment.filters |= {
         "share": share_text,
@@ -92,8 +94,7 @@ def page(
         "bar": _bar,
         "grouped": lambda n: f"{n:,}",
     }
-    text = resources.files("x2train.judge").joinpath("report.html").read_text(encoding="utf-8")
-    return environment.from_string(text).render(
+    return environment.get_template("report.html").render(
         report=made,
         plots={name: Markup(svg) for name, svg in plots.items()},  # noqa: S704 - our own SVG
         pictures=pictures,
@@ -169,10 +170,10 @@ def _time_curve(name: str, table: PassageTable, found: Figures) -> _Curve:
     return name, np.concatenate([[0.0], taken_s, [1e3]]), np.append(reached, reached[-1])
 
 
-def _tradeoff(here: Figures, there: Figures | None) -> str:
+def _tradeoff(here: Figures, *others: Figures) -> str:
     sweeps = {"fused": here.sweeps["fused"], "single windows": here.sweeps["window"]}
-    if there is not None:
-        sweeps["other model, fused"] = there.sweeps["fused"]
+    for each in others:
+        sweeps["other model, fused"] = each.sweeps["fused"]
     shipped: Outcome = here.content["operating_points"][0]["outcome"]
     # What is zero is drawn at half of what could be told from it.
     left = 0.5 / max(shipped.pet_hours, 0.5)

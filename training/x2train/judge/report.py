@@ -58,23 +58,17 @@ def write(
     # Late: matplotlib takes a second, and a summary needs none.
     from x2train.judge.page import page  # noqa: PLC0415
 
-    here = figures(table)
-    made = {
-        "version": VERSION,
-        "title": title,
-        "how": _HOW,
-        **_plain(here.content),
-        "other": None,
-    }
-    against: tuple[PassageTable, Figures] | None = None
+    judged = {"this model": (table, figures(table))}
+    here = judged["this model"][1]
+    made = {"version": VERSION, "title": title, "how": _HOW, **_plain(here.content), "other": None}
     if other is not None:
         _check_same(table, other)
         there = figures(other)
-        against = other, there
+        judged["other model"] = other, there
         whole = {k: v for k, v in there.content.items() if k not in {"groups", "worst"}}
         made["other"] = _plain({**whole, "pairings": pairings(table, here, there)})
     text = json.dumps(made, indent=1, allow_nan=False) + "\n"
-    html = page(made, table, here, against, render)
+    html = page(made, judged, render)
     write_files(out_dir, {"report.json": text, "report.html": html})
     return made
 

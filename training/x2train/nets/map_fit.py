@@ -15,7 +15,7 @@ import json
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +29,7 @@ from radard.errors import UsageError
 from radard.judge.bundle import Bundle
 from radard.judge.installation import INSTALLATION
 from x2radar.atomic import write_whole
-from x2train.nets.calibration import Epoch, cross_entropy, temperature_of
+from x2train.nets.calibration import Epoch, Trained, cross_entropy, temperature_of
 from x2train.nets.nets import MapFitSettings, MapNet, start_from
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -44,14 +44,6 @@ _MAX_SHIFT = 12  # cells: 0.6 m
 _FLOOR_SHARE, _MAX_FLOOR, _SPECKLE = 0.4, 0.6, 0.08  # of windows; of the scale; likewise
 _CUT_SHARE, _LOST_SHARE = 0.3, 0.15  # of windows
 _HIDDEN_SHARE = 0.15  # of windows, for each of height, tilt and strength, in training
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MapTrained:
-    """A network, and the temperature that calibrates it."""
-
-    net: MapNet
-    temperature: float
 
 
 class MuonAdamW:
@@ -109,7 +101,7 @@ def fit_maps(
     taught: NDArray[np.float32] | None = None,
     checkpoint: Path | None = None,
     start: Bundle | None = None,
-) -> Iterator[Epoch | MapTrained]:
+) -> Iterator[Epoch | Trained[MapNet]]:
     """Train; yield every epoch, and at last the network, on the processor.
 
     Windows are `INPUTS`, maps as bytes, shape (n, rows, n_cells), and `label`; `taught`, shape (n,
@@ -158,7 +150,7 @@ def fit_maps(
     kept.done()
     net.cpu()
     logits = logits_of(net, validation)
-    yield MapTrained(net, temperature_of(logits, np.asarray(validation["label"])))
+    yield Trained(net, temperature_of(logits, np.asarray(validation["label"])))
 
 
 def _fingerprint(
