@@ -11,14 +11,7 @@ from numpy.typing import NDArray
 from scipy.special import log_softmax
 
 from radard.judge.bundle import Bundle, sidecar_path
-from x2train.bundle.export import (
-    DIFFERENCE,
-    GIVEN,
-    checked,
-    n_parameters,
-    with_given,
-    with_head,
-)
+from x2train.bundle.export import DIFFERENCE, GIVEN, checked, n_parameters, with_given, with_head
 from x2train.bundle.metrics import NOTES, gate_of, kept_out_of, rounded, window_metrics
 from x2train.bundle.writing import write_bundle
 from x2train.nets.bundle_answers import Answers, outputs_of

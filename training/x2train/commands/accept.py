@@ -26,11 +26,7 @@ def register(commands: Commands) -> None:
         "nothing.\n",
     )
     add = parser.add_argument
-    add(
-        "--model",
-        default=AUTO_MODEL,
-        help=f"bundle by name or file; by radar ({AUTO_MODEL})",
-    )
+    add("--model", default=AUTO_MODEL, help=f"bundle by name or file; by radar ({AUTO_MODEL})")
     add("--level", action="store_true", help="mount and level known, as after `radard walktest`")
     text = "recorded people and animals instead, of clips that the bundle has not learned from"
     add("--clips", type=Path, metavar="DIR", help=text)

@@ -242,11 +242,10 @@ def read_list(path: Path) -> list[Labelled]:
 
 
 def _row(path: Path, number: int, row: Any) -> Labelled:
-    given = row
     if isinstance(row, Mapping):
-        given = {key: value for key, value in row.items() if value not in {None, ""}}
+        row = {key: value for key, value in row.items() if value not in (None, "")}
     try:
-        made = parse_json(Labelled, json.dumps(given, default=str), f"{path}, row {number}")
+        made = parse_json(Labelled, json.dumps(row, default=str), f"{path}, row {number}")
     except ValueError as err:
         raise UsageError(str(err)) from err
     if made.end is not None and made.end <= made.start:

@@ -91,7 +91,7 @@ def page(
         "share": share_text,
         "rate": rate_text,
         "figure": figure_text,
-        "bar": _bar,
+        "place": _place,
         "grouped": lambda n: f"{n:,}",
     }
     return environment.get_template("report.html").render(
@@ -139,20 +139,10 @@ def _percent(value: float) -> str:
     return text.rstrip("0").rstrip(".") if "." in text else text
 
 
-def _bar(estimate: Mapping[str, float | None]) -> Markup:
-    """Return a share and its interval as a bar, from 0.1 % to 100 %, logarithmic."""
-    if estimate["value"] is None:
-        return Markup()
-
-    def place(value: float | None) -> float:
-        least = max(value or 0.0, _MIN_SHARE)
-        return 100 * (1 - math.log10(least) / math.log10(_MIN_SHARE))
-
-    low, value, high = (place(estimate[key]) for key in ("low", "value", "high"))
-    style = f"--low:{low:.1f}%;--value:{value:.1f}%;--high:{high:.1f}%"
-    return Markup('<span class="bar" aria-hidden="true" style="{}"><i></i><b></b></span>').format(
-        style
-    )
+def _place(value: float | None) -> str:
+    """Return where a share lies on a bar from 0.1 % to 100 %, logarithmic."""
+    least = max(value or 0.0, _MIN_SHARE)
+    return f"{100 * (1 - math.log10(least) / math.log10(_MIN_SHARE)):.1f}%"
 
 
 def _window_curve(name: str, table: PassageTable) -> _Curve | None:
