@@ -20,7 +20,7 @@ FORMAT, VERSION = "radard-label", 1
 def label_lines(path: Path) -> Iterator[dict[str, Any] | None]:
     """Yield every line of labels, None for one that is none; raises OSError."""
     for text in path.read_text(encoding="utf-8-sig", errors="replace").splitlines():
-        line = None
+        line: Any = None
         with contextlib.suppress(ValueError):
             line = json.loads(text)
         is_label = isinstance(line, dict) and isinstance(line.get("event"), str)

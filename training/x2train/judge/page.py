@@ -29,6 +29,7 @@ from x2train.judge.verdicts import Outcome, intrusions
 
 _Float = NDArray[np.float64]
 _Curve = tuple[str, _Float, _Float]  # its name and points
+_Judged = Mapping[str, tuple[PassageTable, Figures]]  # by name: this model, and perhaps another
 _INK, _FAINT = "#010203", "#010204"
 _SERIES = ("#010205", "#010206", "#010207")
 # Colours that stand for the page's own, so that the same picture suits light and dark.
@@ -61,21 +62,13 @@ _MIN_SHARE = 1e-3  # left end of the bars
 DASH = "\N{EN DASH}"
 
 
-def page(
-    made: Mapping[str, Any],
-    judged: Mapping[str, tuple[PassageTable, Figures]],
-    render: Callable[[int], bytes] | None,
-) -> str:
-    """Return the page of `made`, the report's JSON; `render` gives PNGs of passages.
-
-    What is drawn is `judged`, by name: this model, and perhaps another one.
-    """
-    windows = (_window_curve(name, table) for name, (table, _) in judged.items())
+def page(made: Mapping[str, Any], judged: _Judged, render: Callable[[int], bytes] | None) -> str:
+    """Return the page of `made`, the report's JSON; `render` gives PNGs of passages."""
     here, *_ = (figures for _, figures in judged.values())
     plots = {
-        "tradeoff": _tradeoff(*(figures for _, figures in judged.values())),
-        "time": _time_to_alarm([_time_curve(name, *each) for name, each in judged.items()]),
-        "roc": _roc([curve for curve in windows if curve is not None]),
+        "tradeoff": _tradeoff(judged),
+        "time": _time_to_alarm(judged),
+        "roc": _roc(judged),
         **{name: _diagram(name, found) for name, found in here.content["reliability"].items()},
     }
     worst = [case["index"] for case in made["worst"]]
@@ -145,22 +138,8 @@ def _place(value: float | None) -> str:
     return f"{100 * (1 - math.log10(least) / math.log10(_MIN_SHARE)):.1f}%"
 
 
-def _window_curve(name: str, table: PassageTable) -> _Curve | None:
-    windows = Windows.of(table, is_judged(table) & is_in_view(table))
-    if windows.is_human.all() or not windows.is_human.any():
-        return None
-    false, true = Ranking(human_score(table)[windows.row], windows.is_human).rates()
-    return name, false, true
-
-
-def _time_curve(name: str, table: PassageTable, found: Figures) -> _Curve:
-    alarm_s = found.found[0].alarm_s[intrusions(table)]
-    taken_s = np.sort(alarm_s[np.isfinite(alarm_s)])
-    reached = np.arange(len(taken_s) + 1) / max(len(alarm_s), 1)
-    return name, np.concatenate([[0.0], taken_s, [1e3]]), np.append(reached, reached[-1])
-
-
-def _tradeoff(here: Figures, *others: Figures) -> str:
+def _tradeoff(judged: _Judged) -> str:
+    here, *others = (figures for _, figures in judged.values())
     sweeps = {"fused": here.sweeps["fused"], "single windows": here.sweeps["window"]}
     for each in others:
         sweeps["other model, fused"] = each.sweeps["fused"]
@@ -192,7 +171,13 @@ def _tradeoff(here: Figures, *others: Figures) -> str:
     return _svg(figure, "tradeoff", "Missed intrusions against false alarms per pet-hour")
 
 
-def _roc(curves: Sequence[_Curve]) -> str:
+def _roc(judged: _Judged) -> str:
+    curves = []
+    for name, (table, _) in judged.items():
+        windows = Windows.of(table, is_judged(table) & is_in_view(table))
+        if windows.is_human.any() and not windows.is_human.all():
+            score = human_score(table)[windows.row]
+            curves.append((name, *Ranking(score, windows.is_human).rates()))
     lowest = min((x[x > 0].min(initial=1.0) for _, x, _ in curves), default=1.0)
     left = max(float(lowest) / 2, 1e-5)
     seen = [(name, np.maximum(false, left), true) for name, false, true in curves]
@@ -226,7 +211,13 @@ def _diagram(name: str, found: Reliability) -> str:
     return _svg(figure, f"reliability-{name}", f"Reliability diagram, {name}")
 
 
-def _time_to_alarm(curves: Sequence[_Curve]) -> str:
+def _time_to_alarm(judged: _Judged) -> str:
+    curves = []
+    for name, (table, found) in judged.items():
+        alarm_s = found.found[0].alarm_s[intrusions(table)]
+        taken_s = np.sort(alarm_s[np.isfinite(alarm_s)])
+        share = np.arange(len(taken_s) + 1) / max(len(alarm_s), 1)
+        curves.append((name, np.concatenate([[0.0], taken_s, [1e3]]), np.append(share, share[-1])))
     figure, axes = _axes("seconds after entering the swath", "intrusions with an alarm", curves)
     axes.set(xlim=(0, 10), ylim=(0, 1.02))
     return _svg(figure, "time", "Time to alarm")
@@ -237,9 +228,9 @@ def _axes(xlabel: str, ylabel: str, curves: Sequence[_Curve] = ()) -> tuple[Figu
         figure = Figure(figsize=(5.2, 3.9), layout="constrained")
         axes = figure.add_subplot()
         axes.set(xlabel=xlabel, ylabel=ylabel)
-        for (name, x, y), colour in zip(curves, _SERIES, strict=False):
-            axes.step(x, y, where="post", color=colour, label=name)
-        return figure, axes
+    for (name, x, y), colour in zip(curves, _SERIES, strict=False):
+        axes.step(x, y, where="post", color=colour, label=name)
+    return figure, axes
 
 
 def _svg(figure: Figure, name: str, title: str) -> str:

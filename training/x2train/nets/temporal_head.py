@@ -171,8 +171,9 @@ def fit_head(
             optimiser.step()
             cycle.step()
             total, n = total + loss.item() * len(part), n + len(part)
-        logits = logits_over(head, validation)
-        yield Epoch(number, total / n, cross_entropy(logits, validation.label))
+        score = cross_entropy(logits_over(head, validation), validation.label)
+        yield Epoch(number, total / n, score)
+    logits = logits_over(head, validation)
     yield Trained(head, temperature_of(logits, validation.label))
 
 
