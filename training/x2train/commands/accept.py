@@ -41,7 +41,6 @@ def _run(args: argparse.Namespace) -> int:
     check_least(args, seed=0, workers=1)
     if not 0 < args.share <= 1:
         raise UsageError(f"--share {args.share:g}: must be above 0, and 1 at most")
-    # Late: the simulator takes a second, and --help must not.
     from x2train.judge.acceptance import AcceptSpec, accept  # noqa: PLC0415
     from x2train.judge.acceptance_report import lines, write_acceptance  # noqa: PLC0415
     from x2train.judge.judging import Knows  # noqa: PLC0415

@@ -48,7 +48,6 @@ def register(commands: Commands) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     check_least(args, passages=1, seed=0, workers=1)
-    # Late: the simulator takes a second, and --help must not.
     from x2train.bundle.writing import evaluation_of, write_card  # noqa: PLC0415
     from x2train.judge.judging import OWN_RADARS, JudgeSpec  # noqa: PLC0415
     from x2train.judge.page import passage_png  # noqa: PLC0415

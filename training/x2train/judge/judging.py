@@ -112,7 +112,7 @@ def _classifier(model: str) -> Classifier:
 def decisions(played: Passage, model: str, policy: str = "") -> list[Decision]:
     """Return what radard decides on a passage, by a bundle's name or path."""
     radar = played.site.radar
-    pipeline = pipeline_for(model, radar.stream(), with_policy(Config(), policy))
+    pipeline = pipeline_for(model, radar.stream(), config_of(policy))
     return [pipeline.decide(each) for each in dwells(pipeline, played.frames, radar.axis())]
 
 
@@ -121,10 +121,9 @@ def pipeline_for(model: str, stream: StreamInfo, config: Config) -> Pipeline:
     return Pipeline(stream, config, _classifier(model_for(model, stream)), judges_tracks=False)
 
 
-def with_policy(config: Config, policy: str) -> Config:
-    """Return a configuration with 'window' or 'fused' instead of its policy; empty: as it is."""
-    section = config.decision.model_copy(update={"policy": policy} if policy else {})
-    return config.model_copy(update={"decision": section})
+def config_of(policy: str) -> Config:
+    """Return the default configuration, with 'window', 'fused' or (empty) the bundle's policy."""
+    return Config.model_validate({"decision": {"policy": policy or None}})
 
 
 def dwells(
@@ -283,7 +282,7 @@ def judge_labelled(rows: list[Labelled], model: str, policy: str = "") -> Passag
 def _decided(path: Path, model: str, policy: str) -> tuple[list[Decision], float]:
     """Return what radard decides on a recording, and how long that is."""
     with open_recording(path) as reader:
-        pipeline = pipeline_for(model, reader.stream, with_policy(Config(), policy))
+        pipeline = pipeline_for(model, reader.stream, config_of(policy))
         made = list(replayed(reader, pipeline))
         *_, last = reader.blocks(samples=False)
         return made, float(last.t_s[-1]) + 1 / reader.stream.frame_rate_hz

@@ -24,8 +24,7 @@ class Answers:
 
     # (n, n_classes): of every window alone, to be divided by the bundle's temperature
     logits: Array
-    # (n, n_classes): of its temporal head, after this window and those before it; None without
-    # one
+    # (n, n_classes): of its temporal head, after all windows so far; None without one
     fused: Array | None = None
     hidden: Hidden | None = None  # (n, n_hidden): what the head was given with each window
     tapped: Any = None  # (n, ...), float32: of another output that was asked for
