@@ -251,6 +251,7 @@ def test_yaml_is_the_same_as_csv(folder):
         ("file,start,end,label\nx.h5,9,3,pet\n", "row 1: end 3: must be after start 9", 2),
         ("file,start,end,label\nx.h5,nan,3,pet\n", "row 1.start", 2),
         ("file,label,who\nx.h5,pet,me\n", "row 1.who: unknown key", 2),
+        ("file,label\nx.h5,pet,me\n", "row 1.null: unknown key", 2),
         ("file,label\ngone.h5,pet\n", "gone.h5", 66),
         ("file,start,end,label\nempty.h5,0,1,pet\n", "empty.h5", 2),
     ],

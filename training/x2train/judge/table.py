@@ -37,7 +37,9 @@ def passage_columns(**facts: Any) -> Columns:
     return columns
 
 
-_NONE = passage_columns(**dict.fromkeys((*FLAGS, *SERIES), ()))
+_ONE = passage_columns(**dict.fromkeys((*FLAGS, *SERIES), ()))
+_NONE = {name: column[:0] for name, column in _ONE.items()}
+"""Columns of no passage, which have their types as well."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -92,9 +94,7 @@ class PassageTable:
     @classmethod
     def of(cls, parts: Iterable[Mapping[str, NDArray[Any]]]) -> "PassageTable":
         """Return a table of columns, one below the other; UsageError if one is missing."""
-        # Of no passage the columns have their types as well.
-        none = {name: column[:0] for name, column in _NONE.items()}
-        parts = [none, *(part for part in parts if part)]
+        parts = [_NONE, *(part for part in parts if part)]
         try:
             columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
         except KeyError as err:
