@@ -49,21 +49,22 @@ class FunctionSpec(AcceptSpec):
         file, _, name = self.model.partition(":")
         return {self.model: hashlib.sha256(Path(file).read_bytes() + name.encode()).hexdigest()}
 
-    @property
-    def kept_as(self) -> str:
-        """Known by its hash, wherever its file lies."""
-        return "function"
-
-    def judge(self, radar: Radar, config: Config) -> tuple[Pipeline, Callable[[Dwell], Decision]]:
-        """Return the daemon's gate, and decisions whose alarm is the function's."""
+    def pipeline(self, radar: Radar, config: Config) -> Pipeline:
+        """Return the daemon's gate with decisions whose alarm is the function's."""
         alarms: Any = function_of(self.model, "alarms")
-        function = AlarmFunction(alarms, self.model)
-        gate_alone = Pipeline(radar.stream(), config)
+        return FunctionPipeline(AlarmFunction(alarms, self.model), radar, config)
 
-        def decide(dwell: Dwell) -> Decision:
-            return replace(gate_alone.decide(dwell), alarm=function.is_alarm(dwell))
 
-        return gate_alone, decide
+class FunctionPipeline(Pipeline):
+    """The daemon's gate, and a function that decides behind it."""
+
+    def __init__(self, function: "AlarmFunction", radar: Radar, config: Config) -> None:
+        super().__init__(radar.stream(), config)
+        self._function = function
+
+    def decide(self, dwell: Dwell) -> Decision:
+        """Decide as the function does, whatever the gate says."""
+        return replace(super().decide(dwell), alarm=self._function.is_alarm(dwell))
 
 
 class AlarmFunction:
@@ -148,7 +149,9 @@ def play(
     told = json.dumps([sorted(spec.files.values()), of_it])
     digest = hashlib.sha256(told.encode()).hexdigest()[:12]
     out = folder / f"{VERSION}-{Path(entrant.model.partition(':')[0]).stem}-{digest}"
-    table = accept(spec, out / "passages", Crew(workers, report=tell))
+    # A function is known by its hash, wherever its file lies.
+    known = {"model": "function"} if isinstance(spec, FunctionSpec) else {}
+    table = accept(spec, out / "passages", Crew(workers, report=tell), **known)
     about = {
         "version": spec.version,
         "bundle": entrant.title,

@@ -24,9 +24,9 @@ from x2radar.sim.bodies.motion import MOTIONS
 from x2radar.sim.bodies.skins import SKINS
 from x2train.commands import followed
 from x2train.judge.estimates import Ranking
-from x2train.nets.calibration import Epoch
-from x2train.nets.map_fit import MapTrained, device_of, fit_maps, logits_of
-from x2train.nets.nets import MapFitSettings
+from x2train.nets.calibration import Epoch, Trained
+from x2train.nets.map_fit import device_of, fit_maps, logits_of
+from x2train.nets.nets import MapFitSettings, MapNet
 from x2train.sets.window_set import Columns, load_windows
 
 _KEPT, _A_ROUND = 4, 5  # one in so many rounds is judged on alone; labels come in rounds
@@ -134,14 +134,14 @@ def _number(name: str) -> int:
 
 def trained(
     windows: Columns, left_out: Law | None, settings: MapFitSettings
-) -> Iterator[Epoch | MapTrained]:
+) -> Iterator[Epoch | Trained[MapNet]]:
     """Train a network without a law; yields as `fit_maps`."""
     is_kept = _is_kept(windows)
     use = ~is_kept if left_out is None else ~is_kept & ~left_out.of(windows)
     return fit_maps(_rows(windows, use), _rows(windows, is_kept), settings)
 
 
-def auc_on(made: MapTrained, windows: Columns, law: Law) -> float | None:
+def auc_on(made: Trained[MapNet], windows: Columns, law: Law) -> float | None:
     """Return the AUC of people against pets on the kept windows of a law, to four digits.
 
     None if there are not both of them.

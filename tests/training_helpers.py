@@ -113,5 +113,5 @@ def give_head(path, *, temperature=1.0):
     onnx = with_head(bundle.onnx, made, bundle.temperature)
     path.write_bytes(onnx)
     sidecar = json.loads(path.with_suffix(".json").read_text())
-    sidecar |= {"onnx_sha256": hashlib.sha256(onnx).hexdigest(), "hidden": made.head.n_hidden}
+    sidecar |= {"onnx_sha256": hashlib.sha256(onnx).hexdigest(), "hidden": made.net.n_hidden}
     path.with_suffix(".json").write_text(json.dumps(sidecar))

@@ -17,7 +17,7 @@ from tests.training_helpers import FEATURES, one_line
 from x2radar.cli import main as x2radar_main
 from x2radar.frame import StreamInfo
 from x2train.cli import main
-from x2train.judge.judging import JudgeSpec, decisions, judge_labelled, judged, read_list
+from x2train.judge.judging import JudgeSpec, decisions, judge_labelled, read_list
 from x2train.judge.page import passage_png
 from x2train.judge.suites import SUITES
 from x2train.judge.table import PassageTable
@@ -65,10 +65,9 @@ def test_a_passage_is_judged_as_the_daemon_judges_its_stream(model, radar, polic
 
 
 def test_the_columns_are_those_of_the_decisions(model):
-    played = passage()
-    suite = SUITES[0]
-    made = decisions(played, model, "fused")
-    told = PassageTable.of([judged(played, suite, model, "fused", "5")])
+    spec = JudgeSpec(model=model, seed=1, n_passages=400, policy="fused", only=("people",))
+    made = decisions(spec.played(5), model, "fused")
+    told = PassageTable.of([spec(5)])
     assert told.t_s.tolist() == [d.t_s for d in made]
     assert told.is_alarm.tolist() == [d.alarm for d in made]
     assert told.is_pending.tolist() == [d.label == "pending" for d in made]
@@ -78,8 +77,8 @@ def test_the_columns_are_those_of_the_decisions(model):
         if d.fused is not None:
             assert told.fused_quiet[k] == d.fused.pet + d.fused.other
             assert told.fused_most[k] == max(d.fused.pet, d.fused.other)
-    assert (told.label[0], told.build[0], told.duration_s[0]) == ("human", "5", 9.0)
-    assert 0 <= told.enters_s[0] < told.leaves_s[0] < 9
+    assert (told.label[0], told.build[0], told.duration_s[0]) == ("human", "5", 14.0)
+    assert 0 <= told.enters_s[0] < told.leaves_s[0] < 14
 
 
 def test_passages_do_not_depend_on_the_bundle_or_the_order(model):
@@ -163,7 +162,7 @@ def evaluate(*argv):
 
 
 def test_evaluate_compares_them(model, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("x2train.judge.page.passage_png", lambda *_: None)
+    monkeypatch.setattr("x2train.judge.page.passage_png", lambda *_: b"")
     short = tuple(replace(s, duration_s=5.0) for s in SUITES)
     monkeypatch.setattr("x2train.judge.suites.SUITES", short)
     a, b = tmp_path / "a", tmp_path / "b"
@@ -252,6 +251,7 @@ def test_yaml_is_the_same_as_csv(folder):
         ("file,start,end,label\nx.h5,9,3,pet\n", "row 1: end 3: must be after start 9", 2),
         ("file,start,end,label\nx.h5,nan,3,pet\n", "row 1.start", 2),
         ("file,label,who\nx.h5,pet,me\n", "row 1.who: unknown key", 2),
+        ("file,label\nx.h5,pet,me\n", "row 1.null: unknown key", 2),
         ("file,label\ngone.h5,pet\n", "gone.h5", 66),
         ("file,start,end,label\nempty.h5,0,1,pet\n", "empty.h5", 2),
     ],

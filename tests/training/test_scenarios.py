@@ -13,7 +13,7 @@ from radard.judge.installation import N_INSTALLATION
 from x2radar.sim.bodies.skeleton.species import SPECIES
 from x2radar.sim.points import Points
 from x2train.commands.fit import stream_of
-from x2train.judge.suites import SUITES, check_suites, n_more_pets, suite_of
+from x2train.judge.suites import SUITES, n_more_pets, named_suites, suite_of
 from x2train.nets.map_fit import augmented
 from x2train.sets.families import FAMILIES, LABELS, PAIRS, draw_cast, families
 from x2train.sets.passages import DomainRandomization, RandomizedActor
@@ -96,7 +96,7 @@ def test_some_suites_share_a_run_alone():
     n = n_more_pets(2.0, 10, pets)
     assert {suite_of(10 + k, 10, pets).name for k in range(n)} == {"largest dogs"}
     with pytest.raises(UsageError, match="--only 'cats': suites are people, pets"):
-        check_suites(["fan", "cats"])
+        named_suites(["fan", "cats"])
 
 
 @pytest.mark.parametrize("kind", ["any", "x2", "x4m03"])

@@ -8,13 +8,13 @@ import signal
 import numpy as np
 import pytest
 
-from radard.errors import UsageError
+from radard.errors import RadardError, UsageError
 from tests.processes import started
 from tests.shard_helpers import Draws
 from tests.waiting import wait_for
 from x2radar.errors import RecordingError
 from x2train.sets.shards import MANIFEST, ShardSet, make_shards
-from x2train.sets.workers import Crew, ElementError, GenerateError
+from x2train.sets.workers import Crew
 
 N, PER_SHARD = 53, 20
 ABOUT = {"set": "test", "rate": 60}
@@ -139,7 +139,7 @@ def test_two_workers_give_the_same_bytes(tmp_path, alone):
 @pytest.mark.integration
 @pytest.mark.parametrize("workers", [1, 2])
 def test_failed_element_is_named_and_the_run_goes_on_later(tmp_path, alone, workers):
-    with pytest.raises(ElementError, match=r"^element 25: ValueError: bad draw$"):
+    with pytest.raises(RadardError, match=r"^element 25: ValueError: bad draw$"):
         make(tmp_path, Draws(fails_at=25), workers=workers)
     draws = Draws(log=tmp_path / "log")
     make(tmp_path, draws)
@@ -157,7 +157,7 @@ def test_progress_counts_to_the_end_and_on_from_earlier(tmp_path):
     make(tmp_path, Draws(), report=lambda *now: told.append(now))
     assert told == [(done, N) for done in (33, 41, 49, 53)]
     # A dead worker is told.
-    with pytest.raises(GenerateError, match="run again to go on"):
+    with pytest.raises(RadardError, match="run again to go on"):
         make(tmp_path / "dead", Draws(dies_at=30), workers=2)
 
 

@@ -58,17 +58,17 @@ def test_it_recalls_what_only_the_first_window_showed():
     settings = HeadSettings(n_projected=8, n_hidden=12, n_said=8, epochs=15, batch=16, dropout=0.0)
     *epochs, made = fit_head(train, other, settings)
     assert [e.number for e in epochs] == list(range(1, 16))
-    logits = logits_over(made.head, other)
+    logits = logits_over(made.net, other)
     assert (logits.argmax(axis=1) == other.label).mean() > 0.95
     # Each of its parts does, so neither leans on the other.
     windows = torch.from_numpy(other.values), torch.from_numpy(other.log_p)
-    for part in made.head(*(each.reshape(60, 5, -1) for each in windows)):
+    for part in made.net(*(each.reshape(60, 5, -1) for each in windows)):
         found = part.detach().numpy().argmax(axis=2).ravel()
         assert (found == other.label).mean() > 0.9
     # And nothing of the stay before.
     columns = (other.values, other.log_p, other.label, other.is_first)
     turned = Given(*(each[5:] for each in columns))
-    np.testing.assert_array_equal(logits_over(made.head, turned), logits[5:])
+    np.testing.assert_array_equal(logits_over(made.net, turned), logits[5:])
 
 
 @pytest.mark.parametrize("n_said", [0, 8])
@@ -79,12 +79,12 @@ def test_onnxruntime_computes_what_torch_trained(folder, n_said):
     maps = {name: windows[name] for name in small.NAMES}
     seen = small.given(bundle, windows)
     found = outputs_of(network, maps, is_first=seen.is_first)
-    np.testing.assert_allclose(found.fused, logits_over(made.head, seen) / 1.7, atol=1e-4)
+    np.testing.assert_allclose(found.fused, logits_over(made.net, seen) / 1.7, atol=1e-4)
     plain = outputs_of(bundle.onnx, maps)
     np.testing.assert_array_equal(found.logits, plain.logits)
     assert plain.fused is None
     assert n_parameters(network) > n_parameters(bundle.onnx)
-    n_head = sum(p.numel() for p in made.head.parameters())
+    n_head = sum(p.numel() for p in made.net.parameters())
     # The last layers' biases are added up.
     assert n_parameters(network) - n_parameters(bundle.onnx) == n_head - (3 if n_said else 0)
     # Gone on from, with another network's values beside its own, it says the same at first.
@@ -93,7 +93,7 @@ def test_onnxruntime_computes_what_torch_trained(folder, n_said):
     wider = replace(seen, values=np.hstack([more, seen.values]))
     start = head_of(network, settings, wider.values.shape[1])
     *_, again = fit_head(wider, wider, settings, start)
-    np.testing.assert_allclose(logits_over(again.head, wider), found.fused, atol=1e-4)
+    np.testing.assert_allclose(logits_over(again.net, wider), found.fused, atol=1e-4)
     for other in (bundle.onnx, network):
         with pytest.raises(UsageError, match="no temporal head of this size"):
             head_of(other, replace(settings, n_hidden=4), 99)

@@ -64,7 +64,7 @@ def test_a_set_that_is_there_is_not_made_again(bundle, monkeypatch, capsys):
 
 
 def test_evaluate_judges_it(bundle, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("x2train.judge.page.passage_png", lambda *_: None)
+    monkeypatch.setattr("x2train.judge.page.passage_png", lambda *_: b"")
     small = ["--model", str(bundle), "--passages", "12", "--workers", "1"]
     assert main(["evaluate", *small, "--out", str(tmp_path / "a")]) == 0
     report = json.loads((tmp_path / "a" / "report.json").read_text())

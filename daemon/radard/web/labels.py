@@ -7,7 +7,7 @@ of an alarm, that it was no human.
 import contextlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,22 +17,22 @@ LABELS = ("human", "pet", "other", "wrong")
 FORMAT, VERSION = "radard-label", 1
 
 
+def label_lines(path: Path) -> Iterator[dict[str, Any] | None]:
+    """Yield every line of labels, None for one that is none; raises OSError."""
+    for text in path.read_text(encoding="utf-8-sig", errors="replace").splitlines():
+        line: Any = None
+        with contextlib.suppress(ValueError):
+            line = json.loads(text)
+        is_label = isinstance(line, dict) and isinstance(line.get("event"), str)
+        yield line if is_label and line.get("label") in LABELS else None
+
+
 def read_labels(path: Path) -> dict[str, str]:
     """Return the label of every labelled event, by its id; lines that are none are left out."""
     try:
-        lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
+        return {line["event"]: line["label"] for line in label_lines(path) if line}
     except OSError:
         return {}
-    found = {}
-    for text in lines:
-        try:
-            line = json.loads(text)
-        except ValueError:
-            continue
-        event = line.get("event") if isinstance(line, dict) else None
-        if isinstance(event, str) and line.get("label") in LABELS:
-            found[event] = str(line["label"])
-    return found
 
 
 def add_label(path: Path, line: Mapping[str, Any]) -> None:

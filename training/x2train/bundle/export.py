@@ -36,7 +36,8 @@ from radard.errors import RadardError, UsageError
 from radard.judge.bundle import Bundle, ModelInput
 from radard.judge.classifier import FUSED_LOGITS, HIDDEN, NEXT_HIDDEN
 from radard.judge.onnx_runtime import ort
-from x2train.nets.temporal_head import N_CLASSES, HeadSettings, HeadTrained
+from x2train.nets.calibration import Trained
+from x2train.nets.temporal_head import N_CLASSES, HeadSettings, TemporalHead
 
 Array = NDArray[np.float64]
 _MAX_DIFFERENCE = 1e-4  # of any logit, which are some tens, in single precision
@@ -170,7 +171,7 @@ def with_given(onnx_bytes: bytes) -> bytes:
     return bytes(model.SerializeToString())
 
 
-def with_head(onnx_bytes: bytes, trained: HeadTrained, temperature: float) -> bytes:
+def with_head(onnx_bytes: bytes, trained: Trained[TemporalHead], temperature: float) -> bytes:
     """Return a bundle's network with a temporal head; raises UsageError as `with_given`."""
     model = onnx.load_from_string(onnx_bytes)
     check_headless(model)
@@ -299,9 +300,9 @@ def head_of(onnx_bytes: bytes, settings: HeadSettings, n_given: int) -> dict[str
     return state
 
 
-def _values(trained: HeadTrained, temperature: float) -> dict[str, NDArray[Any]]:
+def _values(trained: Trained[TemporalHead], temperature: float) -> dict[str, NDArray[Any]]:
     """Return the weights as ONNX wants them: in double precision until the last moment."""
-    head = trained.head
+    head = trained.net
     state = {key: v.detach().numpy().astype(np.float64) for key, v in head.state_dict().items()}
     shares = head.settings.shares
     parts = sorted(shares, key=lambda part: part == "said")  # which comes last

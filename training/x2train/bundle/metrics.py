@@ -12,8 +12,9 @@ from radard.judge.bundle import CLASSES, EvidenceSettings
 from x2train.judge.estimates import Ranking
 from x2train.judge.verdicts import PET_LIMIT
 from x2train.nets.bundle_answers import Answers
-from x2train.nets.calibration import first_windows, fit_evidence, fused, log_loss
-from x2train.nets.map_fit import Arrays, MapTrained, logits_of
+from x2train.nets.calibration import Trained, first_windows, fit_evidence, fused, log_loss
+from x2train.nets.map_fit import Arrays, logits_of
+from x2train.nets.nets import MapNet
 
 TRUST = 2 / 3
 """Share of the discount that fits families of training with which a bundle is shipped. A twin
@@ -52,7 +53,7 @@ def gate_of(abouts: Sequence[Mapping[str, Any]]) -> Mapping[str, float]:
 
 
 def map_metrics(
-    trained: MapTrained, validation: Arrays, prior_human: float = PRIOR_HUMAN["balanced"]
+    trained: Trained[MapNet], validation: Arrays, prior_human: float = PRIOR_HUMAN["balanced"]
 ) -> tuple[EvidenceSettings, Mapping[str, float]]:
     """Return how evidence is best fused, and what windows and fused values achieve.
 

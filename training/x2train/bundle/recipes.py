@@ -174,8 +174,7 @@ RECIPES: Mapping[str, tuple[str, ...]] = {
 
 def recipe_of(command: str) -> str | None:
     """Return the name of the recipe that runs a card's command; None if none does."""
-    names = (name for name, commands in RECIPES.items() if " && ".join(commands) == command)
-    return next(names, None)
+    return {" && ".join(commands): name for name, commands in RECIPES.items()}.get(command)
 
 
 def arguments(

@@ -11,20 +11,13 @@ from numpy.typing import NDArray
 from scipy.special import log_softmax
 
 from radard.judge.bundle import Bundle, sidecar_path
-from x2train.bundle.export import (
-    DIFFERENCE,
-    GIVEN,
-    checked,
-    n_parameters,
-    with_given,
-    with_head,
-)
+from x2train.bundle.export import DIFFERENCE, GIVEN, checked, n_parameters, with_given, with_head
 from x2train.bundle.metrics import NOTES, gate_of, kept_out_of, rounded, window_metrics
 from x2train.bundle.writing import write_bundle
 from x2train.nets.bundle_answers import Answers, outputs_of
-from x2train.nets.calibration import first_windows, fit_evidence, log_loss
+from x2train.nets.calibration import Trained, first_windows, fit_evidence, log_loss
 from x2train.nets.calibration import fused as summed
-from x2train.nets.temporal_head import Given, HeadTrained, logits_over
+from x2train.nets.temporal_head import Given, TemporalHead, logits_over
 from x2train.sets.window_set import Columns, check_made_for, inputs_of, load_windows
 
 HUMAN_LIMIT = {"fast": 0.65, "balanced": 0.8, "accurate": 0.9}
@@ -73,7 +66,7 @@ def write_temporal(
     name: str,
     models: Sequence[str],
     base: Bundle,
-    trained: HeadTrained,
+    trained: Trained[TemporalHead],
     *,
     validation: Sets,
     abouts: Sequence[Mapping[str, Any]],
@@ -89,7 +82,7 @@ def write_temporal(
     """
     onnx = with_head(base.onnx, trained, base.temperature)
     given = validation.given
-    fused = logits_over(trained.head, given) / trained.temperature
+    fused = logits_over(trained.net, given) / trained.temperature
     n = len(validation.sample["label"])
     inputs = inputs_of(base, validation.sample)
     made = outputs_of(onnx, inputs, is_first=given.is_first[:n])
@@ -108,7 +101,7 @@ def write_temporal(
         }
     )
     known = _known(models)
-    changed: dict[str, Any] = {"policy": "fused", "n_hidden": trained.head.n_hidden}
+    changed: dict[str, Any] = {"policy": "fused", "n_hidden": trained.net.n_hidden}
     bundle = replace(base, name=name, onnx=onnx, evidence=evidence, **changed)
     training = {
         **known,

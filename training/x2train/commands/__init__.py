@@ -1,4 +1,7 @@
-"""Subcommands of `train-export`: each file registers one. Here is what several of them need."""
+"""Subcommands of `train-export`: each file registers one. Here is what several of them need.
+
+They import torch, the simulator and what needs them when they run: `--help` must not wait.
+"""
 
 import argparse
 import os

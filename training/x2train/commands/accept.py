@@ -26,11 +26,7 @@ def register(commands: Commands) -> None:
         "nothing.\n",
     )
     add = parser.add_argument
-    add(
-        "--model",
-        default=AUTO_MODEL,
-        help=f"bundle by name or file; by radar ({AUTO_MODEL})",
-    )
+    add("--model", default=AUTO_MODEL, help=f"bundle by name or file; by radar ({AUTO_MODEL})")
     add("--level", action="store_true", help="mount and level known, as after `radard walktest`")
     text = "recorded people and animals instead, of clips that the bundle has not learned from"
     add("--clips", type=Path, metavar="DIR", help=text)
@@ -45,7 +41,6 @@ def _run(args: argparse.Namespace) -> int:
     check_least(args, seed=0, workers=1)
     if not 0 < args.share <= 1:
         raise UsageError(f"--share {args.share:g}: must be above 0, and 1 at most")
-    # Late: the simulator takes a second, and --help must not.
     from x2train.judge.acceptance import AcceptSpec, accept  # noqa: PLC0415
     from x2train.judge.acceptance_report import lines, write_acceptance  # noqa: PLC0415
     from x2train.judge.judging import Knows  # noqa: PLC0415

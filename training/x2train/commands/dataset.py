@@ -79,7 +79,6 @@ def _run(args: argparse.Namespace) -> int:
             raise UsageError(f"--{name} {getattr(args, name):g}: must be 0 to 1")
     if args.slow and not args.clips:
         raise UsageError("--slow: is of recorded bodies, --clips")
-    # Late: the simulator takes a second, and --help must not.
     from x2train.motion.library import cards_of, read_library  # noqa: PLC0415
     from x2train.sets.families import CLIPS, USES, plugged_family  # noqa: PLC0415
     from x2train.sets.shards import make_shards  # noqa: PLC0415

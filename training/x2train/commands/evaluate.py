@@ -10,7 +10,7 @@ from radard.judge.bundle import load_bundle
 from x2radar.commands import add_command
 from x2train.commands import Commands, add_crew, check_least, crew_of, result_console, told
 from x2train.judge.table import PassageTable
-from x2train.sets.shards import about_of
+from x2train.sets.shards import read_manifest
 
 _MAX_PET_HOURS = 10_000.0  # weeks of simulation
 
@@ -48,7 +48,6 @@ def register(commands: Commands) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     check_least(args, passages=1, seed=0, workers=1)
-    # Late: the simulator takes a second, and --help must not.
     from x2train.bundle.writing import evaluation_of, write_card  # noqa: PLC0415
     from x2train.judge.judging import OWN_RADARS, JudgeSpec  # noqa: PLC0415
     from x2train.judge.page import passage_png  # noqa: PLC0415
@@ -71,7 +70,7 @@ def _run(args: argparse.Namespace) -> int:
     other: PassageTable | None = None
     if args.against:
         other = PassageTable.load(args.against / "passages")
-        if (radar := about_of(args.against / "passages")["radar"]) != args.radar:
+        if (radar := read_manifest(args.against / "passages").about.get("radar")) != args.radar:
             msg = f"--against {args.against}: judged with --radar {radar}, not {args.radar}"
             raise UsageError(msg)
     spec = JudgeSpec(

@@ -45,7 +45,6 @@ def register(commands: Commands) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     _check(args)
-    # Late: torch takes seconds, and --help must not.
     from x2train.finetune import own_clips  # noqa: PLC0415
     from x2train.finetune.finetune import Tuned, load_guard, rows_of, tune, write_finetuned  # noqa: PLC0415
 

@@ -76,7 +76,6 @@ def stream_of(abouts: Sequence[Mapping[str, Any]]) -> Mapping[str, tuple[float, 
 
 def _run(args: argparse.Namespace) -> int:
     check_least(args, epochs=1, seed=0, batch=2, threads=1)
-    # Late: torch takes seconds, and --help must not.
     from x2train.bundle import metrics  # noqa: PLC0415
     from x2train.bundle.export import DIFFERENCE, exported  # noqa: PLC0415
     from x2train.bundle.writing import write_bundle  # noqa: PLC0415

@@ -34,7 +34,6 @@ def register(commands: Commands) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    # Late: numpy and scipy take a second, and --help must not.
     import numpy as np  # noqa: PLC0415
 
     from x2train.motion.clips import read_map, standard_clip  # noqa: PLC0415

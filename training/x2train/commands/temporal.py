@@ -48,7 +48,6 @@ def register(commands: Commands) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     check_least(args, epochs=1, seed=0)
-    # Late: torch takes seconds, and --help must not.
     from x2train.bundle.export import head_of, joined, spans_of  # noqa: PLC0415
     from x2train.bundle.metrics import check_calibration  # noqa: PLC0415
     from x2train.bundle.temporal_bundle import HUMAN_LIMIT, given_of_sets, write_temporal  # noqa: PLC0415

@@ -27,9 +27,9 @@ from radard.judge.bundle import CLASSES, Bundle, EvidenceSettings
 from radard.judge.classifier import Answer, Probabilities
 from radard.judge.decision import Verdict, judge
 from radard.judge.evidence import Evidence
-from x2train.bundle.metrics import gate_of, shares_without_alarm
+from x2train.bundle.metrics import gate_of, rounded, shares_without_alarm
 from x2train.bundle.writing import write_bundle
-from x2train.finetune.own_clips import OwnWindows, has_alarm
+from x2train.finetune.own_clips import OwnWindows, own_windows
 from x2train.judge.estimates import share
 from x2train.nets.bundle_answers import Answers, outputs_of
 from x2train.nets.calibration import Epoch, first_windows
@@ -177,7 +177,7 @@ def tune(
     net = yield from _retrained(bundle, own, mix, epochs=epochs, seed=seed)
     onnx, way, before, after = _guarded(bundle, net, guard.of_people(), own)
     better = replace(bundle, onnx=onnx)
-    rows = tuple((c.clip.label, c.has_alarm, has_alarm(c.clip, better)) for c in own)
+    rows = tuple((c.clip.label, c.has_alarm, own_windows(c.clip, better).has_alarm) for c in own)
     tuned = Tuned(better, way, before, after, rows)
     old, new, _ = tuned.count(is_human=False)
     if new >= old:
@@ -318,12 +318,8 @@ def write_finetuned(
         "base": base.name,
         "base_onnx_sha256": base.sha256,
         "own": [
-            {
-                "file": each.clip.path.name,
-                "sha256": each.sha256,
-                "label": each.clip.label,
-                "windows": len(each.t_s),
-            }
+            {"file": each.clip.path.name, "sha256": each.sha256}
+            | {"label": each.clip.label, "windows": len(each.t_s)}
             for each in own
         ],
         "guard": list(guard.abouts),
@@ -362,4 +358,4 @@ def _metrics(tuned: Tuned, guard: Guard) -> Mapping[str, float]:
     bundle = tuned.bundle
     p = outputs_of(bundle.onnx, inputs_of(bundle, guard.columns)).p(bundle.temperature)
     found |= shares_without_alarm(1 - p[:, 0] > bundle.pet_limit, guard.label)
-    return {key: round(value, 4) for key, value in found.items()}
+    return rounded(found)

@@ -1,20 +1,18 @@
 """Own clips: recordings that people have labelled, and what the daemon's network saw in them.
 
-The dashboard's lines are those of `radard.web.labels`; the last line of an event holds. By
-hand, FILE=LABEL names any recording that `radard --port replay:` plays.
+The last line that `radard.web.labels` has of an event holds. By hand, FILE=LABEL names any
+recording that `radard --port replay:` plays.
 """
 
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radard.config.config import Config
-from radard.config.json_file import LOOSE, parse_json
 from radard.config.sections import AUTO_MODEL, DEFAULT_MODEL
 from radard.errors import ModelMismatch, UsageError
 from radard.judge.bundle import Bundle
@@ -22,7 +20,7 @@ from radard.judge.classifier import Answer, Classifier, Hidden
 from radard.judge.features import Features
 from radard.judge.model_choice import model_for
 from radard.pipeline import Pipeline
-from radard.web.labels import LABELS
+from radard.web.labels import LABELS, label_lines
 from x2radar.recording.registry import open_recording
 from x2train.judge.judging import replayed
 from x2train.nets.calibration import first_windows
@@ -52,18 +50,23 @@ def named_clips(arguments: Iterable[str]) -> tuple[OwnClip, ...]:
 
 def labelled_clips(path: Path, folder: Path | None = None) -> tuple[list[OwnClip], list[str]]:
     """Return the clips of the dashboard's labels, in `folder`, and why others were left out."""
-    clips, left_out = [], []
-    for event, line in _last_lines(path).items():
-        if line.kind != "alarm":
-            left_out.append(f"{event}: labelled {line.label}, but not an alarm")
-        elif not line.clip:
+    try:
+        lines = list(label_lines(path))
+    except OSError as err:
+        raise UsageError(f"{path}: cannot read the labels ({err})") from err
+    strange = [number for number, line in enumerate(lines, 1) if line is None]
+    clips, left_out = [], [f"line {number}: no label of the dashboard" for number in strange]
+    for event, line in {line["event"]: line for line in lines if line}.items():
+        clip = Path(str(line.get("clip") or ""))
+        where = folder / clip.name if folder else clip
+        if line.get("kind") != "alarm":
+            left_out.append(f"{event}: labelled {line['label']}, but not an alarm")
+        elif not clip.name:
             left_out.append(f"{event}: no clip was kept of it")
+        elif not where.is_file():
+            left_out.append(f"{event}: its clip is gone ({where})")
         else:
-            where = folder / Path(line.clip).name if folder else Path(line.clip)
-            if where.is_file():
-                clips.append(OwnClip(where, line.label))
-            else:
-                left_out.append(f"{event}: its clip is gone ({where})")
+            clips.append(OwnClip(where, line["label"]))
     return clips, left_out
 
 
@@ -78,36 +81,6 @@ def merged(clips: Iterable[OwnClip]) -> tuple[OwnClip, ...]:
         msg = "no clip is labelled pet, other or wrong: there is nothing to quieten; label one"
         raise UsageError(msg)
     return tuple(by_path.values())
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Line:
-    """What is read of a line of the dashboard's labels."""
-
-    __pydantic_config__ = LOOSE
-
-    format: Literal["radard-label"]
-    format_version: Literal[1]
-    event: str
-    label: Literal["human", "pet", "other", "wrong"]
-    clip: str | None = None
-    kind: str | None = None
-
-
-def _last_lines(path: Path) -> Mapping[str, _Line]:
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as err:
-        raise UsageError(f"{path}: cannot read the labels ({err})") from err
-    events: dict[str, _Line] = {}
-    for number, row in enumerate(text.splitlines(), 1):
-        try:
-            line = parse_json(_Line, row)
-        except ValueError as err:
-            msg = f"{path}:{number}: no label of the dashboard ({err}); take this line out"
-            raise UsageError(msg) from err
-        events[line.event] = line
-    return events
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -170,10 +143,3 @@ def own_windows(clip: OwnClip, bundle: Bundle) -> OwnWindows:
     inputs = {each.name: np.stack([row[each.feature] for row in rows]) for each in bundle.inputs}
     digest = hashlib.sha256(clip.path.read_bytes()).hexdigest()
     return OwnWindows(clip, digest, inputs, np.array(t_s), any(alarms))
-
-
-def has_alarm(clip: OwnClip, bundle: Bundle) -> bool:
-    """Return whether radard alarms on a clip with a bundle."""
-    with open_recording(clip.path) as reader:
-        pipeline = Pipeline(reader.stream, Config(), Classifier(bundle))
-        return any(decision.alarm for decision in replayed(reader, pipeline))

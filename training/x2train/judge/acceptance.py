@@ -7,7 +7,7 @@ recorded people and animals who come: those alone of whom the bundle has learned
 """
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -20,10 +20,8 @@ from radard.config.config import Config
 from radard.config.sections import AUTO_MODEL
 from radard.errors import ModelMismatch, UsageError
 from radard.judge.bundle import load_bundle, sidecar_path
-from radard.judge.decision import Decision
 from radard.judge.model_choice import model_for
 from radard.pipeline import Pipeline
-from radard.stream.ring import Dwell
 from x2radar.sim.bodies.motion import MOTIONS
 from x2radar.sim.bodies.skins import SKINS
 from x2radar.sim.place.antenna import Antenna
@@ -44,7 +42,6 @@ _RECORDED_VERSION = "accept-4"  # the same, of recorded bodies
 SEED = 90  # passages of the version are drawn from it; of no other suite
 _TOLD = 1  # a generator's number: what an installation is told changes no passage
 _PER_SHARD = 60  # passages: a minute of one core
-_Decide = Callable[[Dwell], Decision]
 Kind = Literal["walk test", "pets cross", "pets stay", "thing"]
 _N_ENTRIES = 300  # none of so many passages means less than 1.2 % at 95 %
 _N_STAYS = 12  # of each stay: seven hours
@@ -191,11 +188,6 @@ class AcceptSpec:
         return {name: load_bundle(name).judges_as for name in names}
 
     @property
-    def kept_as(self) -> str:
-        """What passages on disk are known by, beside the hashes."""
-        return self.model
-
-    @property
     def version(self) -> str:
         """The test's version; with another seed than its own it is another test."""
         version = _RECORDED_VERSION if self.clips else VERSION
@@ -243,8 +235,7 @@ class AcceptSpec:
         body_model = BodyModel.draw(rng, MOTIONS, tuple(SKINS), 1.0)
         told = np.random.default_rng([self.seed, index, k, _TOLD])
         config = installed(Config(), site, self.knows, told)
-        pipeline, decide = self.judge(setting.radar, config)
-        axis = setting.radar.axis()
+        pipeline, axis = self.pipeline(setting.radar, config), setting.radar.axis()
         cast = entry.casts[k // len(settings) % len(entry.casts)]
         duration_s, facts = entry.duration_s, {}
         if entry.kind in {"walk test", "pets cross"}:
@@ -257,7 +248,7 @@ class AcceptSpec:
             steps = _steps(rng, entry, site, body_model, duration_s)
             rows = Player(rng, site, steps).rows(round(duration_s * setting.radar.frame_rate_hz))
         return from_decisions(
-            [decide(each) for each in dwells(pipeline, rows, axis)],
+            [pipeline.decide(each) for each in dwells(pipeline, rows, axis)],
             family=entry.name,
             label=entry.label,
             split=setting.name,
@@ -267,10 +258,9 @@ class AcceptSpec:
             **facts,
         )
 
-    def judge(self, radar: Radar, config: Config) -> tuple[Pipeline, _Decide]:
-        """Return what makes windows of a radar's frames, and what decides on each."""
-        pipeline = pipeline_for(radar, model_for(self.model, radar.stream()), config)
-        return pipeline, pipeline.decide
+    def pipeline(self, radar: Radar, config: Config) -> Pipeline:
+        """Return what makes windows of a radar's frames, and decides on each."""
+        return pipeline_for(self.model, radar.stream(), config)
 
 
 @cache
@@ -281,18 +271,21 @@ def _learned_from(models: tuple[str, ...]) -> frozenset[str]:
     return frozenset(clip["sha256"] for clip in clips)
 
 
-def accept(spec: AcceptSpec, folder: Path, crew: Crew) -> PassageTable:
-    """Play a test's passages, or what is missing of them in a folder, and return them judged."""
-    about = {
+def accept(spec: AcceptSpec, folder: Path, crew: Crew, **about: str) -> PassageTable:
+    """Play a test's passages, or what is missing of them in a folder, and return them judged.
+
+    `about` is told of the folder's passages instead of what `spec` says of itself.
+    """
+    whole = {
         "kind": "acceptance",
         **asdict(spec),
         "version": spec.version,
         "clips": spec.new_clips,
-        "model": spec.kept_as,
         "files": list(spec.files.values()),
         "gate": GATE.model_dump(),
+        **about,
     }
-    make_shards(folder, about, spec.n_passages, spec, crew, per_shard=_PER_SHARD)
+    make_shards(folder, whole, spec.n_passages, spec, crew, per_shard=_PER_SHARD)
     return PassageTable.load(folder)
 
 

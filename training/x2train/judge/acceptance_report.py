@@ -5,13 +5,13 @@ is policy `window`: an alarm unless one window's p(pet) + p(other) is over 0.8 a
 least a half. Intervals are those of `x2train.judge.estimates`.
 """
 
-import html
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jinja2 import Environment, PackageLoader
 from numpy.typing import NDArray
 
 from radard.judge.decision import MIN_P
@@ -69,13 +69,11 @@ def _figures(
         of: float = len(part)
         if is_rate:
             count, of = int(made.false_alarms.sum()), round(total_h, 4)
-            estimate = per_hour(count, total_h)
+        elif is_walk:
+            count, of = int((seen & ~made.is_alarm).sum()), int(seen.sum())
         else:
-            if is_walk:
-                count, of = int((seen & ~made.is_alarm).sum()), int(seen.sum())
-            else:
-                count = int((made.false_alarms > 0).sum())
-            estimate = share(count, int(of))
+            count = int((made.false_alarms > 0).sum())
+        estimate = per_hour(count, total_h) if is_rate else share(count, int(of))
         value, low, high = (float(x) if np.isfinite(x) else None for x in estimate)
         figure = {"count": count, "of": of, "value": value, "low": low, "high": high}
         if is_walk and made.is_alarm.any():
@@ -118,31 +116,8 @@ def write_acceptance(
     """Write acceptance.json and .html as `write_files` does; return what is in the JSON."""
     made = document(table, about, entries)
     text = json.dumps(made, indent=1, allow_nan=False) + "\n"
-    write_files(out_dir, {"acceptance.json": text, "acceptance.html": _page(made)})
+    loader = PackageLoader("x2train.judge", "")
+    template = Environment(loader=loader, autoescape=True).get_template("acceptance.html")
+    page = template.render(made=made, lines=lines(made), cells=_cells)
+    write_files(out_dir, {"acceptance.json": text, "acceptance.html": page})
     return made
-
-
-def _page(made: Mapping[str, Any]) -> str:
-    title = html.escape(f"Acceptance test of {made['bundle']}")
-    head = ("entry", "counted", "passages or hours", "bundle's policy", "window at 0.8")
-    rows = [_row(line) for line in lines(made)]
-    by = [
-        _row((row["name"], name, str(figures["passages"]), *_cells(figures)))
-        for row in made["entries"]
-        for name, figures in row["settings"].items()
-    ]
-    return (
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{title}</title>'
-        "<style>body{font:16px/1.4 system-ui,sans-serif;margin:2em auto;max-width:70em}"
-        "table{border-collapse:collapse;margin:1em 0}th,td{border-bottom:1px solid #bbb;"
-        "padding:.3em .6em;text-align:left}</style></head><body>"
-        f"<h1>{title}</h1><p>{html.escape(made['words'])}</p>"
-        f"<table><thead>{_row(head, 'th')}</thead><tbody>{''.join(rows)}</tbody></table>"
-        "<h2>By radar and mount</h2>"
-        f"<table><thead>{_row((head[0], 'setting', *head[2:]), 'th')}</thead>"
-        f"<tbody>{''.join(by)}</tbody></table></body></html>\n"
-    )
-
-
-def _row(cells: tuple[str, ...], tag: str = "td") -> str:
-    return f"<tr>{''.join(f'<{tag}>{html.escape(cell)}</{tag}>' for cell in cells)}</tr>"

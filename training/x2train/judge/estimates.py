@@ -6,6 +6,7 @@ on (`reliability`).
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -163,18 +164,16 @@ def reliability(
         n_all = weight @ count.sum(axis=1)
         return float(np.abs(weight @ (total - human)).sum() / n_all) if n_all else float("nan")
 
-    def share_of(k: int) -> Estimate:
-        def value(weight: _Float) -> float:
-            n_bin = weight @ count[:, k]
-            return float(weight @ human[:, k] / n_bin) if n_bin else float("nan")
+    def share_of(weight: _Float, k: int) -> float:
+        n_bin = weight @ count[:, k]
+        return float(weight @ human[:, k] / n_bin) if n_bin else float("nan")
 
-        return resampled(value, n, rng)
-
+    shares = [resampled(partial(share_of, k=k), n, rng) for k in range(_BINS)]
     sums = total.sum(axis=0), count.sum(axis=0)
     return Reliability(
         tuple(
-            Bin(int(m), float(s / m) if m else float("nan"), share_of(k))
-            for k, (s, m) in enumerate(zip(*sums, strict=True))
+            Bin(int(m), float(s / m) if m else float("nan"), observed)
+            for s, m, observed in zip(*sums, shares, strict=True)
         ),
         resampled(error, n, rng),
     )

@@ -22,11 +22,10 @@ from x2train.judge.estimates import (
     reliability,
     resampled,
 )
-from x2train.judge.table import LABELS, PassageTable
+from x2train.judge.table import LABELS, TEXTS, PassageTable
 from x2train.judge.verdicts import (
     BUDGET_HOURS,
     PET_LIMIT,
-    Outcome,
     Policy,
     Sweep,
     Verdicts,
@@ -40,14 +39,9 @@ from x2train.judge.verdicts import (
 
 _DWELL_S = 2.0  # as all bundles have it
 _MATCHED_BELOW = 0.60  # AUC: hardly over chance
-_GUESSES = ("human", "pet", "other")
 _BINS = 20  # enough windows in each
 _BUDGET_H = 60.0  # the budget that the groups and the comparison are given at
 _WORST = 20  # passages with a picture: as many as are looked at
-_FACTS = (
-    *("family", "label", "split", "suite", "build"),
-    *("speed_mps", "range_m", "aspect_deg", "snr_db"),
-)
 _EDGES = {
     "speed_mps": (0.0, 0.1, 0.3, 0.6, 1.0, 1.5, 2.2, 3.0),
     "range_m": (0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0),
@@ -91,12 +85,9 @@ class Figures:
     """The whole evaluation of one table."""
 
     content: dict[str, Any]  # of the report, see report.schema.json
-    worst: list[dict[str, Any]]  # passages that are, or nearly are, on the wrong side
-    # what is drawn, and compared with another model
-    shipped: Outcome
+    # what is drawn besides, and compared with another model
     found: tuple[Verdicts, Verdicts]  # as shipped, and at one false alarm in 60 pet-hours
     sweeps: dict[Policy, Sweep]
-    reliability: dict[str, Reliability]
 
 
 def figures(table: PassageTable) -> Figures:
@@ -130,7 +121,6 @@ def figures(table: PassageTable) -> Figures:
     pets = table.label == "pet"
     of_windows = _window_figures(table, windows, scores["fused"], rng)
     alone = baselines(table, windows, rng)
-    relied = _reliability(table, judged, rng)
     content = {
         "passages": {k: int((table.label == k).sum()) for k in LABELS if k in table.label},
         "pet_hours_in_swath": float(np.nansum((table.leaves_s - table.enters_s)[pets])) / 3600,
@@ -141,11 +131,11 @@ def figures(table: PassageTable) -> Figures:
         "windows": of_windows,
         "is_matched": all(b["is_below"] for b in alone if b["is_required"]),
         "baselines": alone,
-        "reliability": relied,
+        "reliability": _reliability(table, judged, rng),
         "groups": groups(table, (shipped, budget), rng),
+        "worst": _worst(table, scores["fused"], shipped),
     }
-    worst = _worst(table, scores["fused"], shipped)
-    return Figures(content, worst, own, (shipped, budget), sweeps, relied)
+    return Figures(content, (shipped, budget), sweeps)
 
 
 def _name(policy: Policy, budget_h: float) -> str:
@@ -208,7 +198,7 @@ def _worst(table: PassageTable, score: _Float, shipped: Verdicts) -> list[dict[s
     return [
         {
             "index": k,
-            **{name: getattr(table, name)[k].item() for name in _FACTS},
+            **{name: getattr(table, name)[k].item() for name in (*TEXTS, *_EDGES)},
             "is_wrong": bool(is_wrong[k]),
             "margin": float(margin[k]),
             "alarm_s": float(shipped.alarm_s[k]),
@@ -293,16 +283,9 @@ def balanced_accuracy(table: PassageTable, windows: Windows, rng: np.random.Gene
     """Return the mean of the shares of people and of pets that are called so."""
     quiet = (table.p_pet + table.p_other)[windows.row]
     is_right = (table.p_human[windows.row] >= quiet) == windows.is_human
-    n = windows.n_passages
-    right, total = (
-        np.stack(
-            [
-                np.bincount(windows.passage, counted & of_class, n)
-                for of_class in (windows.is_human, ~windows.is_human)
-            ]
-        )
-        for counted in (is_right, np.ones_like(is_right))
-    )
+    n, classes = windows.n_passages, (windows.is_human, ~windows.is_human)
+    right = np.stack([np.bincount(windows.passage, is_right & each, n) for each in classes])
+    total = np.stack([np.bincount(windows.passage, each, n) for each in classes])
 
     def mean_share(weight: _Float) -> float:
         totals = total @ weight
@@ -317,12 +300,10 @@ def confusion(table: PassageTable) -> dict[str, dict[str, int]]:
     """Return how many windows of each label were called what, by the likeliest class."""
     judged = is_judged(table)
     p = np.stack([table.p_human[judged], table.p_pet[judged], table.p_other[judged]])
-    guess = p.argmax(axis=0)
+    guess = np.array(LABELS)[p.argmax(axis=0)]
     label = table.label[table.passage[judged]]
     return {
-        truth: {
-            name: int(((label == truth) & (guess == k)).sum()) for k, name in enumerate(_GUESSES)
-        }
+        truth: {name: int(((label == truth) & (guess == name)).sum()) for name in LABELS[:3]}
         for truth in LABELS
     }
 

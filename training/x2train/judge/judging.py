@@ -27,13 +27,13 @@ from radard.judge.model_choice import model_for
 from radard.pipeline import Pipeline
 from radard.stream.ring import Dwell
 from x2radar.bounded_yaml import load_yaml
-from x2radar.frame import FastTimeAxis, Frame
+from x2radar.frame import FastTimeAxis, Frame, StreamInfo
 from x2radar.recording.blocks import BlockReader
 from x2radar.recording.registry import open_recording
-from x2train.judge.suites import SUITES, Suite, check_suites, suite_of
+from x2train.judge.suites import SUITES, Suite, named_suites, suite_of
 from x2train.judge.table import Columns, PassageTable, passage_columns
 from x2train.sets.passages import Passage, level_db_of, play
-from x2train.sets.sites import ONE_RADAR, Radar, Site
+from x2train.sets.sites import ONE_RADAR, Site
 from x2train.sets.window_set import ADULT_DB, LEVEL_ERROR_DB
 
 _IN_VIEW_DB = 10.0
@@ -58,12 +58,21 @@ class JudgeSpec:
 
     def __post_init__(self) -> None:
         """Check the names of suites."""
-        check_suites(self.only)
+        named_suites(self.only)
 
     def __call__(self, number: int) -> Mapping[str, NDArray[Any]]:
         """Return the columns of passage `number`, see `passage_columns`."""
         suite, played = self.suite(number), self.played(number)
-        return judged(played, suite, self.model, self.policy, build=str(number))
+        return from_decisions(
+            decisions(played, self.model, self.policy),
+            family=" with ".join(f.name for f in played.cast) or "empty room",
+            label=played.cast[0].label if played.cast else "empty",
+            split=suite.split,
+            suite=suite.name,
+            build=str(number),
+            duration_s=len(played.frames) / played.site.radar.frame_rate_hz,
+            **in_view(played),
+        )
 
     def suite(self, number: int) -> Suite:
         """Return the suite of passage `number`, before its radar."""
@@ -103,46 +112,26 @@ def _classifier(model: str) -> Classifier:
 def decisions(played: Passage, model: str, policy: str = "") -> list[Decision]:
     """Return what radard decides on a passage, by a bundle's name or path."""
     radar = played.site.radar
-    pipeline = pipeline_for(radar, model, with_policy(Config(), policy))
+    pipeline = pipeline_for(model, radar.stream(), config_of(policy))
     return [pipeline.decide(each) for each in dwells(pipeline, played.frames, radar.axis())]
 
 
-def pipeline_for(radar: Radar, model: str, config: Config) -> Pipeline:
-    """Return the daemon's pipeline for a radar's frames, without tracks: a quarter of its time."""
-    return Pipeline(radar.stream(), config, _classifier(model), judges_tracks=False)
+def pipeline_for(model: str, stream: StreamInfo, config: Config) -> Pipeline:
+    """Return the daemon's pipeline for a stream, without tracks: a quarter of its time."""
+    return Pipeline(stream, config, _classifier(model_for(model, stream)), judges_tracks=False)
 
 
-def with_policy(config: Config, policy: str) -> Config:
-    """Return a configuration with 'window' or 'fused' instead of its policy; empty: as it is."""
-    section = config.decision.model_copy(update={"policy": policy} if policy else {})
-    return config.model_copy(update={"decision": section})
+def config_of(policy: str) -> Config:
+    """Return the default configuration, with 'window', 'fused' or (empty) the bundle's policy."""
+    return Config.model_validate({"decision": {"policy": policy or None}})
 
 
 def dwells(
     pipeline: Pipeline, frames: Iterable[NDArray[Any]], axis: FastTimeAxis
 ) -> Iterator[Dwell]:
     """Yield what the daemon's own ring makes of frames: decimated as the bundle wants it."""
-    ring = pipeline.make_ring()
-    for k, samples in enumerate(frames):
-        for item in ring.items(Frame(samples, k, k, 0, False, axis)):
-            if isinstance(item, Dwell):
-                yield item
-
-
-def judged(
-    played: Passage, suite: Suite, model: str, policy: str = "", build: str = ""
-) -> Columns:
-    """Return a passage with its truth and all decisions on it."""
-    return from_decisions(
-        decisions(played, model, policy),
-        family=" with ".join(f.name for f in played.cast) or "empty room",
-        label=played.cast[0].label if played.cast else "empty",
-        split=suite.split,
-        suite=suite.name,
-        build=build,
-        duration_s=len(played.frames) / played.site.radar.frame_rate_hz,
-        **in_view(played),
-    )
+    numbered = (Frame(samples, k, k, 0, False, axis) for k, samples in enumerate(frames))
+    return pipeline.make_ring().dwells(numbered)
 
 
 def in_view(played: Passage) -> dict[str, float]:
@@ -252,11 +241,10 @@ def read_list(path: Path) -> list[Labelled]:
 
 
 def _row(path: Path, number: int, row: Any) -> Labelled:
-    given = row
     if isinstance(row, Mapping):
-        given = {key: value for key, value in row.items() if value not in {None, ""}}
+        row = {key: value for key, value in row.items() if value not in (None, "")}
     try:
-        made = parse_json(Labelled, json.dumps(given, default=str), f"{path}, row {number}")
+        made = parse_json(Labelled, json.dumps(row, default=str), f"{path}, row {number}")
     except ValueError as err:
         raise UsageError(str(err)) from err
     if made.end is not None and made.end <= made.start:
@@ -294,9 +282,7 @@ def judge_labelled(rows: list[Labelled], model: str, policy: str = "") -> Passag
 def _decided(path: Path, model: str, policy: str) -> tuple[list[Decision], float]:
     """Return what radard decides on a recording, and how long that is."""
     with open_recording(path) as reader:
-        bundle = load_bundle(model_for(model, reader.stream))
-        config, classifier = with_policy(Config(), policy), Classifier(bundle)
-        pipeline = Pipeline(reader.stream, config, classifier, judges_tracks=False)
+        pipeline = pipeline_for(model, reader.stream, config_of(policy))
         made = list(replayed(reader, pipeline))
         *_, last = reader.blocks(samples=False)
         return made, float(last.t_s[-1]) + 1 / reader.stream.frame_rate_hz

@@ -8,20 +8,15 @@ import io
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from importlib import resources
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from jinja2 import Environment, StrictUndefined
+from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
-from numpy.typing import NDArray
-
-mpl.use("Agg")
-
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from radard.detect.clutter_map import ClutterRemover
 from radard.dsp.range_time import RangeTimeMap
@@ -30,10 +25,11 @@ from x2train.judge.estimates import Ranking, Reliability
 from x2train.judge.figures import Figures, Windows, human_score, is_in_view, is_judged
 from x2train.judge.judging import JudgeSpec
 from x2train.judge.table import PassageTable
-from x2train.judge.verdicts import intrusions
+from x2train.judge.verdicts import Outcome, intrusions
 
 _Float = NDArray[np.float64]
 _Curve = tuple[str, _Float, _Float]  # its name and points
+_Judged = Mapping[str, tuple[PassageTable, Figures]]  # by name: this model, and perhaps another
 _INK, _FAINT = "#010203", "#010204"
 _SERIES = ("#010205", "#010206", "#010207")
 # Colours that stand for the page's own, so that the same picture suits light and dark.
@@ -62,61 +58,39 @@ _STYLE: Any = {
     "lines.linewidth": 2,
 }
 _CELL_S = 0.1  # of a passage: a pixel or two of its picture
-_BY = {
-    "split": "By split",
-    "family": "By family",
-    "suite": "By suite",
-    "build": "By body",
-    "speed_mps": "By speed, m/s",
-    "range_m": "By range, m",
-    "aspect_deg": "By aspect, degrees",
-    "snr_db": "By SNR, dB",
-}
 _MIN_SHARE = 1e-3  # left end of the bars
 DASH = "\N{EN DASH}"
 
 
-def page(
-    made: Mapping[str, Any],
-    table: PassageTable,
-    here: Figures,
-    there: tuple[PassageTable, Figures] | None,
-    render: Callable[[int], bytes | None] | None,
-) -> str:
-    """Return the page of `made`, the report's JSON; `render` gives PNGs of passages, or None."""
-    both = [("this model", table, here)]
-    if there is not None:
-        both.append(("other model", *there))
-    windows = (_window_curve(name, t) for name, t, _ in both)
+def page(made: Mapping[str, Any], judged: _Judged, render: Callable[[int], bytes] | None) -> str:
+    """Return the page of `made`, the report's JSON; `render` gives PNGs of passages."""
+    here, *_ = (figures for _, figures in judged.values())
     plots = {
-        "tradeoff": _tradeoff(here, None if there is None else there[1]),
-        "time": _time_to_alarm([_time_curve(name, t, f) for name, t, f in both]),
-        "roc": _roc([curve for curve in windows if curve is not None]),
-        **{name: _diagram(name, found) for name, found in here.reliability.items()},
+        "tradeoff": _tradeoff(judged),
+        "time": _time_to_alarm(judged),
+        "roc": _roc(judged),
+        **{name: _diagram(name, found) for name, found in here.content["reliability"].items()},
     }
-    indices = [case["index"] for case in here.worst] if render else []
-    pictures = {
-        index: "data:image/png;base64," + base64.b64encode(png).decode()
-        for index in indices
-        if render and (png := render(index)) is not None
-    }
+    worst = [case["index"] for case in made["worst"]]
+    pictures = {k: base64.b64encode(render(k)).decode() for k in worst} if render else {}
     environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        loader=PackageLoader("x2train.judge", ""),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
     environment.filters |= {
         "share": share_text,
         "rate": rate_text,
         "figure": figure_text,
-        "bar": _bar,
+        "place": _place,
         "grouped": lambda n: f"{n:,}",
     }
-    text = resources.files("x2train.judge").joinpath("report.html").read_text(encoding="utf-8")
-    return environment.from_string(text).render(
+    return environment.get_template("report.html").render(
         report=made,
         plots={name: Markup(svg) for name, svg in plots.items()},  # noqa: S704 - our own SVG
         pictures=pictures,
-        by=_BY,
-        tiles=_tiles(made),
     )
 
 
@@ -158,99 +132,27 @@ def _percent(value: float) -> str:
     return text.rstrip("0").rstrip(".") if "." in text else text
 
 
-def _bar(estimate: Mapping[str, float | None]) -> Markup:
-    """Return a share and its interval as a bar, from 0.1 % to 100 %, logarithmic."""
-    if estimate["value"] is None:
-        return Markup()
-
-    def place(value: float | None) -> float:
-        least = max(value or 0.0, _MIN_SHARE)
-        return 100 * (1 - math.log10(least) / math.log10(_MIN_SHARE))
-
-    low, value, high = (place(estimate[key]) for key in ("low", "value", "high"))
-    style = f"--low:{low:.1f}%;--value:{value:.1f}%;--high:{high:.1f}%"
-    return Markup('<span class="bar" aria-hidden="true" style="{}"><i></i><b></b></span>').format(
-        style
-    )
+def _place(value: float | None) -> str:
+    """Return where a share lies on a bar from 0.1 % to 100 %, logarithmic."""
+    least = max(value or 0.0, _MIN_SHARE)
+    return f"{100 * (1 - math.log10(least) / math.log10(_MIN_SHARE)):.1f}%"
 
 
-def _tiles(made: Mapping[str, Any]) -> list[tuple[str, str, str]]:
-    """Return the headline: what, the figure, and what it rests on."""
-    shipped = made["operating_points"][0]["outcome"]
-    budget = next(p for p in made["operating_points"] if p["budget_h"] == 60)
-    windows = made["windows"]
-    required = [b for b in made["baselines"] if b["is_required"] and b["auc"]["value"] is not None]
-    worst = max(required, key=lambda b: b["auc"]["value"], default=None)
-    median, p90 = shipped["median_s"]["value"], shipped["p90_s"]["value"]
-    note = "" if budget["is_resolved"] else "; too few pet-hours to tell it from none at all"
-    return [
-        (
-            "intrusions missed",
-            share_text(shipped["miss_rate"]),
-            f"{shipped['n_missed']:,} of {shipped['n_intrusions']:,}, as shipped",
-        ),
-        (
-            "false alarms per pet-hour",
-            rate_text(shipped["false_alarms_per_hour"]),
-            f"{shipped['n_false_alarms']:,} in {figure_text(shipped['pet_hours'])} h, "
-            f"{figure_text(made['pet_hours_in_swath'])} h of them in the swath; as shipped",
-        ),
-        (
-            "missed at one false alarm in 60 pet-hours",
-            share_text(budget["outcome"]["miss_rate"]),
-            f"limit {figure_text(budget['pet_limit'])}{note}",
-        ),
-        (
-            "median time to alarm",
-            DASH if median is None else f"{figure_text(median, 2)} s",
-            "fewer than nine of ten at all"
-            if p90 is None
-            else f"nine of ten within {figure_text(p90, 2)} s",
-        ),
-        (
-            "AUC of windows",
-            figure_text(windows["auc"]["value"], 4),
-            f"balanced accuracy {share_text(windows['balanced_accuracy'])}",
-        ),
-        (
-            "single features",
-            "below 0.60" if made["is_matched"] else "NOT below 0.60",
-            "not known"
-            if worst is None
-            else f"most: {worst['name']}, {worst['auc']['value']:.2f}",
-        ),
-    ]
-
-
-def _window_curve(name: str, table: PassageTable) -> _Curve | None:
-    windows = Windows.of(table, is_judged(table) & is_in_view(table))
-    if windows.is_human.all() or not windows.is_human.any():
-        return None
-    false, true = Ranking(human_score(table)[windows.row], windows.is_human).rates()
-    return name, false, true
-
-
-def _time_curve(name: str, table: PassageTable, found: Figures) -> _Curve:
-    alarm_s = found.found[0].alarm_s[intrusions(table)]
-    taken_s = np.sort(alarm_s[np.isfinite(alarm_s)])
-    reached = np.arange(len(taken_s) + 1) / max(len(alarm_s), 1)
-    return name, np.concatenate([[0.0], taken_s, [1e3]]), np.append(reached, reached[-1])
-
-
-def _tradeoff(here: Figures, there: Figures | None) -> str:
+def _tradeoff(judged: _Judged) -> str:
+    here, *others = (figures for _, figures in judged.values())
     sweeps = {"fused": here.sweeps["fused"], "single windows": here.sweeps["window"]}
-    if there is not None:
-        sweeps["other model, fused"] = there.sweeps["fused"]
-    shipped = here.shipped
+    for each in others:
+        sweeps["other model, fused"] = each.sweeps["fused"]
+    shipped: Outcome = here.content["operating_points"][0]["outcome"]
     # What is zero is drawn at half of what could be told from it.
     left = 0.5 / max(shipped.pet_hours, 0.5)
     bottom = 0.5 / max(shipped.n_intrusions, 1)
-    figure, axes = _axes("false alarms per pet-hour", "missed intrusions")
-    for k, (name, sweep) in enumerate(sweeps.items()):
+    curves = []
+    for name, sweep in sweeps.items():
         false, missed = sweep.curve()
         x, y = np.maximum(false, left), np.maximum(missed, bottom)
-        x, y = _thinned(np.append(x, max(60.0, 2 * left)), np.append(y, y[-1:]), is_log=True)
-        axes.step(x, y, where="post", color=_SERIES[k], label=name)
+        curves.append((name, np.append(x, max(60.0, 2 * left)), np.append(y, y[-1:])))
+    figure, axes = _axes("false alarms per pet-hour", "missed intrusions", curves)
     rate, miss = shipped.false_alarms_per_hour, shipped.miss_rate
     if np.isfinite([rate.value, miss.value]).all():
         x0, y0 = max(rate.value, left), max(miss.value, bottom)
@@ -266,21 +168,23 @@ def _tradeoff(here: Figures, there: Figures | None) -> str:
         )
     axes.axvline(1 / 60, color=_INK, lw=1, ls=":")
     axes.set(xscale="log", yscale="log", xlim=(left, max(60.0, 2 * left)), ylim=(bottom, 1))
-    _legend(axes)
     return _svg(figure, "tradeoff", "Missed intrusions against false alarms per pet-hour")
 
 
-def _roc(curves: Sequence[_Curve]) -> str:
-    figure, axes = _axes("pet windows called human", "human windows called human")
+def _roc(judged: _Judged) -> str:
+    curves = []
+    for name, (table, _) in judged.items():
+        windows = Windows.of(table, is_judged(table) & is_in_view(table))
+        if windows.is_human.any() and not windows.is_human.all():
+            score = human_score(table)[windows.row]
+            curves.append((name, *Ranking(score, windows.is_human).rates()))
     lowest = min((x[x > 0].min(initial=1.0) for _, x, _ in curves), default=1.0)
     left = max(float(lowest) / 2, 1e-5)
-    for k, (name, false, true) in enumerate(curves):
-        x, y = _thinned(np.maximum(false, left), true, is_log=True)
-        axes.step(x, y, where="post", color=_SERIES[k], label=name)
+    seen = [(name, np.maximum(false, left), true) for name, false, true in curves]
+    figure, axes = _axes("pet windows called human", "human windows called human", seen)
     chance = np.geomspace(left, 1, 100)
     axes.plot(chance, chance, color=_INK, lw=1, ls=":", label="chance")
     axes.set(xscale="log", xlim=(left, 1), ylim=(0, 1.01))
-    _legend(axes)
     return _svg(figure, "roc", "ROC curve of windows")
 
 
@@ -307,46 +211,33 @@ def _diagram(name: str, found: Reliability) -> str:
     return _svg(figure, f"reliability-{name}", f"Reliability diagram, {name}")
 
 
-def _time_to_alarm(curves: Sequence[_Curve]) -> str:
-    figure, axes = _axes("seconds after entering the swath", "intrusions with an alarm")
-    for k, (name, taken_s, reached) in enumerate(curves):
-        x, y = _thinned(taken_s, reached)
-        axes.step(x, y, where="post", color=_SERIES[k], label=name)
+def _time_to_alarm(judged: _Judged) -> str:
+    curves = []
+    for name, (table, found) in judged.items():
+        alarm_s = found.found[0].alarm_s[intrusions(table)]
+        taken_s = np.sort(alarm_s[np.isfinite(alarm_s)])
+        share = np.arange(len(taken_s) + 1) / max(len(alarm_s), 1)
+        curves.append((name, np.concatenate([[0.0], taken_s, [1e3]]), np.append(share, share[-1])))
+    figure, axes = _axes("seconds after entering the swath", "intrusions with an alarm", curves)
     axes.set(xlim=(0, 10), ylim=(0, 1.02))
-    _legend(axes)
     return _svg(figure, "time", "Time to alarm")
 
 
-def _axes(xlabel: str, ylabel: str) -> tuple[Figure, Axes]:
+def _axes(xlabel: str, ylabel: str, curves: Sequence[_Curve] = ()) -> tuple[Figure, Axes]:
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(5.2, 3.9), layout="constrained")
-        FigureCanvasSVG(figure)
         axes = figure.add_subplot()
         axes.set(xlabel=xlabel, ylabel=ylabel)
-        return figure, axes
-
-
-def _legend(axes: Axes) -> None:
-    handles, labels = axes.get_legend_handles_labels()
-    if handles:
-        axes.figure.legend(
-            handles, labels, loc="outside upper left", ncols=2, frameon=False, labelcolor=_INK
-        )
-
-
-def _thinned(x: _Float, y: _Float, *, is_log: bool = False) -> tuple[_Float, _Float]:
-    """Leave out points that would be drawn on the one before."""
-    if len(x) < 3:
-        return x, y
-    at = np.stack([np.log10(x) if is_log else x, y])
-    span = np.ptp(at, axis=1, keepdims=True)
-    cell = np.round(600 * (at - at.min(axis=1, keepdims=True)) / np.where(span > 0, span, 1))
-    keep = np.append(True, np.any(np.diff(cell, axis=1) != 0, axis=0))
-    keep[-1] = True
-    return x[keep], y[keep]
+    for (name, x, y), colour in zip(curves, _SERIES, strict=False):
+        axes.step(x, y, where="post", color=colour, label=name)
+    return figure, axes
 
 
 def _svg(figure: Figure, name: str, title: str) -> str:
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    if handles:
+        where: Any = {"loc": "outside upper left", "ncols": 2, "frameon": False}
+        figure.legend(handles, labels, **where, labelcolor=_INK)
     file = io.StringIO()
     # The salt names clip paths: pictures of one page must not share them by accident.
     with mpl.rc_context({**_STYLE, "svg.hashsalt": name}):

@@ -47,35 +47,28 @@ def write(
     *,
     title: str,
     other: PassageTable | None = None,
-    render: Callable[[int], bytes | None] | None = None,
+    render: Callable[[int], bytes] | None = None,
 ) -> dict[str, Any]:
     """Write report.json and report.html of a model into a folder; return what is in the JSON.
 
     `table` is what the model said of each passage, `other` what another one said of the same ones,
-    to compare; `render` gives the picture of a passage, a PNG, or None, for the worst twenty.
+    to compare; `render` gives the picture of a passage, a PNG, for the worst twenty.
     Raises UsageError if `other` is of other passages, OutputError as `write_files`.
     """
     # Late: matplotlib takes a second, and a summary needs none.
     from x2train.judge.page import page  # noqa: PLC0415
 
-    here = figures(table)
-    made = {
-        "version": VERSION,
-        "title": title,
-        "how": _HOW,
-        **_plain(here.content),
-        "worst": _plain(here.worst),
-        "other": None,
-    }
-    against: tuple[PassageTable, Figures] | None = None
+    judged = {"this model": (table, figures(table))}
+    here = judged["this model"][1]
+    made = {"version": VERSION, "title": title, "how": _HOW, **_plain(here.content), "other": None}
     if other is not None:
         _check_same(table, other)
         there = figures(other)
-        against = other, there
-        made["other"] = _plain({**there.content, "pairings": pairings(table, here, there)})
-        made["other"].pop("groups")
+        judged["other model"] = other, there
+        whole = {k: v for k, v in there.content.items() if k not in {"groups", "worst"}}
+        made["other"] = _plain({**whole, "pairings": pairings(table, here, there)})
     text = json.dumps(made, indent=1, allow_nan=False) + "\n"
-    html = page(made, table, here, against, render)
+    html = page(made, judged, render)
     write_files(out_dir, {"report.json": text, "report.html": html})
     return made
 
@@ -123,15 +116,10 @@ def _overlap(here: _Bool, there: _Bool) -> dict[str, int]:
 
 def _check_same(table: PassageTable, other: PassageTable) -> None:
     """Raise UsageError unless both are of the same passages in the same order."""
-    if len(table) != len(other):
-        raise UsageError(f"the other model saw {len(other)} passages, not {len(table)}")
     for name in _SAME:
         here, there = getattr(table, name), getattr(other, name)
-        same = here == there if here.dtype.kind == "U" else (here == there) | np.isnan(here)
-        if not same.all():
-            k = int(np.argmin(same))
-            msg = f"the other model saw other passages: {name} of {k} is {there[k]}, not {here[k]}"
-            raise UsageError(msg)
+        if not np.array_equal(here, there, equal_nan=here.dtype.kind == "f"):
+            raise UsageError(f"the other model saw other passages: their {name} is not the same")
 
 
 def _plain(value: Any) -> Any:

@@ -105,7 +105,7 @@ SUITES = tuple(_suites())
 
 def suite_of(number: int, n_passages: int, only: Collection[str] = ()) -> Suite:
     """Return the suite of a passage, the same for every seed; `only` names some of them."""
-    suites = _named(only)
+    suites = named_suites(only)
     at = (number + 0.5) / n_passages
     if number >= n_passages:
         suites = [s for s in suites if s.is_of_pets]
@@ -119,17 +119,14 @@ def n_more_pets(pet_hours: float, n_passages: int, only: Collection[str] = ()) -
     """Return how many visits must follow for pets to last so many hours; or UsageError."""
     suites = [suite_of(k, n_passages, only) for k in range(n_passages)]
     missing_s = 3600 * pet_hours - sum(s.duration_s for s in suites if s.is_of_pets)
-    if missing_s > 0 and not any(s.is_of_pets for s in _named(only)):
+    if missing_s > 0 and not any(s.is_of_pets for s in named_suites(only)):
         raise UsageError("--pet-hours: none of the suites is of pets")
     return max(0, int(np.ceil(missing_s / _PET_S)))
 
 
-def check_suites(only: Collection[str]) -> None:
-    """Raise UsageError if there is no suite of such a name."""
+def named_suites(only: Collection[str]) -> list[Suite]:
+    """Return the suites of these names, all of none; UsageError if there is none of one."""
     unknown = [name for name in only if name not in {s.name for s in SUITES}]
     if unknown:
         raise UsageError(f"--only '{unknown[0]}': suites are {', '.join(s.name for s in SUITES)}")
-
-
-def _named(only: Collection[str]) -> list[Suite]:
     return [s for s in SUITES if not only or s.name in only]

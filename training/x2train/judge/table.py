@@ -27,15 +27,19 @@ SERIES = (
 """Columns: of passages (text, float64), of decisions (bool, float64)."""
 
 
-def passage_columns(*, label: str, t_s: NDArray[np.float64], **facts: Any) -> Columns:
-    """Return one passage as a row of the passages' columns and n of the decisions'."""
-    given = {"label": label, "t_s": t_s, **facts}
-    columns: Columns = {"n_decisions": np.array([len(t_s)], np.int64)}
-    columns |= {name: np.array([given.get(name, "")], np.str_) for name in TEXTS}
-    columns |= {name: np.array([given.get(name, np.nan)], np.float64) for name in NUMBERS}
-    columns |= {name: np.asarray(given[name], np.bool_) for name in FLAGS}
-    columns |= {name: np.asarray(given[name], np.float64) for name in SERIES}
+def passage_columns(**facts: Any) -> Columns:
+    """Return one passage as a row of the passages' columns and n of the decisions', by name."""
+    columns: Columns = {"n_decisions": np.array([len(facts["t_s"])], np.int64)}
+    columns |= {name: np.array([facts.get(name, "")], np.str_) for name in TEXTS}
+    columns |= {name: np.array([facts.get(name, np.nan)], np.float64) for name in NUMBERS}
+    columns |= {name: np.asarray(facts[name], np.bool_) for name in FLAGS}
+    columns |= {name: np.asarray(facts[name], np.float64) for name in SERIES}
     return columns
+
+
+_ONE = passage_columns(**dict.fromkeys((*FLAGS, *SERIES), ()))
+_NONE = {name: column[:0] for name, column in _ONE.items()}
+"""Columns of no passage, which have their types as well."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -90,7 +94,7 @@ class PassageTable:
     @classmethod
     def of(cls, parts: Iterable[Mapping[str, NDArray[Any]]]) -> "PassageTable":
         """Return a table of columns, one below the other; UsageError if one is missing."""
-        parts = [_empty(), *(part for part in parts if part)]
+        parts = [_NONE, *(part for part in parts if part)]
         try:
             columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
         except KeyError as err:
@@ -113,10 +117,3 @@ class PassageTable:
     def load(cls, folder: Path) -> "PassageTable":
         """Read a set of shards of passages; RecordingError or UsageError if it is none."""
         return cls.of([read_all(folder)[1]])
-
-
-def _empty() -> Columns:
-    columns: Columns = {"n_decisions": np.empty(0, np.int64)}
-    columns |= {name: np.empty(0, "U1") for name in TEXTS}
-    columns |= {name: np.empty(0, np.float64) for name in (*NUMBERS, *SERIES)}
-    return columns | {name: np.empty(0, np.bool_) for name in FLAGS}

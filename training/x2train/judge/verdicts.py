@@ -95,8 +95,7 @@ class Sweep:
     """Misses and false alarms at every limit."""
 
     intrusion: _Float  # (n_intrusions,): most evidence of each after it entered, ascending
-    # (n_minutes,): most evidence of each minute of the pets, ascending; those without any left
-    # out
+    # (n_minutes,): most evidence of each minute of the pets that has any, ascending
     pet_minute: _Float
     pet_hours: float  # how long the pets were there
 

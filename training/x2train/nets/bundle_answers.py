@@ -1,11 +1,9 @@
-"""What a bundle's network says of windows, each alone and after those before it, and how soon."""
+"""What a bundle's network says of windows, each alone and after those before it."""
 
-import statistics
-import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +15,6 @@ from radard.judge.onnx_runtime import ort
 from x2train.sets.window_set import Columns, check_made_for, inputs_of
 
 Array = NDArray[np.float64]
-Feed = Mapping[str, NDArray[np.float32]]
-_Key = TypeVar("_Key")
 _AT_ONCE = 128  # windows a call: more cost memory and gain no time
 
 
@@ -28,8 +24,7 @@ class Answers:
 
     # (n, n_classes): of every window alone, to be divided by the bundle's temperature
     logits: Array
-    # (n, n_classes): of its temporal head, after this window and those before it; None without
-    # one
+    # (n, n_classes): of its temporal head, after all windows so far; None without one
     fused: Array | None = None
     hidden: Hidden | None = None  # (n, n_hidden): what the head was given with each window
     tapped: Any = None  # (n, ...), float32: of another output that was asked for
@@ -100,18 +95,6 @@ def taught_by(
     check_made_for(bundle, windows, about, folder)
     answers = outputs_of(bundle.onnx, inputs_of(bundle, windows))
     return answers.p(bundle.temperature).astype(np.float32)
-
-
-def window_ms(nets: Mapping[_Key, tuple[bytes, Feed]], calls: int) -> dict[_Key, float]:
-    """Return the CPU time of a window on one thread, in ms, the median of `calls`."""
-    sessions = {key: session_of(net) for key, (net, _) in nets.items()}
-    took_s: dict[_Key, list[float]] = {key: [] for key in nets}
-    for _ in range(calls):
-        for key, session in sessions.items():
-            started_s = time.thread_time()
-            session.run(None, dict(nets[key][1]))
-            took_s[key].append(time.thread_time() - started_s)
-    return {key: 1e3 * statistics.median(each) for key, each in took_s.items()}
 
 
 def _in_turn(is_first: NDArray[np.bool_]) -> Iterator[NDArray[np.int64]]:

@@ -1,4 +1,4 @@
-"""What every training has: epochs to tell of, and what calibrates its answers.
+"""What every training has: epochs to tell of, its end, and what calibrates its answers.
 
 A temperature scales logits; a discount says how much overlapping windows count, fitted on passages
 that training never saw.
@@ -6,7 +6,7 @@ that training never saw.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from radard.judge.classifier import Probabilities
 from radard.judge.evidence import Evidence
 
 Array = NDArray[np.float64]
+Net = TypeVar("Net")
 _DISCOUNTS = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)  # tried: 1 for independent windows
 _LARGEST_STEP_S = 1.5  # windows are 1 s apart while the gate is open
 
@@ -28,6 +29,14 @@ class Epoch:
     number: int
     loss: float
     validation_loss: float | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trained(Generic[Net]):
+    """A network, and the temperature that calibrates it."""
+
+    net: Net
+    temperature: float
 
 
 def cross_entropy(logits: Array, y: NDArray[np.int64]) -> float:

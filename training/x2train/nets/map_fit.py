@@ -15,7 +15,7 @@ import json
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +29,7 @@ from radard.errors import UsageError
 from radard.judge.bundle import Bundle
 from radard.judge.installation import INSTALLATION
 from x2radar.atomic import write_whole
-from x2train.nets.calibration import Epoch, cross_entropy, temperature_of
+from x2train.nets.calibration import Epoch, Trained, cross_entropy, temperature_of
 from x2train.nets.nets import MapFitSettings, MapNet, start_from
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -44,14 +44,6 @@ _MAX_SHIFT = 12  # cells: 0.6 m
 _FLOOR_SHARE, _MAX_FLOOR, _SPECKLE = 0.4, 0.6, 0.08  # of windows; of the scale; likewise
 _CUT_SHARE, _LOST_SHARE = 0.3, 0.15  # of windows
 _HIDDEN_SHARE = 0.15  # of windows, for each of height, tilt and strength, in training
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MapTrained:
-    """A network, and the temperature that calibrates it."""
-
-    net: MapNet
-    temperature: float
 
 
 class MuonAdamW:
@@ -109,7 +101,7 @@ def fit_maps(
     taught: NDArray[np.float32] | None = None,
     checkpoint: Path | None = None,
     start: Bundle | None = None,
-) -> Iterator[Epoch | MapTrained]:
+) -> Iterator[Epoch | Trained[MapNet]]:
     """Train; yield every epoch, and at last the network, on the processor.
 
     Windows are `INPUTS`, maps as bytes, shape (n, rows, n_cells), and `label`; `taught`, shape (n,
@@ -132,7 +124,7 @@ def fit_maps(
     # The last batch of an epoch is smaller: once more compiled, not made to fit any size.
     answer = torch.compile(net, dynamic=False) if settings.is_compiled else net
     run = _fingerprint(train, settings, taught, start) if checkpoint else ""
-    kept = _Checkpoints(checkpoint, run, net, optimizer.parts, rng)
+    kept = _Checkpoints(checkpoint, run, (net, *optimizer.parts), rng)
     total: float | torch.Tensor
     first, done, total, order = kept.resume()
     for number in range(first, settings.epochs + 1):
@@ -158,23 +150,19 @@ def fit_maps(
     kept.done()
     net.cpu()
     logits = logits_of(net, validation)
-    yield MapTrained(net, temperature_of(logits, np.asarray(validation["label"])))
+    yield Trained(net, temperature_of(logits, np.asarray(validation["label"])))
 
 
 def _fingerprint(
     windows: Arrays, settings: MapFitSettings, taught: NDArray[Any] | None, start: Bundle | None
 ) -> str:
-    """Return a digest of what a training depends on: settings, labels, size, some of the maps."""
+    """Return a digest of what a training depends on: settings, sizes, some of the windows."""
     digest = hashlib.sha256(json.dumps(asdict(settings), sort_keys=True).encode())
-    for name in sorted(windows):
-        values = windows[name]
+    digest.update(start.onnx if start else b"")
+    given = dict(windows) if taught is None else {**windows, "taught": taught}
+    for name, values in sorted(given.items()):
         digest.update(f"{name} {values.shape} {values.dtype}".encode())
         digest.update(values[:: max(1, len(values) // 1000)].tobytes())
-    digest.update(windows["label"].tobytes())
-    if taught is not None:
-        digest.update(taught.tobytes())
-    if start is not None:
-        digest.update(start.onnx)
     return digest.hexdigest()
 
 
@@ -182,14 +170,9 @@ class _Checkpoints:
     """A file that a training writes now and then, and goes on from as if it had not stopped."""
 
     def __init__(
-        self,
-        path: Path | None,
-        run: str,
-        net: nn.Module,
-        parts: tuple[Any, ...],
-        rng: torch.Generator,
+        self, path: Path | None, run: str, parts: tuple[Any, ...], rng: torch.Generator
     ) -> None:
-        self._path, self._run, self._net, self._parts, self._rng = path, run, net, parts, rng
+        self._path, self._run, self._parts, self._rng = path, run, parts, rng
         self._next_s = time.monotonic() + _EVERY_S
 
     def resume(self) -> tuple[int, int, float, torch.Tensor | None]:
@@ -201,7 +184,6 @@ class _Checkpoints:
                 point = torch.load(self._path, weights_only=True, map_location="cpu")
         if not isinstance(point, dict) or point.get("run") != self._run:
             return 1, 0, 0.0, None
-        self._net.load_state_dict(point["net"])
         for part, state in zip(self._parts, point["parts"], strict=True):
             part.load_state_dict(state)
         self._rng.set_state(point["rng"])
@@ -218,7 +200,6 @@ class _Checkpoints:
         assert self._path is not None  # noqa: S101 - it is due
         point = {
             "run": self._run,
-            "net": self._net.state_dict(),
             "parts": [part.state_dict() for part in self._parts],
             "rng": self._rng.get_state(),
             "layers": torch.get_rng_state(),

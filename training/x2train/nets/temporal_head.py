@@ -18,7 +18,7 @@ from torch import nn
 from torch.nn import functional
 from torch.nn.utils.rnn import pad_sequence
 
-from x2train.nets.calibration import Epoch, cross_entropy, temperature_of
+from x2train.nets.calibration import Epoch, Trained, cross_entropy, temperature_of
 
 N_CLASSES = 3
 _IGNORED = -100  # torch's label for what does not count
@@ -124,20 +124,12 @@ def _part(n_in: int, n_projected: int, n_hidden: int) -> nn.ModuleDict:
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class HeadTrained:
-    """A head, and the temperature that calibrates it."""
-
-    head: TemporalHead
-    temperature: float
-
-
 def fit_head(
     train: Given,
     validation: Given,
     settings: HeadSettings,
     start: Mapping[str, NDArray[np.float64]] | None = None,
-) -> Iterator[Epoch | HeadTrained]:
+) -> Iterator[Epoch | Trained[TemporalHead]]:
     """Train on passages apart from those to validate on; yield every epoch, at last the head.
 
     `start` are weights of a head to go on from, those of its projection without mean and spread
@@ -179,11 +171,10 @@ def fit_head(
             optimiser.step()
             cycle.step()
             total, n = total + loss.item() * len(part), n + len(part)
-        yield Epoch(
-            number, total / n, cross_entropy(logits_over(head, validation), validation.label)
-        )
+        score = cross_entropy(logits_over(head, validation), validation.label)
+        yield Epoch(number, total / n, score)
     logits = logits_over(head, validation)
-    yield HeadTrained(head, temperature_of(logits, validation.label))
+    yield Trained(head, temperature_of(logits, validation.label))
 
 
 def _go_on(head: TemporalHead, start: Mapping[str, NDArray[np.float64]]) -> None:

@@ -41,12 +41,11 @@ class ShardSet:
             raise RecordingError(f"{folder}: cannot make this folder: {err.strerror}") from err
         self._shards: dict[str, dict[str, Any]] = {}
         if (folder / MANIFEST).exists():
-            known = _read_manifest(folder)
-            if known.about != self.about:
-                keys = sorted({*known.about, *self.about})
-                old, new = ([about.get(k) for k in keys] for about in (known.about, self.about))
-                rows = zip(keys, old, new, strict=True)
-                changed = [f"{k}: {a!r}, not {b!r}" for k, a, b in rows if a != b]
+            known = read_manifest(folder)
+            keys = sorted({*known.about, *self.about})
+            rows = ((key, known.about.get(key), self.about.get(key)) for key in keys)
+            changed = [f"{key}: {old!r}, not {new!r}" for key, old, new in rows if old != new]
+            if changed:
                 said = ", ".join(changed[:3])
                 msg = f"{folder}: holds a set that was made otherwise ({said}); remove it"
                 raise UsageError(msg)
@@ -88,7 +87,7 @@ class ShardSet:
 
 
 @dataclass(frozen=True, slots=True)
-class _Manifest:
+class Manifest:
     """What a set is made from, and its shards."""
 
     __pydantic_config__ = STRICT
@@ -98,24 +97,20 @@ class _Manifest:
     shards: dict[str, dict[str, Any]]
 
 
-def _read_manifest(folder: Path) -> _Manifest:
+def read_manifest(folder: Path) -> Manifest:
+    """Return what a set is made from, and its shards; RecordingError if there is none."""
     path = folder / MANIFEST
     try:
-        return parse_json(_Manifest, path.read_bytes())
+        return parse_json(Manifest, path.read_bytes())
     except FileNotFoundError as err:
         raise RecordingError(f"{folder}: no set of shards here ({MANIFEST} is missing)") from err
     except (OSError, ValueError) as err:
         raise RecordingError(f"{path}: no manifest of shards ({err}); remove the folder") from err
 
 
-def about_of(folder: Path) -> Mapping[str, Any]:
-    """Return what a set was made from; RecordingError if there is none."""
-    return _read_manifest(folder).about
-
-
 def read_all(folder: Path) -> tuple[Mapping[str, Any], dict[str, NDArray[Any]]]:
     """Return what a set was made from, and the columns of all its shards; or RecordingError."""
-    known = _read_manifest(folder)
+    known = read_manifest(folder)
     shards = ShardSet(folder, known.about)
     # A shard of elements that were all left out has no columns.
     parts = [part for name in sorted(known.shards) if (part := shards.read(name))]
@@ -138,8 +133,8 @@ def make_shards(
     `about` is what they are drawn from. `make` takes an element's number and returns its arrays,
     of any lengths, with the same names and dtypes for every element, or None to leave it out; it
     must be importable by name in a new process. Raises UsageError if the folder holds a set that
-    was made otherwise, ElementError if `make` fails (whole shards are kept), GenerateError if the
-    cluster cannot be reached or a worker died, RecordingError if the disk does not take a shard.
+    was made otherwise, RecordingError if the disk does not take a shard, and RadardError if `make`
+    fails (whole shards are kept), the cluster cannot be reached or a worker died.
     """
     shards = ShardSet(folder, {**about, "elements": n_elements, "per_shard": per_shard})
     bounds = {

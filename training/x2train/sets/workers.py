@@ -46,14 +46,6 @@ class Crew:
 ALONE = Crew()
 
 
-class GenerateError(RadardError):
-    """Workers cannot be reached, or died."""
-
-
-class ElementError(RadardError):
-    """An element could not be made; the message names it."""
-
-
 def _make_chunk(make: Make, chunk: range) -> list[Rows]:
     """Return the rows of the elements of a chunk: the whole work of a worker."""
     rows: list[Rows] = []
@@ -63,7 +55,7 @@ def _make_chunk(make: Make, chunk: range) -> list[Rows]:
         try:
             made = make(number)
         except Exception as err:
-            raise ElementError(f"element {number}: {type(err).__name__}: {err}") from err
+            raise RadardError(f"element {number}: {type(err).__name__}: {err}") from err
         if made:
             rows.append(dict(made))
     return rows
@@ -82,7 +74,7 @@ def workers_for(crew: Crew, n_chunks: int) -> AbstractContextManager[Run]:
 
 @contextmanager
 def pool(workers: int) -> Iterator[Run]:
-    """Yield a pool of local processes; GenerateError if one of them dies."""
+    """Yield a pool of local processes; RadardError if one of them dies."""
     context = multiprocessing.get_context("spawn")
     stop = context.Event()
 
@@ -102,7 +94,7 @@ def pool(workers: int) -> Iterator[Run]:
             yield lambda make, chunks: _in_order(partial(submit, make), chunks, _AHEAD * workers)
         except BrokenProcessPool as err:
             msg = "a worker process died (killed, or out of memory); run again to go on"
-            raise GenerateError(msg) from err
+            raise RadardError(msg) from err
         finally:
             stop.set()
             executor.shutdown(cancel_futures=True)
@@ -110,13 +102,13 @@ def pool(workers: int) -> Iterator[Run]:
 
 @contextmanager
 def _on_cluster(address: str) -> Iterator[Run]:
-    """Yield a pool of the workers of a Dask cluster; GenerateError if they are lost."""
+    """Yield a pool of the workers of a Dask cluster; RadardError if they are lost."""
     # Late: only those who ask for a cluster wait for the import.
     distributed: Any = importlib.import_module("distributed")
     try:
         client = distributed.Client(address, timeout=_CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as err:
-        raise GenerateError(f"no Dask scheduler at {address}: {err}") from err
+        raise RadardError(f"no Dask scheduler at {address}: {err}") from err
 
     def submit(make: Make, chunk: range) -> _Result:
         result: _Result = client.submit(_make_chunk, make, chunk, pure=False).result
@@ -128,10 +120,10 @@ def _on_cluster(address: str) -> Iterator[Run]:
             ahead = _AHEAD * max(sum(client.nthreads().values()), 1)
             yield lambda make, chunks: _in_order(partial(submit, make), chunks, ahead)
         except TimeoutError as err:
-            raise GenerateError(f"the Dask scheduler at {address} has no workers") from err
+            raise RadardError(f"the Dask scheduler at {address} has no workers") from err
         except distributed.KilledWorker as err:
             msg = f"workers of the cluster died again and again on the same elements: {err}"
-            raise GenerateError(msg) from err
+            raise RadardError(msg) from err
 
 
 def _in_order(
