@@ -22,7 +22,7 @@ from x2radar.sim.bodies.person import draw_person
 from x2radar.sim.bodies.pet import draw_pet
 from x2radar.sim.bodies.skeleton.species import SPECIES
 from x2radar.sim.bodies.skins import SKINS
-from x2radar.sim.bodies.thesis_bodies import draw_thesis_body
+from x2radar.sim.bodies.thesis_bodies import THESIS_BODIES, draw_thesis_body
 from x2radar.sim.points import Label, Mover
 from x2radar.sim.things.kinds import THINGS, draw_thing
 
@@ -43,16 +43,20 @@ class Actor:
             options = dict(self.options)
             place = options.pop("position_m", None)
             return draw_thing(rng, self.kind, place, options, self.where)
-        return (self.plugged or BODIES[self.kind]).make(rng, self.options, self.where)
+        make = self.plugged.make if self.plugged else BODIES[self.kind]
+        return make(rng, self.options, self.where)
+
+
+Make = Callable[[np.random.Generator, Mapping[str, Any], str], Mover]
+"""Makes a body from a generator, the options of the scene file, and their path in it."""
 
 
 @dataclass(frozen=True, slots=True)
 class BodyKind:
-    """One kind of body: a sentence for people, and how it is made."""
+    """One kind of body that a plug-in brings: a sentence for people, and how it is made."""
 
     sentence: str
-    # From a generator, the options of the scene file, and their path in it.
-    make: Callable[[np.random.Generator, Mapping[str, Any], str], Mover]
+    make: Make
 
 
 _KEYS: Mapping[str, Key | None] = {
@@ -138,8 +142,8 @@ def plugged_body(name: str) -> BodyKind | None:
     return BodyKind(kind.sentence, make)
 
 
-def _body(sentence: str, draw_body: Callable[..., Mover], keys: tuple[str, ...]) -> BodyKind:
-    """Return a kind of body that `draw_body` makes of a generator and these options."""
+def _body(draw_body: Callable[..., Mover], *keys: str) -> Make:
+    """Return what makes a body by `draw_body`, of a generator and these options."""
     table = {name: _KEYS[name] for name in keys}
 
     def make(rng: np.random.Generator, raw: Mapping[str, Any], where: str) -> Mover:
@@ -155,7 +159,7 @@ def _body(sentence: str, draw_body: Callable[..., Mover], keys: tuple[str, ...])
             # A body's own error, with the path of its key in front.
             raise SceneError(f"{where}.{err}") from err
 
-    return BodyKind(sentence, make)
+    return make
 
 
 def _waypoints(options: dict[str, Any], rng: np.random.Generator, where: str) -> Waypoints | None:
@@ -172,37 +176,17 @@ def _waypoints(options: dict[str, Any], rng: np.random.Generator, where: str) ->
     return None if name is None else draw_course(rng, name, near_m, far_m)
 
 
-def _thesis(kind: str, label: Label) -> BodyKind:
-    what = "person" if kind == "human" else kind
-    make = partial(draw_thesis_body, name=f"thesis_{kind}", label=label)
-    return _body(f"The thesis' {what}: five sinusoids.", make, ())
-
-
-BODIES: Mapping[str, BodyKind] = {
-    "human": _body(
-        "A person of any age.", draw_person, ("style", "height_m", *_ECHO, "motion", *_COURSE)
-    ),
+_LEGGED = (*_ECHO, "motion", *_COURSE)
+_RECORDED = ("file", "label", "scale", "up", "place_m", "turn_deg", "start_s")
+BODIES: Mapping[str, Make] = {
+    "human": _body(draw_person, "style", "height_m", *_LEGGED),
     **{
-        s.name: _body(
-            s.sentence,
-            partial(draw_pet, species=s.name),
-            ("style", "mass_kg", *_ECHO, "motion", *_COURSE),
-        )
-        for s in SPECIES.values()
+        name: _body(partial(draw_pet, species=name), "style", "mass_kg", *_LEGGED)
+        for name in SPECIES
     },
-    "bird": _body(
-        "A bird: budgerigar, cockatiel or pigeon.",
-        draw_bird,
-        ("species", "style", "home_m", "mass_kg", *_ECHO),
-    ),
-    "moth": _body("A large moth near the antenna.", draw_moth, ("home_m", *_ECHO)),
-    "motion": _body(
-        "A recorded skeleton: a BVH file or joint positions.",
-        draw_recorded,
-        ("file", "label", "scale", "up", "place_m", "turn_deg", "start_s", *_ECHO),
-    ),
-    "thesis_human": _thesis("human", "human"),
-    "thesis_dog": _thesis("dog", "pet"),
-    "thesis_cat": _thesis("cat", "pet"),
+    "bird": _body(draw_bird, "species", "style", "home_m", "mass_kg", *_ECHO),
+    "moth": _body(draw_moth, "home_m", *_ECHO),
+    "motion": _body(draw_recorded, *_RECORDED, *_ECHO),
+    **{name: _body(partial(draw_thesis_body, name=name)) for name in THESIS_BODIES},
 }
-"""Kinds of bodies by name."""
+"""Kinds of bodies by name, and what makes them."""

@@ -44,7 +44,6 @@ class Species:
     """How animals of one kind are built, how they go, and what they do."""
 
     name: str  # as scenes call it
-    sentence: str  # for people
     mass_kg: Draw
     possible_kg: Span  # masses that a scene may ask for
     tall: Draw  # draws the hip's height over ``0.155 M^0.35`` m
@@ -67,8 +66,8 @@ class Species:
     tail_moves: Wag | Swing  # what the tail does
     breaths_per_min: Span  # at rest
     label: Label = "pet"  # what an alarm should take it for
-    # how often training's animals do what, by style: what a home sees most the more often; empty
-    # for one that is not trained on
+    # How often training's animals do what, going or in their place: what a home sees most the more
+    # often; empty for one that is not trained on.
     taught: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -85,7 +84,6 @@ def _dog_kg(rng: np.random.Generator) -> float:
 _ROWS = (
     Species(
         name="cat",
-        sentence="A cat.",
         mass_kg=_normal(4.4, 1.1, 2.5, 7.0),
         possible_kg=(1.0, 10.0),
         tall=_normal(0.93, 0.04, 0.7, 1.25),
@@ -106,24 +104,12 @@ _ROWS = (
         rise_rad=(-0.5, 1.4),
         tail_moves=Swing(hz=(0.3, 0.6), rad=(0.25, 0.5), lag_rad=(0.6, 0.6)),
         breaths_per_min=(20.0, 30.0),
-        taught={
-            "roam": 1.0,
-            "walk": 2.0,
-            "trot": 1.5,
-            "sniff": 0.7,
-            "stalk": 1.0,
-            "sit": 0.5,
-            "stand": 0.3,
-            "lie": 0.3,
-            "groom": 0.8,
-            "scratch": 0.3,
-            "play": 0.5,
-            "jump": 1.0,
-        },
+        taught={"roam": 1.0, "walk": 2.0, "trot": 1.5, "sniff": 0.7, "stalk": 1.0}
+        | {"sit": 0.5, "stand": 0.3, "lie": 0.3, "groom": 0.8}
+        | {"scratch": 0.3, "play": 0.5, "jump": 1.0},
     ),
     Species(
         name="dog",
-        sentence="A dog, small to large.",
         mass_kg=_dog_kg,
         possible_kg=(1.0, 100.0),
         tall=lambda rng: float(np.clip(np.exp(rng.normal(0.0, 0.09)), 0.7, 1.25)),
@@ -143,26 +129,12 @@ _ROWS = (
         rise_rad=(0.0, 1.0),
         tail_moves=Wag(hz=(2.0, 6.0), tip_mps=(1.0, 3.0)),
         breaths_per_min=(15.0, 30.0),
-        taught={
-            "roam": 1.0,
-            "walk": 2.0,
-            "trot": 2.0,
-            "pace": 1.0,
-            "canter": 1.0,
-            "sniff": 1.5,
-            "sit": 0.5,
-            "stand": 0.4,
-            "lie": 0.3,
-            "pant": 0.3,
-            "groom": 0.4,
-            "scratch": 0.4,
-            "play": 0.6,
-            "jump": 0.5,
-        },
+        taught={"roam": 1.0, "walk": 2.0, "trot": 2.0, "pace": 1.0, "canter": 1.0, "sniff": 1.5}
+        | {"sit": 0.5, "stand": 0.4, "lie": 0.3, "pant": 0.3}
+        | {"groom": 0.4, "scratch": 0.4, "play": 0.6, "jump": 0.5},
     ),
     Species(
         name="rabbit",
-        sentence="A rabbit.",
         mass_kg=_normal(1.9, 0.45, 1.0, 3.0),
         possible_kg=(0.8, 6.0),
         tall=_normal(0.72, 0.05, 0.6, 0.85),
