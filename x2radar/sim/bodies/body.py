@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from x2radar.sim.bodies.skins import THEORY, EchoGain, Skin, TotalRcs, draw_skin, sized
+from x2radar.keys import Key
+from x2radar.sim.bodies.skins import SKINS, THEORY, EchoGain, Skin, TotalRcs, sized
 from x2radar.sim.points import Array, Label, Motion, Points, Pose
 
 _CHEST = 1  # what is carried goes with this part
@@ -88,7 +89,11 @@ class BodyPlan:
     def dressed(
         self, rng: np.random.Generator, skin: str, total_rcs_dbsm: TotalRcs, looks_s: Array
     ) -> Body:
-        """Return the body with a skin drawn; its mean total is over the times `looks_s`."""
-        drawn = draw_skin(rng, skin, self.half_m, self.n_trunk, self.gain)
+        """Return the body in a skin of `SKINS`; its mean total is over the times `looks_s`.
+
+        Raises SceneError if skin or total is none that there may be.
+        """
+        Key(choices=tuple(SKINS)).judge(skin, "skin")
+        drawn = SKINS[skin](rng, self.half_m, self.n_trunk, self.gain)
         drawn = sized(drawn, rng, total_rcs_dbsm, self.motion(looks_s))
         return Body(self.label, drawn.names(self.parts), self.motion, drawn)

@@ -15,13 +15,11 @@ from x2radar import plugins
 from x2radar.errors import PluginError, SceneError
 from x2radar.keys import Key, checked, place_of, unknown
 from x2radar.sim.bodies.flyer import draw_bird, draw_moth
-from x2radar.sim.bodies.motion import MOTIONS
 from x2radar.sim.bodies.motion.recorded import draw_recorded
 from x2radar.sim.bodies.path.path import COURSES, FAR_M, NEAR_M, Waypoints, draw_course
 from x2radar.sim.bodies.person import draw_person
 from x2radar.sim.bodies.pet import draw_pet
 from x2radar.sim.bodies.skeleton.species import SPECIES
-from x2radar.sim.bodies.skins import SKINS
 from x2radar.sim.bodies.thesis_bodies import THESIS_BODIES, draw_thesis_body
 from x2radar.sim.points import Label, Mover
 from x2radar.sim.things.kinds import THINGS, draw_thing
@@ -60,27 +58,16 @@ class BodyKind:
 
 
 _KEYS: Mapping[str, Key | None] = {
-    "style": None,
-    "species": None,
-    "motion": Key(choices=tuple(MOTIONS)),
-    "skin": Key(choices=tuple(SKINS)),
-    "total_rcs_dbsm": Key(
-        -60.0, 30.0, "mean total cross section, dBsm", is_optional=True, choices=("physical",)
-    ),
-    "mass_kg": Key(0.001, 200.0, "kg"),
-    "height_m": Key(0.3, 2.6, "stature, m"),
+    **dict.fromkeys(("style", "species", "motion", "skin", "total_rcs_dbsm", "mass_kg")),
+    **dict.fromkeys(("height_m", "waypoints_m", "home_m", "file", "place_m")),
     "course": Key(choices=tuple(COURSES)),
-    "waypoints_m": None,
     "speed_mps": Key(0.02, 12.0, "m/s"),
     "near_m": Key(0.2, 20.0, "near end of the course, m"),
     "far_m": Key(0.5, 30.0, "far end of the course, m"),
     "start_s": Key(-600.0, 600.0, "when it begins to move, s"),
-    "home_m": None,
-    "file": None,
     "label": Key(choices=get_args(Label)),
     "up": Key(choices=("y", "z")),
     "scale": Key(1e-4, 10.0, "metres per unit of the file"),
-    "place_m": None,
     "turn_deg": Key(-360.0, 360.0, "turn to the left, degrees"),
 }
 """What bodies may be told; None: the body judges it itself."""

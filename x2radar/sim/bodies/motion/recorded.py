@@ -37,7 +37,7 @@ class RecordedMotion:
     """Parts of a recorded skeleton over time; a `Motion`."""
 
     skeleton: Skeleton
-    half_m: Array  # (n_parts, 3): half-lengths of the parts, as `draw_skin` takes them
+    half_m: Array  # (n_parts, 3): half-lengths of the parts, as `SKINS` take them
     joints: dict[str, int]  # numbers of the joints, by name
     position_m: Array  # (n_frames, n_joints, 3): joints in room coordinates
     velocity: Array  # the same by frame

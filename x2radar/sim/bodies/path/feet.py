@@ -62,12 +62,11 @@ class Clock:
         self.duty = np.where(moving, duty, 1.0)
         steps = (self.rate_hz[1:] + self.rate_hz[:-1]) * (_STEP_S / 2)
         own = np.concatenate([[0.0], np.cumsum(steps)])
-        first = gait.more_duty[0] if gait.more_duty else 0.0
         # Never less than before; in between, parabolas.
         self.strides = gone = own.copy()
         last = 0
         for a, b in self.spans:
-            begin = self.duty[a] + first + gait.offset[0]
+            begin = self.duty[a] + gait.more_duty[0] + gait.offset[0]
             begin += np.ceil(gone[last] - begin)
             gone[a : b + 1] = begin + own[a : b + 1] - own[a]
             if last:
@@ -182,7 +181,7 @@ class Gait:
     stride_m: OfSpeed  # of a speed in m/s, above 0
     duty: OfSpeed  # share of the stride that a foot is on the floor, likewise
     lift_m: tuple[float, ...]  # in a stride of usual length
-    more_duty: tuple[float, ...] = ()  # added to `duty`: a leg that hurts is spared
+    more_duty: tuple[float, ...] = (0.0,) * 4  # added to `duty`: a leg that hurts is spared
     # Share of the swing in which a foot gains, and loses, its speed; the peak is
     # ``1 / (1 - 2 ramp + 4 ramp / pi)`` times the mean.
     ramp: float = 0.3
@@ -194,14 +193,13 @@ class Feet:
 
     def __init__(self, path: Path, gait: Gait) -> None:
         self.clock = clock = Clock(path, gait)  # strides gone, as a function of time
-        more = gait.more_duty or (0.0,) * len(gait.offset)
         self.ramp = gait.ramp
         # Of each leg a row a stance, in order: touch-down, lift-off, duration of the swing after
         # it, and of the stance in steady movement, or what it is, if that is less; duty, lift;
         # where the foot stands, and what the swing adds to that: x, y and heading.
         self.stances: list[Array] = []
         for k, home_m in enumerate(gait.home_m):
-            leg = _leg(path, clock, gait.offset[k], more[k], home_m)
+            leg = _leg(path, clock, gait.offset[k], gait.more_duty[k], home_m)
             down_s, up_s, duty, period_s, place = leg
             step = np.diff(place, axis=0, append=place[-1:])
             way = np.hypot(step[:, 0], step[:, 1]) + 0.2 * np.abs(step[:, 2])

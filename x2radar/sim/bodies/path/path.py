@@ -101,9 +101,6 @@ class Agility:
     turn_rad_s: float = 2.5  # largest turn rate; it slows the body down in the tightest bends
 
 
-_ADULT = Agility()
-
-
 @dataclass(frozen=True, slots=True)
 class _Stretch:
     """A part of the course with one curvature and one speed limit."""
@@ -213,7 +210,7 @@ class Path:
         stops: Sequence[tuple[float, float]] = (),
         *,
         turn_radius_m: float = 0.5,
-        agility: Agility = _ADULT,
+        agility: Agility = Agility(),
         start_s: float = 0.0,
     ) -> Self:
         """Return a path through waypoints with stops: metres since the last, and seconds."""
