@@ -11,9 +11,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from x2radar.errors import SettingsError
-from x2radar.frame import FastTimeAxis, Samples
+from x2radar.frame import FastTimeAxis
 from x2radar.modules.base import ModuleSettings
 from x2radar.modules.profile import PROFILES, ProfileSettings
 from x2radar.modules.x2 import OUTPUTS, SYS_FIELDS, RadarSettings
@@ -67,7 +68,7 @@ class Firmware(ABC):
                 return None
 
     @abstractmethod
-    def frame_message(self, axis: FastTimeAxis, counter: int, frame: Samples) -> msg.Message:
+    def frame_message(self, axis: FastTimeAxis, counter: int, frame: NDArray[Any]) -> msg.Message:
         """Return the message in which the stream that was started last sends a frame."""
 
 
@@ -108,7 +109,7 @@ class X2Firmware(Firmware):
             case _:
                 return super().obey(command)
 
-    def frame_message(self, axis: FastTimeAxis, counter: int, frame: Samples) -> msg.Message:
+    def frame_message(self, axis: FastTimeAxis, counter: int, frame: NDArray[Any]) -> msg.Message:
         if axis.kind == "rf":
             return msg.Data(ids.ContentId.RAW_FRAME, counter, frame)
         about = axis.bin_length_m, axis.sample_rate_hz, axis.carrier_hz, axis.range_offset_m
@@ -173,7 +174,7 @@ class X4Firmware(Firmware):
             case _:
                 return super().obey(command)
 
-    def frame_message(self, axis: FastTimeAxis, counter: int, frame: Samples) -> msg.Message:
+    def frame_message(self, axis: FastTimeAxis, counter: int, frame: NDArray[Any]) -> msg.Message:
         # Baseband is half I and half Q.
         values = frame if axis.kind == "rf" else np.concatenate([frame.real, frame.imag])
         return msg.Data(ids.ContentId.RAW_FRAME, counter, values)
