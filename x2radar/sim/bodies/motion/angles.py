@@ -10,16 +10,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from x2radar.sim.bodies.motion.people.footfalls import (
-    RUN_STRIDE,
-    RUNS,
-    SIDES,
-    WALK_STRIDE,
-    Moment,
-    StridingPerson,
-    Swing,
-    draw_torso,
-)
+from x2radar.sim.bodies.motion.people import footfalls
+from x2radar.sim.bodies.motion.people.footfalls import SIDES, Moment
 from x2radar.sim.bodies.motion.quadrupeds.footfalls import LEAPS, Bearing, draw_lags
 from x2radar.sim.bodies.motion.quadrupeds.hung import Trunk
 from x2radar.sim.bodies.path.feet import StridePhase
@@ -81,7 +73,7 @@ _BACKWARDS_SHARE = 0.15  # of people who do not run (a guess)
 _SOFT_M, _SOFT = 0.02, 0.06  # depth, in m or hip heights, within which both feet carry: no kink
 
 
-class AnglePerson(StridingPerson):
+class AnglePerson(footfalls.StridingPerson):
     """A person who walks a path by joint angles over the stride, in a style of `STYLES`."""
 
     def __init__(
@@ -92,8 +84,8 @@ class AnglePerson(StridingPerson):
         z, u = rng.standard_normal(10).clip(-2, 2), rng.random(4)
         cruise, leg_m = self.cruise_mps, build.leg_m
         fr = cruise / np.sqrt(9.81 * leg_m)
-        run = 1.0 if style in RUNS else 0.0
-        stride = (RUN_STRIDE if run else WALK_STRIDE) * leg_m * fr**0.5
+        run = 1.0 if style in footfalls.RUNS else 0.0
+        stride = (footfalls.RUN_STRIDE if run else footfalls.WALK_STRIDE) * leg_m * fr**0.5
         stride *= float(np.exp(0.12 * z[0]))
         # Legs that open as wide as the stride asks, at a stance of some 60 % of it, in which the
         # foot rolls from heel to toe: as published at 1.3 m/s.
@@ -126,7 +118,7 @@ class AnglePerson(StridingPerson):
         # How far hips swing ahead and back.
         self.surge_m = float(0.018 * leg_m * np.exp(0.6 * rng.standard_normal()))
         self.phase = StridePhase(path, lambda v: stride * (v / cruise) ** 0.5)
-        self.torso = draw_torso(rng)
+        self.torso = footfalls.draw_torso(rng)
 
     def __call__(self, t_s: Array) -> Pose:
         state = self.path.at(t_s)
@@ -168,7 +160,7 @@ class AnglePerson(StridingPerson):
         sole = b.ankle_m * UP
         return [(hip, knee), (knee, ankle), (ankle - (toe - ankle) / 3 - sole, toe - sole)]
 
-    def _arm_swing(self, k: int, now: Moment, chest_rad: Array) -> Swing:  # noqa: ARG002 - these swing where the body faces
+    def _arm_swing(self, k: int, now: Moment, chest_rad: Array) -> footfalls.Swing:  # noqa: ARG002 - these swing where the body faces
         phase, gesture = now.phase - self.lag[2 + k], now.gesture
         angle = self.joints[3](phase, now.vigour) + gesture[:, 2 * k]
         bend = np.maximum(self.joints[4](phase, now.vigour) + gesture[:, 2 * k + 1], 0.05)

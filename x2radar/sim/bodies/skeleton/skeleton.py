@@ -67,7 +67,7 @@ class Skeleton:
 
 Link = tuple[Array, float, float]  # angle forward from the vertical (n_slow,), length, splay
 
-STRETCHED_TO = 0.995  # of a limb's length, at most: a straight joint would snap
+_STRETCHED_TO = 0.995  # of a limb's length, at most: a straight joint would snap
 
 
 def direction(yaw_rad: Array, pitch_rad: Array | float = 0.0) -> Array:
@@ -84,22 +84,22 @@ def two_links(
     far_m: float,
     bend: Array,
     *,
-    stiff_to: float,
+    soft_from: float | None = None,
     slack_m: float = 1e-3,
-    is_soft: bool = True,
 ) -> tuple[Array, Array]:
     """Return the middle joint of limbs of two links, and their other end as far as they reach.
 
     The end that stays, and where the other shall be, are of shape (..., 3); so is the side to
     which the middle joint bends. Both links keep their lengths, `near_m` at the fixed end. It
-    reaches `stiff_to` of its length without giving; beyond, farther more and more slowly, up to a
-    straight limb, if it is soft, or not at all. Folded, its ends stay `slack_m` apart.
+    reaches 0.995 of its length, or `soft_from` of it without giving and farther more and more
+    slowly, up to a straight limb. Folded, its ends stay `slack_m` apart.
     """
+    stiff_to = soft_from or _STRETCHED_TO
     reach = end_m - fixed_m
     distance = np.linalg.norm(reach, axis=-1, keepdims=True)
     whole = near_m + far_m
     span = np.clip(distance, 1.05 * abs(near_m - far_m) + slack_m, stiff_to * whole)
-    if is_soft:
+    if soft_from:
         # All at once a joint would snap straight.
         over = np.maximum(distance / whole - stiff_to, 0.0) / (1.0 - stiff_to)
         span = span + (1.0 - stiff_to) * whole * np.tanh(over)

@@ -17,13 +17,7 @@ import numpy as np
 
 from x2radar.sim.bodies.path.feet import Footprints, StridePhase
 from x2radar.sim.bodies.path.path import Path
-from x2radar.sim.bodies.skeleton.skeleton import (
-    STRETCHED_TO,
-    PersonBuild,
-    direction,
-    hang,
-    two_links,
-)
+from x2radar.sim.bodies.skeleton.skeleton import PersonBuild, direction, hang, two_links
 from x2radar.sim.bodies.wander import Wander
 from x2radar.sim.points import UP, Array, Ends, Pose
 
@@ -262,9 +256,7 @@ class FootfallPerson(StridingPerson):
         ankle[:, 2] += 0.7 * b.foot_m * np.sin(rise)
         # About the ball of the foot, so that the ankle goes ahead as the heel rises.
         ankle += (0.7 * b.foot_m * (1 - np.cos(rise)))[:, None] * ahead
-        knee, ankle = two_links(
-            hip, ankle, b.thigh_m, b.shank_m, ahead, stiff_to=STRETCHED_TO, is_soft=False
-        )
+        knee, ankle = two_links(hip, ankle, b.thigh_m, b.shank_m, ahead)
         heel = ankle - 0.25 * b.foot_m * way
         return [(hip, knee), (knee, ankle), (heel, heel + b.foot_m * way)]
 

@@ -344,7 +344,7 @@ def _reach(
 ) -> tuple[Array, Array]:
     """Return middle and upper joint of a limb whose end is fixed: its upper joint gives."""
     slack = 0.15 * upper_m
-    return two_links(fixed, joint, lower_m, upper_m, bend, stiff_to=_STIFF_TO, slack_m=slack)
+    return two_links(fixed, joint, lower_m, upper_m, bend, soft_from=_STIFF_TO, slack_m=slack)
 
 
 def draw_crawling(rng: np.random.Generator, path: Path, b: PersonBuild, traits: Traits) -> Motion:

@@ -183,7 +183,7 @@ def hung(build: QuadrupedBuild, action: Action, manner: Manner) -> Motion:
         joint = joint + side[:, None] * left[:, None]
         ankle = s.paw_m + 0.25 * b.paw_m * UP
         bend = -ENDS[:, None] * ahead[:, None]
-        knee, top = two_links(ankle, joint, b.lower_m, b.upper_m, bend, stiff_to=_STIFF_TO)
+        knee, top = two_links(ankle, joint, b.lower_m, b.upper_m, bend, soft_from=_STIFF_TO)
         toes = 0.5 * b.paw_m * ahead
         legs: list[Ends] = []
         for k in range(4):
