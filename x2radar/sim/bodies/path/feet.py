@@ -110,20 +110,18 @@ def _spans(speed: Array, drive: Array, stride_m: OfSpeed, n_ahead: int) -> NDArr
     return np.array(found, dtype=np.int64).reshape(-1, 2)
 
 
-def _leg(
-    path: Path, clock: Clock, offset: float, more_duty: float, home_m: tuple[float, float]
-) -> tuple[Array, ...]:
-    """Return when a leg touches down and lifts off, duty, period and place of each stance."""
+def _leg(path: Path, clock: Clock, gait: "Gait", k: int) -> tuple[Array, ...]:
+    """Return when leg `k` touches down and lifts off, duty, period and place of each stance."""
     times = clock.start_s + _STEP_S * np.arange(len(clock.rate_hz))
     lifts, lands, duties, periods = [], [], [], []
     for a, b in clock.spans:
         t = times[a : b + 1]
-        phase = clock.strides[a : b + 1] - offset
+        phase = clock.strides[a : b + 1] - gait.offset[k]
         whole = np.arange(np.floor(phase[0]), np.floor(phase[-1] + 1e-9) + 1)
         # A leg that would be in the air at the beginning, or at the end, stays where it is.
         land = np.interp(whole[1:], phase, t)
         before = np.concatenate([t[:1], land[:-1]])[: len(land)]
-        duty = np.interp(before, times, clock.duty) + more_duty
+        duty = np.interp(before, times, clock.duty) + gait.more_duty[k]
         lift_at = whole[:-1] + duty
         is_step = lift_at >= phase[0] - 1e-6
         lifts.append(np.interp(lift_at, phase, t)[is_step])
@@ -139,7 +137,7 @@ def _leg(
     half = np.clip(0.5 * (lift + land), path.start_s - 1.0, path.end_s + 1.0)
     half[0], half[-1] = path.start_s - 1.0, path.end_s + 1.0
     state = path.at(half)
-    place = np.column_stack([state.beside(*home_m), state.heading_rad])
+    place = np.column_stack([state.beside(*gait.home_m[k]), state.heading_rad])
     keep = _moved(place)
     down = np.concatenate([[True], keep])
     up = np.concatenate([keep, [True]])
@@ -198,15 +196,14 @@ class Feet:
         # it, and of the stance in steady movement, or what it is, if that is less; duty, lift;
         # where the foot stands, and what the swing adds to that: x, y and heading.
         self.stances: list[Array] = []
-        for k, home_m in enumerate(gait.home_m):
-            leg = _leg(path, clock, gait.offset[k], gait.more_duty[k], home_m)
-            down_s, up_s, duty, period_s, place = leg
+        for k, full_lift_m in enumerate(gait.lift_m):
+            down_s, up_s, duty, period_s, place = _leg(path, clock, gait, k)
             step = np.diff(place, axis=0, append=place[-1:])
             way = np.hypot(step[:, 0], step[:, 1]) + 0.2 * np.abs(step[:, 2])
             usual = max(float(np.median(way[:-1])), 1e-3) if len(way) > 1 else 1.0
             swing_s = np.append(down_s[1:] - up_s[:-1], 1.0)
             full_s = np.minimum(up_s - down_s, duty * period_s)
-            lift_m = gait.lift_m[k] * np.minimum(way / (0.6 * usual), 1.0)
+            lift_m = full_lift_m * np.minimum(way / (0.6 * usual), 1.0)
             columns = (down_s, up_s, swing_s, full_s, duty, lift_m, place, step)
             self.stances.append(np.column_stack(columns))
 
