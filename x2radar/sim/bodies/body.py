@@ -29,9 +29,8 @@ class Breath:
         # The heart beats a little faster while somebody breathes in.
         beat = 2 * np.pi * self.beat_hz * t_s + 0.3 * np.sin(turn)
         # Breathing in is quicker than breathing out.
-        return np.asarray(
-            self.size_m * np.sin(turn + 0.35 * np.sin(turn)) + self.beat_m * np.sin(beat)
-        )
+        breath_m = self.size_m * np.sin(turn + 0.35 * np.sin(turn))
+        return np.asarray(breath_m + self.beat_m * np.sin(beat))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

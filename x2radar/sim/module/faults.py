@@ -116,9 +116,8 @@ class Faults:
 
     def __init__(self, plan: FaultPlan, seed: int) -> None:
         self._plan = plan
-        self._rng = {
-            kind: np.random.default_rng([seed, 0xFA17, zlib.crc32(kind.encode())]) for kind in plan
-        }
+        seeds = {kind: [seed, 0xFA17, zlib.crc32(kind.encode())] for kind in plan}
+        self._rng = {kind: np.random.default_rng(own) for kind, own in seeds.items()}
         # From a command's arrival until it is obeyed, and from boot until pings answer READY.
         self.reply_delay_s = plan.get("slow_ack", 0.0)
         self.not_ready_s = plan.get("not_ready", 0.0)

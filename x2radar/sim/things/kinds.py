@@ -61,9 +61,8 @@ def _curtain(rng: np.random.Generator, position_m: Array, values: Values) -> Thi
         wave = np.sin(2 * np.pi * (t_s[:, None, None] * hz + start)) @ share
         away_m = wave * swing_m * (0.3 + 0.7 * gust(t_s))[:, None]
         position_m = rest_m + away_m[..., None] * ahead
-        return Points(
-            position_m, rcs_m2 * (0.3 + 0.7 * draws.lit(ahead, position_m, antenna_m) ** 2)
-        )
+        aspect = 0.3 + 0.7 * draws.lit(ahead, position_m, antenna_m) ** 2
+        return Points(position_m, rcs_m2 * aspect)
 
     return Thing(draws.numbered("cloth", n), points)
 
@@ -190,10 +189,8 @@ def _fan(rng: np.random.Generator, position_m: Array, values: Values) -> Thing:
         upright = 0.3 + 1.4 * np.sin(angle) ** 2
         aspect = upright * (1 - draws.lit(along, blade_m, antenna_m) ** 2) ** 2
         still = np.tile(still_rcs_m2, (len(t_s), 1))
-        return Points(
-            np.concatenate([hub_m, guard_m, blade_m], axis=1),
-            np.concatenate([still, blade_rcs_m2 * aspect], axis=1),
-        )
+        position_m = np.concatenate([hub_m, guard_m, blade_m], axis=1)
+        return Points(position_m, np.concatenate([still, blade_rcs_m2 * aspect], axis=1))
 
     return Thing(("hub", "guard", *draws.numbered("blade point", blade.size)), points)
 
@@ -257,9 +254,8 @@ def _vacuum(rng: np.random.Generator, position_m: Array, values: Values) -> Thin
         now_s = (t_s + begin_s) % knot_s[-1]
         heading_deg = np.interp(now_s, knot_s, turn_deg)
         _, ahead = draws.facing(heading_deg)
-        place_m = np.column_stack(
-            [np.interp(now_s, knot_s, x_m), np.interp(now_s, knot_s, y_m), 0 * now_s]
-        )
+        x, y = np.interp(now_s, knot_s, x_m), np.interp(now_s, knot_s, y_m)
+        place_m = np.column_stack([x, y, 0 * now_s])
         # After a bump the body rings on its wheels for a tenth of a second.
         since_s = now_s - bump_s[np.searchsorted(bump_s, now_s, side="right") - 1]
         ring_m = np.exp(-since_s / 0.1) * np.sin(2 * np.pi * shake_hz * since_s)

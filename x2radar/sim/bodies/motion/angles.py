@@ -93,10 +93,8 @@ class AnglePerson(footfalls.StridingPerson):
         opening_m = stride * mean - build.foot_m
         scale = float(np.clip(opening_m / (2 * leg_m * np.sin(0.36)), 0.25, 1.5))
         shares = (scale, *[0.4 + 0.6 * scale] * 2)
-        legs = [
-            draw_curve(rng, mean_curve, share)
-            for mean_curve, share in zip(RUN if run else WALK, shares, strict=True)
-        ]
+        means = zip(RUN if run else WALK, shares, strict=True)
+        legs = [draw_curve(rng, degrees, share) for degrees, share in means]
         n = N_HARMONICS
         swing = 0.35 * scale * float(np.exp(0.5 * z[1])) * (0.15 if style == "carry" else 1.0)
         size = swing * np.array([1.0, 0.12, 0.04, 0.02]) * np.exp(0.3 * rng.standard_normal(n))
@@ -150,13 +148,9 @@ class AnglePerson(footfalls.StridingPerson):
         shank_rad = hip_rad - knee_rad
         # A foot is square to its shank at rest.
         foot_rad = shank_rad + ankle_rad + 0.5 * np.pi
-        hip, knee, ankle, toe = hang(
-            middle + SIDES[k] * b.hip_m * direction(now.yaw_rad + 0.5 * np.pi),
-            now.facing_rad,
-            (hip_rad, b.thigh_m, 0.0),
-            (shank_rad, b.shank_m, 0.0),
-            (foot_rad, 0.75 * b.foot_m, 0.0),
-        )
+        hip = middle + SIDES[k] * b.hip_m * direction(now.yaw_rad + 0.5 * np.pi)
+        links = ((hip_rad, b.thigh_m), (shank_rad, b.shank_m), (foot_rad, 0.75 * b.foot_m))
+        _, knee, ankle, toe = hang(hip, now.facing_rad, *links)
         sole = b.ankle_m * UP
         return [(hip, knee), (knee, ankle), (ankle - (toe - ankle) / 3 - sole, toe - sole)]
 
@@ -179,10 +173,8 @@ def draw_angle_quadruped(
     duty = float(np.clip(0.52 * fr**-0.14, 0.28, 0.7))
     # Legs that open as wide as the stride asks.
     scale = float(np.clip(stride * duty / (2 * b.hip_m * np.sin(0.3)), 0.3, 2.0))
-    joints = [
-        draw_curve(rng, mean, scale if k % 2 == 0 else 0.5 + 0.5 * scale)
-        for k, mean in enumerate(DOG)
-    ]
+    means = zip(DOG, (scale, 0.5 + 0.5 * scale) * 2, strict=True)
+    joints = [draw_curve(rng, degrees, share) for degrees, share in means]
     w = Bearing(rng, gait, style)
     strides = StridePhase(path, lambda v: stride * (v / cruise_mps) ** 0.7)
     crouch_rad = (0.45 if style == "stalk" else 0.0) + 0.12 * float(u[1])  # of all legs
@@ -195,13 +187,11 @@ def draw_angle_quadruped(
         # The fore leg's elbow points back, the hind leg's stifle ahead.
         first = upper(phase, vigour) - 0.5 * end * bend
         top = middle + 0.5 * end * b.back_m * direction(heading)
-        top, knee, ankle, paw = hang(
-            top + side * direction(heading + 0.5 * np.pi),
-            heading,
-            (first, b.upper_m, 0.0),
-            (first + end * bend, b.lower_m, 0.0),
-            (first + end * bend + 0.5 + 0.3 * bend, b.paw_m, 0.0),
-        )
+        top = top + side * direction(heading + 0.5 * np.pi)
+        second = first + end * bend
+        third = second + 0.5 + 0.3 * bend
+        links = ((first, b.upper_m), (second, b.lower_m), (third, b.paw_m))
+        _, knee, ankle, paw = hang(top, heading, *links)
         return [(top, knee), (knee, ankle), (ankle, paw)]
 
     def pose(t_s: Array) -> Pose:

@@ -78,15 +78,11 @@ class RecordedMotion:
         last = len(self.position_m) - 1
         at = np.clip((t_s - self.start_s) * self.frame_rate_hz, 0.0, last)
         k = np.minimum(at.astype(np.int64), max(last - 1, 0))
-        u = (at - k)[:, None, None]
-        x, v = self.position_m[[k, np.minimum(k + 1, last)]], self.velocity
-        step, ease = x[1] - x[0], u * (1 - u)
+        u, ends = (at - k)[:, None, None], [k, np.minimum(k + 1, last)]
+        (begin, end), (leaves, arrives) = self.position_m[ends], self.velocity[ends]
+        step, ease = end - begin, u * (1 - u)
         # A cubic with the positions and velocities of both frames.
-        now = (
-            x[0]
-            + u * step
-            + ease * ((1 - u) * (v[k] - step) - u * (v[np.minimum(k + 1, last)] - step))
-        )
+        now = begin + u * step + ease * ((1 - u) * (leaves - step) - u * (arrives - step))
         joints = {name: now[:, j] for name, j in self.joints.items()}
         pose = Pose.between(self.skeleton.ends(joints), now[:, :1])
         if self.skeleton.left is None:
@@ -117,8 +113,7 @@ def read_motion(file: str | None, *, scale: float = 1.0, up: str = "y") -> Recor
         if path.suffix == ".npz":
             names, parent, position, rate_hz = _read_archive(path)
         else:
-            text = path.read_text(encoding="utf-8-sig", errors="strict")
-            names, parent, position, rate_hz = read_bvh(text)
+            names, parent, position, rate_hz = read_bvh(path.read_text(encoding="utf-8-sig"))
     except OSError as err:
         raise SceneError(f"{file}: cannot read the motion ({err.strerror or err})") from err
     except (

@@ -36,11 +36,8 @@ class Bend:
         x, y, direction = begin
         half = 0.5 * self.curvature_per_m * way_m
         chord = way_m * (math.sin(half) / half if half else 1.0)
-        return (
-            x + chord * math.cos(direction + half),
-            y + chord * math.sin(direction + half),
-            direction + 2 * half,
-        )
+        x, y = x + chord * math.cos(direction + half), y + chord * math.sin(direction + half)
+        return x, y, direction + 2 * half
 
 
 def bends(

@@ -65,7 +65,7 @@ class Skeleton:
         return np.array(rows)
 
 
-Link = tuple[Array, float, float]  # angle forward from the vertical (n_slow,), length, splay
+Link = tuple[Array, float]  # angle forward from the vertical (n_slow,), and length
 
 _STRETCHED_TO = 0.995  # of a limb's length, at most: a straight joint would snap
 
@@ -107,20 +107,18 @@ def two_links(
     along = (near_m**2 - far_m**2 + span**2) / (2.0 * span)
     aside = np.sqrt(np.maximum(near_m**2 - along**2, 0.0))
     away = bend - (bend * unit).sum(axis=-1, keepdims=True) * unit
-    middle = (
-        fixed_m
-        + along * unit
-        + aside * (away / np.maximum(np.linalg.norm(away, axis=-1, keepdims=True), 1e-6))
-    )
-    return middle, fixed_m + span * unit
+    out = away / np.maximum(np.linalg.norm(away, axis=-1, keepdims=True), 1e-6)
+    return fixed_m + along * unit + aside * out, fixed_m + span * unit
 
 
-def hang(top_m: Array, yaw_rad: Array, *links: Link) -> list[Array]:
-    """Return the joints, (n_slow, 3) each, of a chain of links that hangs from `top_m`."""
+def hang(
+    top_m: Array, yaw_rad: Array, *links: Link, splays_rad: Sequence[float] = (0.0, 0.0, 0.0)
+) -> list[Array]:
+    """Return the joints, (n_slow, 3) each, of up to three links that hang from `top_m`."""
     ahead, left = direction(yaw_rad), direction(yaw_rad + 0.5 * np.pi)
     down = np.array([0.0, 0.0, -1.0])
     joints = [top_m]
-    for angle_rad, length_m, splay_rad in links:
+    for (angle_rad, length_m), splay_rad in zip(links, splays_rad, strict=False):
         cos, sin = np.cos(angle_rad)[:, None], np.sin(angle_rad)[:, None]
         link = np.cos(splay_rad) * (cos * down + sin * ahead) + np.sin(splay_rad) * left
         joints.append(joints[-1] + length_m * link)

@@ -122,11 +122,9 @@ class StridingPerson(ABC):
         chest = now.facing_rad - 0.7 * (now.yaw_rad - now.facing_rad)
         shoulder = top + side * b.shoulder_m * direction(chest + 0.5 * np.pi)
         yaw, angle, bend, splay = self._arm_swing(k, now, chest)
-        links = (
-            (angle, b.upper_arm_m, side * splay),
-            (angle + bend, b.forearm_m, 0.5 * side * splay),
-        )
-        _, elbow, wrist = hang(shoulder, yaw, *links)
+        links = ((angle, b.upper_arm_m), (angle + bend, b.forearm_m))
+        splays = (side * splay, 0.5 * side * splay)
+        _, elbow, wrist = hang(shoulder, yaw, *links, splays_rad=splays)
         return [(shoulder, elbow), (elbow, wrist), (wrist, wrist + 0.3 * (wrist - elbow))]
 
 
@@ -200,9 +198,8 @@ class FootfallPerson(StridingPerson):
         self.elbow_swing = 0.2 * float(u[5])
         self.splay = 0.12 + 0.1 * float(u[6])  # of the arms, outward
         self.gesture = draw_gesture(rng)
-        self.phase = StridePhase(
-            path, lambda v: stride * leg_m * (v / np.sqrt(9.81 * leg_m)) ** power
-        )
+        usual_mps = np.sqrt(9.81 * leg_m)
+        self.phase = StridePhase(path, lambda v: stride * leg_m * (v / usual_mps) ** power)
         scatter = 0.012 * rng.standard_normal((64, 2)).clip(-2, 2)
         self.prints = [
             Footprints(

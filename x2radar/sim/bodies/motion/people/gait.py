@@ -242,14 +242,9 @@ class OnFeet:
             by = (on * cos[:, None] - left * sin[:, None], on * sin[:, None] + left * cos[:, None])
             feet = replace(feet, position_m=feet.position_m + np.stack([*by, lift], axis=-1))
         height = b.ankle_m + (1 - bend) * straight + c.bob_m * vigour * bob
-        middle = np.stack(
-            [
-                state.x_m - aside * sin + ahead * cos,
-                state.y_m + aside * cos + ahead * sin,
-                height + up,
-            ],
-            axis=-1,
-        )
+        x_m = state.x_m - aside * sin + ahead * cos
+        y_m = state.y_m + aside * cos + ahead * sin
+        middle = np.stack([x_m, y_m, height + up], axis=-1)
         swing = np.cos(2 * np.pi * strides)
         hips = _Hips(middle, heading, -c.yaw_rad * vigour * swing, vigour, swing, lean, look)
         return self._upright(hips, feet, doing)

@@ -106,6 +106,7 @@ def draw_manner(
     rise = 0.0 if sits or style in {"lie", "pant"} else _in(species.rise_rad, u[1])
     wag_hz, wag_rad, lag = _wag(rng, build, float(rise), species)
     look = np.array([0.7, 0.2] if stays else [0.25, 0.05])
+    always = isinstance(species.tail_moves, Swing)
     lazy = {"sit": -0.3, "stand": -0.3, "lie": 0.5, "pant": 0.3}.get(style, 0.1)
     manner = Manner(
         neck_rad=float(neck),
@@ -122,9 +123,7 @@ def draw_manner(
         wag_rad=wag_rad,
         wag_lag_rad=lag,
         bout=Wander(rng, [1.0], [0.4]),
-        wag_above=-2.0
-        if isinstance(species.tail_moves, Swing)
-        else lazy + 0.6 * float(u[4] - 0.5),
+        wag_above=-2.0 if always else lazy + 0.6 * float(u[4] - 0.5),
     )
     size_m = (0.0005 if style == "pant" else 0.0011) * build.mass_kg**0.33 * (0.7 + 0.6 * u[6])
     per_minute = 53.5 * build.mass_kg**-0.26 * (0.75 + 0.4 * u[5])
