@@ -72,8 +72,6 @@ def draw_torso(rng: np.random.Generator) -> Torso:
 class StridingPerson(ABC):
     """A person who walks a path with a trunk that swings; a `Motion`."""
 
-    phase: StridePhase  # strides done
-    gesture: Wander  # what arms and head do besides, see `Moment`
     torso: Torso
 
     def __init__(self, path: Path, build: PersonBuild) -> None:
@@ -197,7 +195,7 @@ class FootfallPerson(StridingPerson):
         self.elbow = float((1.5 if runs or style == "carry" else 0.4) * np.exp(0.3 * z[14]))
         self.elbow_swing = 0.2 * float(u[5])
         self.splay = 0.12 + 0.1 * float(u[6])  # of the arms, outward
-        self.gesture = draw_gesture(rng)
+        self.gesture = draw_gesture(rng)  # what arms and head do besides, see `Moment`
         usual_mps = np.sqrt(9.81 * leg_m)
         self.phase = StridePhase(path, lambda v: stride * leg_m * (v / usual_mps) ** power)
         scatter = 0.012 * rng.standard_normal((64, 2)).clip(-2, 2)
