@@ -125,7 +125,6 @@ class PointSkin(Skin):
         self.rcs_m2 = total * weight / weight.sum()  # before `scale`; about what the areas reflect
 
     def names(self, parts: tuple[str, ...]) -> tuple[str, ...]:
-        """Return the segments' names, repeated."""
         return tuple(parts[k] for k in self.segment)
 
     def points(self, pose: Pose, antenna_m: Array) -> Points:  # noqa: ARG002 - they look the same from everywhere

@@ -63,7 +63,6 @@ TIERS: Mapping[str, Tier] = {
     "local": Tier(tiers.local_frames, tiers.FINEST_DB, _local_ns),
     "gridded": Tier(tiers.gridded_frames, tiers.FINEST_DB, _gridded_ns),
 }
-"""Every tier by its name."""
 
 
 def choose(task: Task) -> str:

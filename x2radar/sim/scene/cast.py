@@ -86,14 +86,12 @@ def read_actor(raw: Any, where: str) -> Actor:
         for key in options.keys() - {"body", "thing", "probability"}:
             raise SceneError(unknown(key, ("body", "thing", "duration_s"), where))
         raise SceneError(f"{where}: must name one body or one thing")
-    kind = options.pop(named[0])
-    known: Mapping[str, Any] = BODIES if named[0] == "body" else THINGS
-    plugged: BodyKind | None = None
-    if not isinstance(kind, str) or kind not in known:
-        plugged = plugged_body(kind) if named[0] == "body" and isinstance(kind, str) else None
-        if plugged is None:
-            msg = f"{where}.{named[0]}: no {named[0]} '{kind}'; known are {', '.join(known)}"
-            raise SceneError(msg)
+    (what,) = named
+    kind = str(options.pop(what))
+    known: Mapping[str, Any] = BODIES if what == "body" else THINGS
+    plugged = plugged_body(kind) if what == "body" and kind not in known else None
+    if kind not in known and plugged is None:
+        raise SceneError(f"{where}.{what}: no {what} '{kind}'; known are {', '.join(known)}")
     probability = options.pop("probability", 1.0)
     Key(0.0, 1.0).judge(probability, f"{where}.probability")
     actor = Actor(kind, options, where, float(probability), plugged)

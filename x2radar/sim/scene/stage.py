@@ -33,7 +33,6 @@ class SceneBlock:
 
     @property
     def n_slow(self) -> int:
-        """Number of frames."""
         return len(self.rows.range_m)
 
 

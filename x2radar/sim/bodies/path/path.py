@@ -338,7 +338,6 @@ COURSES: Mapping[str, Callable[[np.random.Generator, float, float], Waypoints]] 
     "oblique": _oblique,
     "wander": _wander,
 }
-"""Courses by name."""
 
 
 def draw_course(

@@ -46,7 +46,6 @@ class Skeleton:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the parts."""
         return tuple(part.name for part in self.parts)
 
     def ends(self, joints: Mapping[str, Array]) -> list[Ends]:
