@@ -165,8 +165,7 @@ class FootState:
     # In a stance that lasts because the body stands, it waits in the middle.
     phase: Array
     duty: Array  # (n_slow, n_legs): duty factor of each one's stride
-    swing: Array  # (n_slow, n_legs): share of the swing that is done; 0 on the floor
-    is_stance: NDArray[np.bool_]  # (n_slow, n_legs)
+    swing: Array  # (n_slow, n_legs): share of the swing that is done; 0 on the floor alone
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -216,7 +215,6 @@ class Feet:
         down_s, up_s, swing_s, full_s, duty, lift_m = np.moveaxis(f[..., :6], -1, 0)
         t = t_s[:, None]
         since, until = t - down_s, up_s - t
-        is_stance = until >= 0
         swing = np.clip(-until / swing_s, 0.0, 1.0)
         stance = np.minimum(since / full_s, 0.5) + 0.5 - np.clip(until / full_s, 0.0, 0.5)
         done = eased(swing, self.ramp)
@@ -229,7 +227,6 @@ class Feet:
             phase=duty * stance + (1.0 - duty) * swing,
             duty=duty,
             swing=swing,
-            is_stance=is_stance,
         )
 
 

@@ -299,7 +299,7 @@ class OnFeet:
         # The heel's rise grows to its most at toe-off; in the swing it goes back.
         push = smooth_step((feet.phase / feet.duty - _HEEL_OFF) / (1 - _HEEL_OFF))
         back_again = 1.0 - smooth_step(feet.swing / 0.55)
-        rise = self.carriage.heel_rad * np.where(feet.is_stance, push, back_again)
+        rise = self.carriage.heel_rad * np.where(feet.swing == 0, push, back_again)
         rise = rise * hips.vigour[:, None]
         back = -np.cos(rise)[..., None] * toes
         back[..., 2] += np.sin(rise)
