@@ -195,14 +195,11 @@ class Faults:
         return due_s
 
     def _pieces(self, data: bytes) -> Iterator[bytes]:
-        if not self.max_piece:
-            yield data
-            return
-        at = 0
-        while at < len(data):
-            n = int(self._rng["split"].integers(1, self.max_piece + 1))
-            yield data[at : at + n]
-            at += n
+        most = self.max_piece
+        while data:
+            n = int(self._rng["split"].integers(1, most + 1)) if most else len(data)
+            yield data[:n]
+            data = data[n:]
 
     def _damaged(self, packet: bytes) -> bytes:
         if self._falls("junk"):

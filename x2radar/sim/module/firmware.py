@@ -131,10 +131,9 @@ class X2Firmware(Firmware):
         """Return what a mode streams by, or None; SettingsError if it is impossible."""
         if mode == ids.Mode.MANUAL:
             # The rate and the delay are told as they are, whatever else as whole numbers.
-            known: dict[str, Any] = {
-                name: value if name in {"frame_rate_hz", "sample_delay_s"} else int(value)
-                for name, value in self._fields.items()
-            }
+            known: dict[str, Any] = self._fields.copy()
+            for name in known.keys() - {"frame_rate_hz", "sample_delay_s"}:
+                known[name] = int(known[name])
             return RadarSettings(**known, output=self._output)
         if mode != ids.Mode.RUN or self._profile is None or self._output == "rf":
             return None

@@ -51,16 +51,14 @@ class EchoStream:
         if not self._block:
             frames = self._frames()
             lost = self._receiver.draws.lost(self._at, len(frames))
-            self._block.extend(
-                None if is_lost else frame for frame, is_lost in zip(frames, lost, strict=True)
-            )
+            pairs = zip(frames, lost, strict=True)
+            self._block.extend(None if is_lost else frame for frame, is_lost in pairs)
             self._at += len(frames)
         return self._block.popleft()
 
     def _frames(self) -> NDArray[Any]:
         times_s = self._receiver.draws.times_s(self._at, _BLOCK)
-        has_jitter = bool(self._scene.receiver.frame_jitter)
-        block = self._stage.next_block(_BLOCK, times_s if has_jitter else None)
+        block = self._stage.next_block(_BLOCK, times_s)
         # Physical cross sections get the module's integration gain here.
         frames: NDArray[Any] = echo_frames(
             block.rows.range_m,
