@@ -64,12 +64,10 @@ def carrying(motion: Motion, burden_m: Array) -> Motion:
         ahead, side = np.cross(left, up), pose.side
         place = pose.centre_m[:, _CHEST]
         place = place + burden_m[0] * ahead + burden_m[1] * left + burden_m[2] * up
-        return Pose(
-            np.concatenate([pose.centre_m, place[:, None]], axis=1),
-            np.concatenate([pose.axis, left[:, None]], axis=1),
-            # What is carried has the trunk's side.
-            side if side.shape[1] == 1 else np.concatenate([side, side[:, :1]], axis=1),
-        )
+        # What is carried has the trunk's side.
+        side = side if side.shape[1] == 1 else np.concatenate([side, side[:, :1]], axis=1)
+        centre_m = np.concatenate([pose.centre_m, place[:, None]], axis=1)
+        return Pose(centre_m, np.concatenate([pose.axis, left[:, None]], axis=1), side)
 
     return pose
 

@@ -288,7 +288,8 @@ class OnFeet:
             along, out, high = (b.upper_arm_m + b.forearm_m) * doing.hands[:, side].T[..., None]
             at_work = shoulder + along * ahead + out * left + high * UP
             wrist += doing.share[:, None] * (at_work - wrist)
-            shoulder, elbow = _elbow(b, shoulder, wrist, (ahead, left, sign))
+            away = _elbow_way(wrist - shoulder, ahead + (0.4 * sign) * left - 0.3 * UP)
+            elbow, shoulder = _reach(wrist, shoulder, b.forearm_m, b.upper_arm_m, away)
             fore = (wrist - elbow) / b.forearm_m
         return [(shoulder, elbow), (elbow, wrist), (wrist, wrist + 0.1 * b.stature_m * fore)]
 
@@ -318,20 +319,13 @@ class OnFeet:
         return ends
 
 
-def _elbow(
-    b: PersonBuild, shoulder: Array, wrist: Array, frame: tuple[Array, Array, float]
-) -> tuple[Array, Array]:
-    """Return shoulder and elbow of an arm whose wrist is given."""
-    ahead, left, sign = frame
-    fore = ahead + (0.4 * sign) * left - 0.3 * UP
-    fore /= np.sqrt((fore * fore).sum(axis=-1, keepdims=True))
+def _elbow_way(arm: Array, fore: Array) -> Array:
+    """Return where an elbow bends to: down if the arm points along `fore`, else turned with it."""
+    fore = fore / np.sqrt((fore * fore).sum(axis=-1, keepdims=True))
     down = -UP + fore[:, 2:] * fore
-    arm = wrist - shoulder
-    arm /= np.maximum(np.sqrt((arm * arm).sum(axis=-1, keepdims=True)), 1e-6)
+    arm = arm / np.maximum(np.sqrt((arm * arm).sum(axis=-1, keepdims=True)), 1e-6)
     cosine = np.maximum(1.0 + (fore * arm).sum(axis=-1, keepdims=True), 1e-6)
-    away = down - (down * arm).sum(axis=-1, keepdims=True) / cosine * (fore + arm)
-    elbow, top = _reach(wrist, shoulder, b.forearm_m, b.upper_arm_m, away)
-    return top, elbow
+    return np.asarray(down - (down * arm).sum(axis=-1, keepdims=True) / cosine * (fore + arm))
 
 
 def _reach(
