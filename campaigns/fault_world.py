@@ -24,7 +24,7 @@ from x2radar.device.transport import Transport
 from x2radar.errors import PortNotFound, TransportClosed
 from x2radar.modules.base import ModuleSettings
 from x2radar.modules.x2 import RadarSettings
-from x2radar.sim.module.faults import KINDS, FaultPlan, Line, ModuleFaults
+from x2radar.sim.module.faults import KINDS, FaultPlan, Faults
 from x2radar.sim.module.module import SimulatedModule
 from x2radar.sim.module.stream import EchoStream
 from x2radar.sim.scene.scene import load_scene
@@ -61,10 +61,10 @@ class Module(SimulatedModule):
 
     def heal(self) -> None:
         """Let nothing go wrong from here on; what was held back comes now."""
-        queue = self._line._queue
-        self._faults, self._line = ModuleFaults({}, 0), Line({}, 0)
+        queue = self._faults._queue
+        self._faults = Faults({}, 0)
         for _, piece in queue:
-            self._line.put(piece, self._now_s)
+            self._faults.put(piece, self._now_s)
         self._commands = deque((self._now_s, command) for _, command in self._commands)
         if self._ready_due_s < float("inf"):
             self._ready_due_s = self._now_s

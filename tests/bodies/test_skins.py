@@ -17,7 +17,6 @@ from x2radar.sim.bodies.skins import (
     SPREAD_DB,
     AspectFluctuation,
     SurfaceSkin,
-    draw_skin,
     sized,
 )
 from x2radar.sim.place.antenna import Antenna
@@ -58,7 +57,7 @@ def seen(skin, direction, pose=None):
 
 @pytest.mark.parametrize("name", SKINS)
 def test_every_skin_is_constant_for_what_does_not_move_and_leaves_its_arguments_alone(name):
-    skin = draw_skin(np.random.default_rng(3), name, HALF_M, 3, PERSON.gain)
+    skin = SKINS[name](np.random.default_rng(3), HALF_M, 3, PERSON.gain)
     pose = row(50)
     kept = [x.copy() for x in (pose.centre_m, pose.axis, pose.side)]
     points = skin.points(pose, ANTENNA_M)
@@ -82,7 +81,7 @@ def test_every_skin_is_constant_for_what_does_not_move_and_leaves_its_arguments_
 def test_the_mean_total_is_what_was_asked_for(name, dbsm):
     rng, pose = np.random.default_rng(5), row()
     pose = replace(pose, side=np.broadcast_to(pose.side, pose.axis.shape))
-    skin = sized(draw_skin(rng, name, HALF_M, 3), rng, dbsm, pose)
+    skin = sized(SKINS[name](rng, HALF_M, 3, PERSON.gain), rng, dbsm, pose)
     assert 10 * np.log10(skin.mean_total_m2(pose)) == pytest.approx(dbsm, abs=0.01)
     # And what antennas all around see.
     turns = np.linspace(0, 2 * np.pi, 48, endpoint=False)

@@ -66,14 +66,10 @@ class Mover(Protocol):
     """A thing that moves; everything random about it was drawn when it was made."""
 
     @property
-    def label(self) -> Label:
-        """What an alarm should take it for."""
-        ...
+    def label(self) -> Label: ...  # what an alarm should take it for
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Names of its points, such as 'left ankle'."""
-        ...
+    def names(self) -> tuple[str, ...]: ...  # of its points, such as 'left ankle'
 
     def at(self, t_s: Array, antenna_m: Array) -> Points:
         """Return its points at times (n_slow,) since its start, the antenna at a place (3,).

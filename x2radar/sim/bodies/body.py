@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from x2radar.sim.bodies.skins import THEORY, EchoGain, Skin, TotalRcs, draw_skin, sized
+from x2radar.keys import Key
+from x2radar.sim.bodies.skins import SKINS, THEORY, EchoGain, Skin, TotalRcs, sized
 from x2radar.sim.points import Array, Label, Motion, Points, Pose
 
 _CHEST = 1  # what is carried goes with this part
@@ -28,9 +29,8 @@ class Breath:
         # The heart beats a little faster while somebody breathes in.
         beat = 2 * np.pi * self.beat_hz * t_s + 0.3 * np.sin(turn)
         # Breathing in is quicker than breathing out.
-        return np.asarray(
-            self.size_m * np.sin(turn + 0.35 * np.sin(turn)) + self.beat_m * np.sin(beat)
-        )
+        breath_m = self.size_m * np.sin(turn + 0.35 * np.sin(turn))
+        return np.asarray(breath_m + self.beat_m * np.sin(beat))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,12 +64,10 @@ def carrying(motion: Motion, burden_m: Array) -> Motion:
         ahead, side = np.cross(left, up), pose.side
         place = pose.centre_m[:, _CHEST]
         place = place + burden_m[0] * ahead + burden_m[1] * left + burden_m[2] * up
-        return Pose(
-            np.concatenate([pose.centre_m, place[:, None]], axis=1),
-            np.concatenate([pose.axis, left[:, None]], axis=1),
-            # What is carried has the trunk's side.
-            side if side.shape[1] == 1 else np.concatenate([side, side[:, :1]], axis=1),
-        )
+        # What is carried has the trunk's side.
+        side = side if side.shape[1] == 1 else np.concatenate([side, side[:, :1]], axis=1)
+        centre_m = np.concatenate([pose.centre_m, place[:, None]], axis=1)
+        return Pose(centre_m, np.concatenate([pose.axis, left[:, None]], axis=1), side)
 
     return pose
 
@@ -88,7 +86,11 @@ class BodyPlan:
     def dressed(
         self, rng: np.random.Generator, skin: str, total_rcs_dbsm: TotalRcs, looks_s: Array
     ) -> Body:
-        """Return the body with a skin drawn; its mean total is over the times `looks_s`."""
-        drawn = draw_skin(rng, skin, self.half_m, self.n_trunk, self.gain)
+        """Return the body in a skin of `SKINS`; its mean total is over the times `looks_s`.
+
+        Raises SceneError if skin or total is none that there may be.
+        """
+        Key(choices=tuple(SKINS)).judge(skin, "skin")
+        drawn = SKINS[skin](rng, self.half_m, self.n_trunk, self.gain)
         drawn = sized(drawn, rng, total_rcs_dbsm, self.motion(looks_s))
         return Body(self.label, drawn.names(self.parts), self.motion, drawn)

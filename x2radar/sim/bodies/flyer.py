@@ -18,6 +18,7 @@ from x2radar.sim.points import Array, Label, Motion, Pose
 _HOP_S = 0.25  # how long a small bird hops (recalled)
 _GRAVITY_MPS2 = 9.81
 
+Orbit = tuple[float, float, float]  # radius, turn rate (its sign is the way round), first angle
 Flight = Callable[[Array], tuple[Array, Array, Array]]
 """Place (n_slow, 3), heading and effort of the wings, 0 to 1, at times (n_slow,)."""
 Hops = Callable[[Array], tuple[Array, Array]]
@@ -25,19 +26,12 @@ Hops = Callable[[Array], tuple[Array, Array]]
 
 
 def _flight(
-    home_m: Array,
-    orbit: tuple[float, float, float],
-    wander: Wander,
-    effort: Wander,
-    rest_below: float,
-    *,
-    hops: Hops | None = None,
+    home_m: Array, orbit: Orbit, wander: Wander, effort: Wander, rest: float, *, hops: Hops | None
 ) -> Flight:
     """Return a course through the air: rounds about `home_m`, or a first perch there.
 
-    `orbit` is radius, turn rate (its sign is the way round) and first angle of the rounds;
     `wander` offsets in x, y, z, in metres, and of the heading, in radians. The wings rest where
-    `effort`, -1 to 1, is below `rest_below`: never at -2, but for hops at 2.
+    `effort`, -1 to 1, is below `rest`: never at -2, but for hops at 2.
     """
     radius_m, turn_rad_s, begin_rad = orbit
 
@@ -48,7 +42,7 @@ def _flight(
         place[:, 0] += radius_m * np.cos(turn)
         place[:, 1] += radius_m * np.sin(turn)
         ahead = np.copysign(0.5 * np.pi, turn_rad_s)
-        flaps = smooth_step((effort.at(t_s)[:, 0] - rest_below) / 0.3 + 0.5)
+        flaps = smooth_step((effort.at(t_s)[:, 0] - rest) / 0.3 + 0.5)
         if hops:
             hop, aloft = hops(t_s)
             place += hop
@@ -204,14 +198,10 @@ def draw_moth(
         pitch_rad=np.deg2rad(rng.uniform(10.0, 45.0)),
     )
     reach = rng.uniform(0.05, 0.15)
-    radius_and_rate = rng.uniform(0.0, 0.12), rng.choice([-1.0, 1.0]) * rng.uniform(3.0, 9.0)
-    flight = _flight(
-        np.array(home_m),
-        (*radius_and_rate, rng.uniform(0.0, 2.0 * np.pi)),
-        Wander(rng, [reach, reach, reach, 1.0], rng.uniform(0.25, 0.7) * np.ones(4)),
-        Wander(rng, [1.0], [1.0]),
-        -2.0,
-    )
+    radius, rate = rng.uniform(0.0, 0.12), rng.choice([-1.0, 1.0]) * rng.uniform(3.0, 9.0)
+    orbit = (radius, rate, rng.uniform(0.0, 2.0 * np.pi))
+    wander = Wander(rng, [reach, reach, reach, 1.0], rng.uniform(0.25, 0.7) * np.ones(4))
+    flight = _flight(np.array(home_m), orbit, wander, Wander(rng, [1.0], [1.0]), -2.0, hops=None)
     return _plan("other", build, flight).dressed(rng, skin, total_rcs_dbsm, _LOOKS_S)
 
 

@@ -11,14 +11,8 @@ from x2radar.keys import Key
 from x2radar.sim.bodies.body import Body, BodyPlan, Breath, carrying
 from x2radar.sim.bodies.motion import MOTIONS
 from x2radar.sim.bodies.motion.angles import AnglePerson
+from x2radar.sim.bodies.motion.people import gait
 from x2radar.sim.bodies.motion.people.footfalls import FootfallPerson, draw_gesture
-from x2radar.sim.bodies.motion.people.gait import (
-    FASTEST_WALK,
-    STYLES,
-    OnFeet,
-    PersonStyle,
-    draw_crawling,
-)
 from x2radar.sim.bodies.path.path import Path, draw_course
 from x2radar.sim.bodies.skeleton.skeleton import PERSON, PersonBuild
 from x2radar.sim.bodies.skins import TotalRcs
@@ -49,16 +43,16 @@ def draw_person(
     default. It begins to move at `start_s`, negative for somebody under way at time 0. `motion` is
     one of `MOTIONS`, `skin` one of `SKINS`.
     """
-    Key(choices=tuple(STYLES)).judge(style, "style")
+    Key(choices=tuple(gait.STYLES)).judge(style, "style")
     Key(choices=MOTIONS).judge(motion, "motion")
-    row = STYLES[style]
+    row = gait.STYLES[style]
     build = PersonBuild(rng, age=row.age, height_m=height_m)
     traits = rng.standard_normal(12).clip(-2.5, 2.5), rng.random(8)
     share = traits[1]
     # Drawn in any case: a path that is given changes nothing that is drawn later.
     own_course = draw_course(rng, "wander")
     course = own_course if path is None else path
-    limit_mps = _FASTEST_MPS.get(row.kind, FASTEST_WALK * build.hip_height_m)
+    limit_mps = _FASTEST_MPS.get(row.kind, gait.FASTEST_WALK * build.hip_height_m)
     if not isinstance(course, Path):
         course = _draw_path(rng, row, course, (limit_mps, speed_mps), start_s)
     fastest_mps = max(course.cruise_mps, speed_mps or 0.0)
@@ -67,9 +61,9 @@ def draw_person(
         raise SceneError(msg)
     moves: Motion
     if row.kind == "crawl":
-        moves = draw_crawling(rng, course, build, traits)
+        moves = gait.draw_crawling(rng, course, build, traits)
     elif motion == "gait" or row.speed_mps is None or row.does:
-        moves = OnFeet(rng, row, course, build, traits)
+        moves = gait.OnFeet(rng, row, course, build, traits)
     elif motion == "footfalls":
         moves = FootfallPerson(rng, course, build, style)
     else:
@@ -103,7 +97,7 @@ def _draw_breath(rng: np.random.Generator, share: Array, stature_m: float) -> Br
 
 def _draw_path(
     rng: np.random.Generator,
-    style: PersonStyle,
+    style: gait.PersonStyle,
     points: Sequence[tuple[float, float]],
     speeds_mps: tuple[float, float | None],
     start_s: float,

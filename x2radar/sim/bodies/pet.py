@@ -10,16 +10,8 @@ from x2radar.keys import Key
 from x2radar.sim.bodies.body import Body, BodyPlan
 from x2radar.sim.bodies.motion import MOTIONS
 from x2radar.sim.bodies.motion.angles import draw_angle_quadruped
+from x2radar.sim.bodies.motion.quadrupeds import gait
 from x2radar.sim.bodies.motion.quadrupeds.footfalls import draw_footfall_quadruped
-from x2radar.sim.bodies.motion.quadrupeds.gait import (
-    FOOTWORK,
-    GRAVITY_MPS2,
-    draw_going,
-    draw_jumping,
-    draw_romping,
-    draw_staying,
-    froude,
-)
 from x2radar.sim.bodies.motion.quadrupeds.hung import Action, draw_manner, hung
 from x2radar.sim.bodies.path.path import Agility, Path, apart, draw_course, off_wall
 from x2radar.sim.bodies.skeleton.skeleton import QUADRUPED, QuadrupedBuild
@@ -88,18 +80,18 @@ def draw_pet(
     build = QuadrupedBuild(rng, row, mass_kg)
     course = path if isinstance(path, Path) else _draw_path(rng, style, build, path, motion)
     footwork = _footwork(build, row, style, course)
-    manner, breath = draw_manner(rng, build, row, style, FOOTWORK[footwork].nod_rad)
+    manner, breath = draw_manner(rng, build, row, style, gait.FOOTWORK[footwork].nod_rad)
     action: Action
     looks_s, goes = (0.0, _STAYS_S), PET_STYLES[style].froude is not None
     if style == "jump":
-        action, end_s = draw_jumping(rng, build, course, row)
+        action, end_s = gait.draw_jumping(rng, build, course, row)
         looks_s = course.start_s, end_s
     elif style == "play":
-        action = draw_romping(rng, build, course)
+        action = gait.draw_romping(rng, build, course)
     elif not goes:
-        action = draw_staying(rng, build, style, course)
+        action = gait.draw_staying(rng, build, style, course)
     else:
-        action = draw_going(rng, build, course, style=style, footwork=footwork, species=row)
+        action = gait.draw_going(rng, build, course, style=style, footwork=footwork, species=row)
         looks_s = course.start_s, course.end_s
     moves: Motion = hung(build, action, manner)
     if motion != "gait" and goes:
@@ -123,7 +115,7 @@ def _draw_path(
         fr = float(rng.uniform(*np.sqrt(_STROLL_FROUDE)) ** 2)
     else:
         fr = float(rng.uniform(*(PET_STYLES[style].froude or (0.1, 0.2))))
-    speed = min(float(np.sqrt(fr * GRAVITY_MPS2 * build.hip_m)), _FASTEST_DRAWN_MPS)
+    speed = min(float(np.sqrt(fr * gait.GRAVITY_MPS2 * build.hip_m)), _FASTEST_DRAWN_MPS)
     if waypoints_m is None:
         n_points = int(rng.integers(3, 6))
         draw_point = lambda: (float(rng.uniform(-2.5, 2.5)), float(rng.uniform(0.8, 6.0)))  # noqa: E731
@@ -140,10 +132,11 @@ def _footwork(build: QuadrupedBuild, species: Species, style: str, path: Path) -
     fastest, name = path.cruise_mps, PET_STYLES[style].gait
     if name not in species.gaits:
         name = None
-    fr, limit = froude(fastest, build.hip_m), _MAX_WALK_FROUDE if name == "walk" else _MAX_FROUDE
+    fr = gait.froude(fastest, build.hip_m)
+    limit = _MAX_WALK_FROUDE if name == "walk" else _MAX_FROUDE
     if PET_STYLES[style].froude is not None and fr > limit:
         raise SceneError(
             f"path: {fastest:g} m/s is too fast for a {species.name} with its hip at "
             f"{build.hip_m:.2f} m to {style}"
         )
-    return name or next(gait for gait, most in species.gaits.items() if fr < most)
+    return name or next(usual for usual, most in species.gaits.items() if fr < most)

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from x2radar.keys import Key
 from x2radar.sim.bodies.wander import smooth_step
@@ -126,7 +125,6 @@ class PointSkin(Skin):
         self.rcs_m2 = total * weight / weight.sum()  # before `scale`; about what the areas reflect
 
     def names(self, parts: tuple[str, ...]) -> tuple[str, ...]:
-        """Return the segments' names, repeated."""
         return tuple(parts[k] for k in self.segment)
 
     def points(self, pose: Pose, antenna_m: Array) -> Points:  # noqa: ARG002 - they look the same from everywhere
@@ -404,29 +402,18 @@ SKINS: Mapping[str, Callable[[np.random.Generator, Array, int, EchoGain], Skin]]
     "ellipsoids": lambda rng, half, _, gain: SurfaceSkin(rng, half, 1, gain),
     "capsules": lambda rng, half, _, gain: CapsuleSkin(rng, half, gain),
 }
-"""Every skin: how it is drawn, from half-lengths, the number of trunk segments, the gains."""
-
-
-def draw_skin(
-    rng: np.random.Generator,
-    name: str,
-    half_m: ArrayLike,
-    n_trunk: int = 1,
-    gain: EchoGain = THEORY,
-) -> Skin:
-    """Draw a skin of `SKINS` for parts of half-lengths (n_segments, 3); or SceneError."""
-    Key(choices=tuple(SKINS)).judge(name, "skin")
-    return SKINS[name](rng, np.array(half_m, dtype=np.float64), n_trunk, gain)
+"""Every skin: how it is drawn, from half-lengths (n_segments, 3), the number of trunk segments,
+and the gains."""
 
 
 def sized(skin: Skin, rng: np.random.Generator, total_rcs_dbsm: TotalRcs, pose: Pose) -> Skin:
-    """Return a new skin, its mean total over a pose set; SceneError outside -70 to 30 dBsm."""
+    """Return a new skin, its mean total over a pose set; SceneError outside -60 to 30 dBsm."""
     # Were people larger than pets, a classifier would learn size instead of movement.
     total_m2 = float(10.0 ** (rng.uniform(*TOTAL_RCS_DBSM) / 10.0))
     if total_rcs_dbsm == "physical":
         return skin
     if total_rcs_dbsm is not None:
-        Key(-70.0, 30.0).judge(total_rcs_dbsm, "total_rcs_dbsm")
+        Key(-60.0, 30.0).judge(total_rcs_dbsm, "total_rcs_dbsm")
         total_m2 = 10.0 ** (total_rcs_dbsm / 10.0)
     side = np.broadcast_to(pose.side, pose.axis.shape)
     mean_m2 = skin.mean_total_m2(Pose(pose.centre_m, pose.axis, side))

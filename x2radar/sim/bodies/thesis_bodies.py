@@ -86,9 +86,10 @@ def ranges_xyz(body: tuple[Scatterer, ...], t_s: Array) -> tuple[Array, Array]:
     return np.stack(np.broadcast_arrays(x, y, z), axis=-1), rcs
 
 
-def draw_thesis_body(rng: np.random.Generator, *, name: str, label: Label) -> Thing:
+def draw_thesis_body(rng: np.random.Generator, *, name: str) -> Thing:
     """Draw a body of `THESIS_BODIES` on its way; the thesis' origin is the antenna."""
     scatterers = draw(THESIS_BODIES[name], rng)
+    label: Label = "human" if name == "thesis_human" else "pet"
 
     def points(t_s: Array, antenna_m: Array) -> Points:
         position_m, rcs_m2 = ranges_xyz(scatterers, t_s)

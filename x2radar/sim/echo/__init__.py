@@ -35,31 +35,27 @@ class Tier:
 
 
 def _dense_ns(task: Task) -> float:
-    return 2.5e4 + task.axis.n_range * (3.5 * task.n_echoes + 3.2 * task.n_slow)
+    return 2.5e4 + task.axis.n_range * task.n_slow * (3.5 * task.n_points + 3.2)
 
 
 def _local_ns(task: Task) -> float:
     axis = task.axis
     sigma_bins = echo_sigma_m(axis) / axis.bin_length_m
     touched = tiers.n_touched(sigma_bins, task.error_db)
-    n_calls = sum(1 for _ in tiers.pieces(task.n_slow, task.n_points, touched))
-    bin_ns = 1.4 if axis.kind == "rf" else 0.4
-    return (
-        n_calls * (5e4 + 1500.0 * touched)
-        + 2.3 * touched * task.n_echoes
-        + bin_ns * axis.n_range * task.n_slow
-    )
+    n_calls = len(blocks(task.n_slow, task.n_points, touched))
+    bins_ns = (1.4 if axis.kind == "rf" else 0.4) * axis.n_range
+    frame_ns = 2.3 * touched * task.n_points + bins_ns
+    return n_calls * (5e4 + 1500.0 * touched) + frame_ns * task.n_slow
 
 
 def _gridded_ns(task: Task) -> float:
     if not tiers.suits(task.axis):
         return math.inf
     made = tiers.design_for(task.axis, task.error_db)
-    each_ns = 5 + 1.7 * made.grid.n_touched
     frame_ns = tiers.frame_ns(made.n_blocks, made.n_block, made.n_window)
     frame_ns *= 1.2 if task.axis.kind == "rf" else 1.5
-    n_calls = sum(1 for _ in blocks(task.n_slow, task.n_points))
-    return n_calls * 5e4 + each_ns * task.n_echoes + frame_ns * task.n_slow
+    frame_ns += (5 + 1.7 * made.grid.n_touched) * task.n_points
+    return len(blocks(task.n_slow, task.n_points)) * 5e4 + frame_ns * task.n_slow
 
 
 TIERS: Mapping[str, Tier] = {
@@ -67,7 +63,6 @@ TIERS: Mapping[str, Tier] = {
     "local": Tier(tiers.local_frames, tiers.FINEST_DB, _local_ns),
     "gridded": Tier(tiers.gridded_frames, tiers.FINEST_DB, _gridded_ns),
 }
-"""Every tier by its name."""
 
 
 def choose(task: Task) -> str:

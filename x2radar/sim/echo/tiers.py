@@ -22,7 +22,6 @@ error over every position of an echo, and the first that is good enough is taken
 """
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
@@ -82,11 +81,6 @@ class Task:
     axis: FastTimeAxis
     error_db: float  # largest allowed
 
-    @property
-    def n_echoes(self) -> int:
-        """Number of echoes: frames times scatterers."""
-        return self.n_slow * self.n_points
-
 
 def counted(
     range_m: Array, amplitude: Array, near_m: float, far_m: float, floor: float
@@ -98,11 +92,11 @@ def counted(
     return mask
 
 
-def blocks(n_slow: int, n_points: int) -> Iterator[slice]:
-    """Cut slow time into pieces that a core's cache holds."""
-    size = max(1, min(_BLOCK_FRAMES, _BLOCK_ECHOES // max(1, n_points)))
-    for first in range(0, n_slow, size):
-        yield slice(first, min(first + size, n_slow))
+def blocks(n_slow: int, n_points: int, touched: int = 1) -> list[slice]:
+    """Cut slow time into pieces that a core's cache holds, where echoes touch so many bins."""
+    n_echoes = max(1, n_points * max(1, touched // 12))
+    size = max(1, min(_BLOCK_FRAMES, _BLOCK_ECHOES // n_echoes))
+    return [slice(at, min(at + size, n_slow)) for at in range(0, n_slow, size)]
 
 
 def carrier_turns(range_m: Array, axis: FastTimeAxis) -> Array:
@@ -138,9 +132,7 @@ def carrier_wave(axis: FastTimeAxis) -> Baseband:
 def empty(n_slow: int, axis: FastTimeAxis) -> Samples:
     """Return frames to be filled, in the axis' type."""
     shape = (n_slow, axis.n_range)
-    if axis.kind == "rf":
-        return np.empty(shape, np.float32)
-    return np.empty(shape, np.complex64)
+    return np.empty(shape, np.float32) if axis.kind == "rf" else np.empty(shape, np.complex64)
 
 
 def dense_frames(range_m: Array, amplitude: Array, task: Task, floor: float) -> Samples:
@@ -251,7 +243,7 @@ def local_frames(range_m: Array, amplitude: Array, task: Task, floor: float) -> 
         n_touched=n_touched(sigma_m / axis.bin_length_m, task.error_db),
     )
     out = empty(len(range_m), axis)
-    for part in pieces(len(range_m), range_m.shape[1], grid.n_touched):
+    for part in blocks(len(range_m), range_m.shape[1], grid.n_touched):
         echo = spread(range_m[part], amplitude[part], axis, grid, floor)
         if axis.kind == "rf":
             wave = carrier_wave(axis)
@@ -265,11 +257,6 @@ def n_touched(sigma_bins: float, error_db: float) -> int:
     """Return how many bins an echo touches before it has fallen to `error_db`."""
     reach = sigma_bins * math.sqrt(-2 * math.log(10 ** (error_db / 20)))
     return max(2, int(np.ceil(2 * reach)))
-
-
-def pieces(n_slow: int, n_points: int, touched: int) -> Iterator[slice]:
-    """Cut slow time as `blocks` does, shorter where a wide pulse touches many bins."""
-    return blocks(n_slow, n_points * max(1, touched // 12))
 
 
 def gridded_frames(range_m: Array, amplitude: Array, task: Task, floor: float) -> Samples:

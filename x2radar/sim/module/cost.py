@@ -7,19 +7,22 @@ scatter may come out below nothing.
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from x2radar.modules.x2 import RadarSettings
+from x2radar.sim.bodies.thesis_bodies import THESIS_BODIES
 from x2radar.sim.echo import frames as echo_frames
 from x2radar.sim.module.stream import EchoStream
-from x2radar.sim.scene.cast import BODIES, Actor
+from x2radar.sim.scene.cast import Actor
 from x2radar.sim.scene.scene import ERRORS_DB, Scene, SceneStep
 from x2radar.sim.scene.stage import Stage
 from x2radar.sim.signal.receiver import ReceiverEffects
+from x2radar.sim.things.kinds import THINGS
 
 _BLOCK, _ROUNDS = 16, 5  # frames that a stream makes at a time; how often everything is timed
 _USUAL_HZ, _FAST_HZ = 60, 200
@@ -64,21 +67,19 @@ def parts(scene: Scene) -> Iterator[tuple[str, Scene]]:
     actors = [actor for step in steps for actor in step.actors] + list(scene.background)
     for name in dict.fromkeys(map(_name, actors)):
         yield name, _without(scene, name)
-    removable: tuple[tuple[str, str, Any], ...] = (
-        ("clutter", "clutter", ()),
-        ("antenna's pattern", "antenna", replace(scene.antenna, shape="isotropic")),
-        ("multipath: surfaces", "surfaces", ()),
-        ("room", "room", None),
-        ("multipath: tail", "tail", None),
-        ("mount", "mount", None),
-    )
-    for line, name, nothing in removable:
-        if getattr(scene, name) != nothing:
-            yield line, replace(scene, **{name: nothing})
-    for field in fields(ReceiverEffects):
-        if getattr(scene.receiver, field.name) != field.default:
-            off = ReceiverEffects(**{**asdict(scene.receiver), field.name: field.default})
-            yield f"receiver: {field.name}", replace(scene, receiver=off)
+    without = {
+        "clutter": replace(scene, clutter=()),
+        "antenna's pattern": replace(scene, antenna=replace(scene.antenna, shape="isotropic")),
+        "multipath: surfaces": replace(scene, surfaces=()),
+        "room": replace(scene, room=None),
+        "multipath: tail": replace(scene, tail=None),
+        "mount": replace(scene, mount=None),
+    }
+    for effect in fields(ReceiverEffects):
+        default: Any = effect.default
+        off = replace(scene.receiver, **{effect.name: default})
+        without[f"receiver: {effect.name}"] = replace(scene, receiver=off)
+    yield from ((line, left) for line, left in without.items() if left != scene)
 
 
 def echoes(scene: Scene, seed: int, settings: RadarSettings) -> Iterator[Cost]:
@@ -89,12 +90,9 @@ def echoes(scene: Scene, seed: int, settings: RadarSettings) -> Iterator[Cost]:
     total = np.maximum(np.abs(amplitude).sum(axis=1, keepdims=True), np.finfo(np.float32).tiny)
     blocks = [slice(at, at + _BLOCK) for at in range(0, len(amplitude), _BLOCK)]
 
-    def made(bound_db: float) -> np.ndarray[Any, Any]:
-        parts = (
-            echo_frames(rows.range_m[at], amplitude[at], settings.axis, error_db=bound_db)
-            for at in blocks
-        )
-        return np.concatenate(list(parts))
+    def made(bound_db: float) -> NDArray[Any]:
+        make = partial(echo_frames, axis=settings.axis, error_db=bound_db)
+        return np.concatenate([make(rows.range_m[at], amplitude[at]) for at in blocks])
 
     exact = made(-130.0)
     for bound_db in ERRORS_DB if exact.any() else ():
@@ -106,11 +104,11 @@ def echoes(scene: Scene, seed: int, settings: RadarSettings) -> Iterator[Cost]:
 
 def _name(actor: Actor) -> str:
     """Return what an actor is on the bill: a body by its skin, or a thing."""
-    if actor.kind not in BODIES and actor.plugged is None:
+    if actor.kind in THINGS:
         return f"thing: {actor.kind}"
-    if actor.kind.startswith("thesis"):
-        return f"body: {actor.kind}"
-    return f"body: {actor.kind}, skin {actor.options.get('skin', 'surface')}"
+    is_thesis = actor.kind in THESIS_BODIES
+    skin = "" if is_thesis else f", skin {actor.options.get('skin', 'surface')}"
+    return f"body: {actor.kind}{skin}"
 
 
 def _without(scene: Scene, name: str) -> Scene:
@@ -119,10 +117,8 @@ def _without(scene: Scene, name: str) -> Scene:
     def left(actors: tuple[Actor, ...]) -> tuple[Actor, ...]:
         return tuple(actor for actor in actors if _name(actor) != name)
 
-    return _each_step(
-        replace(scene, background=left(scene.background)),
-        lambda step: replace(step, actors=left(step.actors)),
-    )
+    less = replace(scene, background=left(scene.background))
+    return _each_step(less, lambda step: replace(step, actors=left(step.actors)))
 
 
 def _each_step(scene: Scene, change: Callable[[SceneStep], SceneStep]) -> Scene:

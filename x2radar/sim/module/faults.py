@@ -3,7 +3,7 @@
 A plan is written ``kind:value[,kind:value...]``; `KINDS` is the one table of kinds. Every kind
 draws from its own generator, seeded with the module's seed and the kind's name: faults on frames
 draw once a frame, whatever else goes wrong, those on the line once a packet or byte that is sent.
-None looks at a clock. `ModuleFaults` is what goes wrong inside the module, `Line` the rest.
+None looks at a clock.
 """
 
 import zlib
@@ -106,30 +106,27 @@ def describe_faults() -> str:
     return "\n".join(f"  {name:<15} {k.unit:<20} {k.meaning}" for name, k in KINDS.items())
 
 
-class _Dice:
-    """A plan, and a random generator for each of its kinds of faults."""
+class Faults:
+    """What goes wrong by a plan: inside the module, frame by frame, and on the line to the host.
+
+    The line damages, delays, cuts and lumps what is sent. Packets go in with the time they were
+    made, bytes come out when they are due, in their order: what is held back holds back everything
+    behind it.
+    """
 
     def __init__(self, plan: FaultPlan, seed: int) -> None:
         self._plan = plan
-        self._rng = {
-            kind: np.random.default_rng([seed, 0xFA17, zlib.crc32(kind.encode())]) for kind in plan
-        }
-
-    def _falls(self, kind: str) -> bool:
-        """Draw once whether this fault happens now."""
-        share = self._plan.get(kind, 0.0)
-        return share > 0 and bool(self._rng[kind].random() < share)
-
-
-class ModuleFaults(_Dice):
-    """Faults inside the module, frame by frame."""
-
-    def __init__(self, plan: FaultPlan, seed: int) -> None:
-        super().__init__(plan, seed)
+        seeds = {kind: [seed, 0xFA17, zlib.crc32(kind.encode())] for kind in plan}
+        self._rng = {kind: np.random.default_rng(own) for kind, own in seeds.items()}
         # From a command's arrival until it is obeyed, and from boot until pings answer READY.
         self.reply_delay_s = plan.get("slow_ack", 0.0)
         self.not_ready_s = plan.get("not_ready", 0.0)
         self.announces_ready = not (self.not_ready_s or plan.get("safe_mode"))
+        self.max_piece = int(plan.get("split", 0))  # bytes that are sent at a time; 0: all
+        self.hang_up_s = plan.get("hang_up", _NEVER_S)
+        self._last_s = min(self.hang_up_s, plan.get("silent", _NEVER_S))
+        self._queue: deque[tuple[float, bytes]] = deque()
+        self._last_due_s = 0.0
 
     def frame(self, samples: np.ndarray) -> tuple[np.ndarray, int, bool, bool]:
         """Return a frame, how often it is sent, and whether counter and module begin again."""
@@ -159,22 +156,6 @@ class ModuleFaults(_Dice):
             return None if is_ready else Pong(PongCode.NOT_READY)
         return ErrorReply(ErrorCode.COMMAND_FAILED) if self._falls("error_reply") else None
 
-
-class Line(_Dice):
-    """The serial line from module to host: it damages, delays, cuts and lumps what is sent.
-
-    Packets go in with the time they were made, bytes come out when they are due, in their order:
-    what is held back holds back everything behind it.
-    """
-
-    def __init__(self, plan: FaultPlan, seed: int) -> None:
-        super().__init__(plan, seed)
-        self.max_piece = int(plan.get("split", 0))  # bytes that are sent at a time; 0: all
-        self.hang_up_s = plan.get("hang_up", _NEVER_S)
-        self._last_s = min(self.hang_up_s, plan.get("silent", _NEVER_S))
-        self._queue: deque[tuple[float, bytes]] = deque()
-        self._last_due_s = 0.0
-
     @property
     def next_due_s(self) -> float:
         """When the next bytes are due, in seconds of module time; inf for nothing."""
@@ -199,6 +180,11 @@ class Line(_Dice):
         late = _LATE_FRAMES.get(counter % 20, 0.0) if "bursts" in self._plan else 0.0
         return late / frame_rate_hz
 
+    def _falls(self, kind: str) -> bool:
+        """Draw once whether this fault happens now."""
+        share = self._plan.get(kind, 0.0)
+        return share > 0 and bool(self._rng[kind].random() < share)
+
     def _held_s(self, due_s: float) -> float:
         if lump_s := self._plan.get("merge"):
             due_s = float(np.ceil(due_s / lump_s) * lump_s)
@@ -209,14 +195,11 @@ class Line(_Dice):
         return due_s
 
     def _pieces(self, data: bytes) -> Iterator[bytes]:
-        if not self.max_piece:
-            yield data
-            return
-        at = 0
-        while at < len(data):
-            n = int(self._rng["split"].integers(1, self.max_piece + 1))
-            yield data[at : at + n]
-            at += n
+        most = self.max_piece
+        while data:
+            n = int(self._rng["split"].integers(1, most + 1)) if most else len(data)
+            yield data[:n]
+            data = data[n:]
 
     def _damaged(self, packet: bytes) -> bytes:
         if self._falls("junk"):

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from x2radar.errors import SettingsError
 from x2radar.frame import FastTimeAxis
@@ -67,9 +68,7 @@ class Firmware(ABC):
                 return None
 
     @abstractmethod
-    def frame_message(
-        self, axis: FastTimeAxis, counter: int, frame: np.ndarray[Any, Any]
-    ) -> msg.Message:
+    def frame_message(self, axis: FastTimeAxis, counter: int, frame: NDArray[Any]) -> msg.Message:
         """Return the message in which the stream that was started last sends a frame."""
 
 
@@ -110,9 +109,7 @@ class X2Firmware(Firmware):
             case _:
                 return super().obey(command)
 
-    def frame_message(
-        self, axis: FastTimeAxis, counter: int, frame: np.ndarray[Any, Any]
-    ) -> msg.Message:
+    def frame_message(self, axis: FastTimeAxis, counter: int, frame: NDArray[Any]) -> msg.Message:
         if axis.kind == "rf":
             return msg.Data(ids.ContentId.RAW_FRAME, counter, frame)
         about = axis.bin_length_m, axis.sample_rate_hz, axis.carrier_hz, axis.range_offset_m
@@ -123,27 +120,27 @@ class X2Firmware(Firmware):
     def _set_mode(self, mode: int) -> Obeyed:
         if mode not in set(ids.Mode):
             return Obeyed(_FAILED)
-        settings: ModuleSettings | None = None
         try:
-            if mode == ids.Mode.MANUAL:
-                # The rate and the delay are told as they are, whatever else as whole numbers.
-                known: dict[str, Any] = {
-                    name: value if name in {"frame_rate_hz", "sample_delay_s"} else int(value)
-                    for name, value in self._fields.items()
-                }
-                settings = RadarSettings(**known, output=self._output)
-            elif mode == ids.Mode.RUN and self._profile is not None and self._output != "rf":
-                start_m, end_m = self._zone_m or PROFILES[self._profile][1]
-                settings = ProfileSettings(
-                    profile=self._profile,
-                    zone_start_m=start_m,
-                    zone_end_m=end_m,
-                    output=self._output,
-                )
+            settings = self._settings(mode)
         except SettingsError:
             return Obeyed(_FAILED)
         self._streamed = self._output
         return Obeyed(msg.Ack(), stops=True, starts=settings)
+
+    def _settings(self, mode: int) -> ModuleSettings | None:
+        """Return what a mode streams by, or None; SettingsError if it is impossible."""
+        if mode == ids.Mode.MANUAL:
+            # The rate and the delay are told as they are, whatever else as whole numbers.
+            known: dict[str, Any] = self._fields.copy()
+            for name in known.keys() - {"frame_rate_hz", "sample_delay_s"}:
+                known[name] = int(known[name])
+            return RadarSettings(**known, output=self._output)
+        if mode != ids.Mode.RUN or self._profile is None or self._output == "rf":
+            return None
+        start_m, end_m = self._zone_m or PROFILES[self._profile][1]
+        return ProfileSettings(
+            profile=self._profile, zone_start_m=start_m, zone_end_m=end_m, output=self._output
+        )
 
 
 class X4Firmware(Firmware):
@@ -176,9 +173,7 @@ class X4Firmware(Firmware):
             case _:
                 return super().obey(command)
 
-    def frame_message(
-        self, axis: FastTimeAxis, counter: int, frame: np.ndarray[Any, Any]
-    ) -> msg.Message:
+    def frame_message(self, axis: FastTimeAxis, counter: int, frame: NDArray[Any]) -> msg.Message:
         # Baseband is half I and half Q.
         values = frame if axis.kind == "rf" else np.concatenate([frame.real, frame.imag])
         return msg.Data(ids.ContentId.RAW_FRAME, counter, values)

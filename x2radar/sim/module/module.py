@@ -14,7 +14,7 @@ import numpy as np
 
 from x2radar.errors import MessageError
 from x2radar.modules.base import ModuleSettings
-from x2radar.sim.module.faults import FaultPlan, Line, ModuleFaults
+from x2radar.sim.module.faults import FaultPlan, Faults
 from x2radar.sim.module.firmware import Firmware, X2Firmware
 from x2radar.sim.module.stream import EchoStream
 from x2radar.sim.scene.scene import Scene
@@ -45,19 +45,18 @@ class SimulatedModule:
         self._seed = seed
         self._firmware: Firmware = firmware or X2Firmware()
         self._decoder = PacketDecoder()
-        self._faults, self._line = ModuleFaults(faults or {}, seed), Line(faults or {}, seed)
+        self._faults = Faults(faults or {}, seed)
         self._now_s = 0.0
         self._commands: deque[tuple[float, msg.Message]] = deque()
         self._resume: ModuleSettings | None = None
         self._reset_due_s = self._awake_due_s = _FOREVER_S
-        self._is_awake = True
         self._ready_due_s = self._faults.not_ready_s or _FOREVER_S
         self._stop()
 
     @property
     def next_due_s(self) -> float:
         """Time of what the module does next by itself, in seconds; inf for nothing."""
-        return min(self._own_due_s, self._line.next_due_s)
+        return min(self._own_due_s, self._faults.next_due_s)
 
     @property
     def _own_due_s(self) -> float:
@@ -69,18 +68,18 @@ class SimulatedModule:
     @property
     def has_hung_up(self) -> bool:
         """Whether the port must close now."""
-        return self._now_s >= self._line.hang_up_s
+        return self._now_s >= self._faults.hang_up_s
 
     @property
     def splits_output(self) -> bool:
         """Whether `data_to_send` gives pieces that the host is to read one by one."""
-        return self._line.max_piece > 0
+        return self._faults.max_piece > 0
 
     def receive(self, data: bytes) -> None:
         """Take bytes from the host and answer every whole packet in them."""
         for item in self._decoder.feed(data):
-            # As the firmware's parser: damaged packets are dropped without an answer.
-            if not self._is_awake or not isinstance(item, Packet):
+            # While it boots nobody listens; as the firmware's parser, it drops damaged packets.
+            if self._awake_due_s < _FOREVER_S or not isinstance(item, Packet):
                 continue
             try:
                 command = decode_command(item.data)
@@ -98,7 +97,7 @@ class SimulatedModule:
             if at_s == self._reset_due_s:
                 self._restart()
             elif at_s == self._awake_due_s:
-                self._is_awake, self._awake_due_s = True, _FOREVER_S
+                self._awake_due_s = _FOREVER_S
                 self._ready_due_s = at_s + max(self._faults.not_ready_s - BOOT_S, 0.0)
             elif at_s == self._ready_due_s:
                 self._be_ready()
@@ -110,11 +109,10 @@ class SimulatedModule:
 
     def data_to_send(self) -> bytes:
         """Return bytes for the host, and forget them; call it until there are none."""
-        return self._line.due_bytes(self._now_s)
+        return self._faults.due_bytes(self._now_s)
 
     def _restart(self) -> None:
         self._reset_due_s = self._ready_due_s = _FOREVER_S
-        self._is_awake = False
         self._awake_due_s = self._now_s + BOOT_S
         self._decoder = PacketDecoder()
         self._commands.clear()
@@ -156,12 +154,12 @@ class SimulatedModule:
             self._reset_due_s = self._now_s
         elif n_copies and samples is not None and until_s - due_s <= MAX_LATE_S:
             message = self._firmware.frame_message(stream.axis, self._counter, frame)
-            self._send(message, n_copies, self._line.frame_lateness_s(self._counter, rate_hz))
+            self._send(message, n_copies, self._faults.frame_lateness_s(self._counter, rate_hz))
 
     def _send(self, message: msg.Message, n_copies: int = 1, late_s: float = 0.0) -> None:
         packet = framing.encode(encode(message))
         for _ in range(n_copies):
-            self._line.put(packet, self._now_s, late_s=late_s)
+            self._faults.put(packet, self._now_s, late_s=late_s)
 
     def _obey(self) -> None:
         _, command = self._commands.popleft()

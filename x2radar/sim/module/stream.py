@@ -29,29 +29,20 @@ class EchoStream:
         self.axis = axis = settings.axis
         self._budget = budget = LinkBudget()
         # The sweep of other modules is taken to be that of an X2 at this frame rate.
-        sweep = (
-            settings
-            if isinstance(settings, RadarSettings)
-            else RadarSettings.for_frame_rate(min(max(1, round(settings.frame_rate_hz)), 1000))
-        )
-        self._receiver = Receiver(
-            sweep,
-            axis,
-            budget,
-            np.random.default_rng([seed, _NOISE]),
-            effects=scene.receiver,
-            seed=seed,
-        )
+        sweep = RadarSettings.for_frame_rate(min(max(1, round(settings.frame_rate_hz)), 1000))
+        if isinstance(settings, RadarSettings):
+            sweep = settings
+        noise, room = (np.random.default_rng([seed, kind]) for kind in (_NOISE, _ROOM))
+        self._receiver = Receiver(sweep, axis, budget, noise, effects=scene.receiver, seed=seed)
         self._stage = Stage(scene, seed, settings.frame_rate_hz)
         self._static: NDArray[Any] | None = None
         if scene.clutter:
             range_m, rcs_m2 = np.array(scene.clutter).T[:, None]
             amplitude = budget.amplitude(range_m, rcs_m2, axis)
             self._static = echo_frames(range_m, amplitude, axis, error_db=-90)[0]
-        rng = np.random.default_rng([seed, _ROOM])
-        self._room = None if scene.room is None else Room(rng, scene.room, axis)
-        noise = baseband_noise_power(axis, budget.noise_sigma)
-        self._floor = _UNSEEN * float(np.sqrt(noise))
+        self._room = None if scene.room is None else Room(room, scene.room, axis)
+        power = baseband_noise_power(axis, budget.noise_sigma)
+        self._floor = _UNSEEN * float(np.sqrt(power))
         self._at = 0
         self._block: deque[NDArray[Any] | None] = deque()
 
@@ -60,16 +51,14 @@ class EchoStream:
         if not self._block:
             frames = self._frames()
             lost = self._receiver.draws.lost(self._at, len(frames))
-            self._block.extend(
-                None if is_lost else frame for frame, is_lost in zip(frames, lost, strict=True)
-            )
+            pairs = zip(frames, lost, strict=True)
+            self._block.extend(None if is_lost else frame for frame, is_lost in pairs)
             self._at += len(frames)
         return self._block.popleft()
 
     def _frames(self) -> NDArray[Any]:
         times_s = self._receiver.draws.times_s(self._at, _BLOCK)
-        has_jitter = bool(self._scene.receiver.frame_jitter)
-        block = self._stage.next_block(_BLOCK, times_s if has_jitter else None)
+        block = self._stage.next_block(_BLOCK, times_s)
         # Physical cross sections get the module's integration gain here.
         frames: NDArray[Any] = echo_frames(
             block.rows.range_m,

@@ -72,11 +72,8 @@ class Room:
         self, rng: np.random.Generator, settings: RoomSettings, axis: FastTimeAxis
     ) -> None:
         objects, diffuse, leakage, drift = rng.spawn(4)
-        groups = [
-            *_objects(objects, settings, axis),
-            *_diffuse(diffuse, settings, axis),
-            *_leakage(leakage, settings),
-        ]
+        groups = _objects(objects, settings, axis) + _diffuse(diffuse, settings, axis)
+        groups += _leakage(leakage, settings)
         n = len(groups)
         noise = math.sqrt(baseband_noise_power(axis, LinkBudget().noise_sigma))
         profiles = np.array([noise * _profile(group, axis) for group in groups], np.complex64)
@@ -144,10 +141,8 @@ def _objects(rng: np.random.Generator, settings: RoomSettings, axis: FastTimeAxi
     range_m = axis.range_m[0] + place * (axis.range_m[-1] - axis.range_m[0])
     amplitude = _level(settings.objects_db - 20 * below) * np.exp(2j * np.pi * turn)
     towards = _direction(pan, tilt)
-    return [
-        _Group(range_m[k : k + 1], amplitude[k : k + 1], towards[k], drifts=True)
-        for k in range(settings.n_objects)
-    ]
+    each = zip(range_m[:, None], amplitude[:, None], towards, strict=True)
+    return [_Group(*one, drifts=True) for one in each]
 
 
 def _diffuse(rng: np.random.Generator, settings: RoomSettings, axis: FastTimeAxis) -> list[_Group]:

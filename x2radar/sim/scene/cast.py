@@ -15,14 +15,12 @@ from x2radar import plugins
 from x2radar.errors import PluginError, SceneError
 from x2radar.keys import Key, checked, place_of, unknown
 from x2radar.sim.bodies.flyer import draw_bird, draw_moth
-from x2radar.sim.bodies.motion import MOTIONS
 from x2radar.sim.bodies.motion.recorded import draw_recorded
 from x2radar.sim.bodies.path.path import COURSES, FAR_M, NEAR_M, Waypoints, draw_course
 from x2radar.sim.bodies.person import draw_person
 from x2radar.sim.bodies.pet import draw_pet
 from x2radar.sim.bodies.skeleton.species import SPECIES
-from x2radar.sim.bodies.skins import SKINS
-from x2radar.sim.bodies.thesis_bodies import draw_thesis_body
+from x2radar.sim.bodies.thesis_bodies import THESIS_BODIES, draw_thesis_body
 from x2radar.sim.points import Label, Mover
 from x2radar.sim.things.kinds import THINGS, draw_thing
 
@@ -43,40 +41,33 @@ class Actor:
             options = dict(self.options)
             place = options.pop("position_m", None)
             return draw_thing(rng, self.kind, place, options, self.where)
-        return (self.plugged or BODIES[self.kind]).make(rng, self.options, self.where)
+        make = self.plugged.make if self.plugged else BODIES[self.kind]
+        return make(rng, self.options, self.where)
+
+
+Make = Callable[[np.random.Generator, Mapping[str, Any], str], Mover]
+"""Makes a body from a generator, the options of the scene file, and their path in it."""
 
 
 @dataclass(frozen=True, slots=True)
 class BodyKind:
-    """One kind of body: a sentence for people, and how it is made."""
+    """One kind of body that a plug-in brings: a sentence for people, and how it is made."""
 
     sentence: str
-    # From a generator, the options of the scene file, and their path in it.
-    make: Callable[[np.random.Generator, Mapping[str, Any], str], Mover]
+    make: Make
 
 
 _KEYS: Mapping[str, Key | None] = {
-    "style": None,
-    "species": None,
-    "motion": Key(choices=tuple(MOTIONS)),
-    "skin": Key(choices=tuple(SKINS)),
-    "total_rcs_dbsm": Key(
-        -60.0, 30.0, "mean total cross section, dBsm", is_optional=True, choices=("physical",)
-    ),
-    "mass_kg": Key(0.001, 200.0, "kg"),
-    "height_m": Key(0.3, 2.6, "stature, m"),
+    **dict.fromkeys(("style", "species", "motion", "skin", "total_rcs_dbsm", "mass_kg")),
+    **dict.fromkeys(("height_m", "waypoints_m", "home_m", "file", "place_m")),
     "course": Key(choices=tuple(COURSES)),
-    "waypoints_m": None,
     "speed_mps": Key(0.02, 12.0, "m/s"),
     "near_m": Key(0.2, 20.0, "near end of the course, m"),
     "far_m": Key(0.5, 30.0, "far end of the course, m"),
     "start_s": Key(-600.0, 600.0, "when it begins to move, s"),
-    "home_m": None,
-    "file": None,
     "label": Key(choices=get_args(Label)),
     "up": Key(choices=("y", "z")),
     "scale": Key(1e-4, 10.0, "metres per unit of the file"),
-    "place_m": None,
     "turn_deg": Key(-360.0, 360.0, "turn to the left, degrees"),
 }
 """What bodies may be told; None: the body judges it itself."""
@@ -95,14 +86,12 @@ def read_actor(raw: Any, where: str) -> Actor:
         for key in options.keys() - {"body", "thing", "probability"}:
             raise SceneError(unknown(key, ("body", "thing", "duration_s"), where))
         raise SceneError(f"{where}: must name one body or one thing")
-    kind = options.pop(named[0])
-    known: Mapping[str, Any] = BODIES if named[0] == "body" else THINGS
-    plugged: BodyKind | None = None
-    if not isinstance(kind, str) or kind not in known:
-        plugged = plugged_body(kind) if named[0] == "body" and isinstance(kind, str) else None
-        if plugged is None:
-            msg = f"{where}.{named[0]}: no {named[0]} '{kind}'; known are {', '.join(known)}"
-            raise SceneError(msg)
+    (what,) = named
+    kind = str(options.pop(what))
+    known: Mapping[str, Any] = BODIES if what == "body" else THINGS
+    plugged = plugged_body(kind) if what == "body" and kind not in known else None
+    if kind not in known and plugged is None:
+        raise SceneError(f"{where}.{what}: no {what} '{kind}'; known are {', '.join(known)}")
     probability = options.pop("probability", 1.0)
     Key(0.0, 1.0).judge(probability, f"{where}.probability")
     actor = Actor(kind, options, where, float(probability), plugged)
@@ -138,8 +127,8 @@ def plugged_body(name: str) -> BodyKind | None:
     return BodyKind(kind.sentence, make)
 
 
-def _body(sentence: str, draw_body: Callable[..., Mover], keys: tuple[str, ...]) -> BodyKind:
-    """Return a kind of body that `draw_body` makes of a generator and these options."""
+def _body(draw_body: Callable[..., Mover], *keys: str) -> Make:
+    """Return what makes a body by `draw_body`, of a generator and these options."""
     table = {name: _KEYS[name] for name in keys}
 
     def make(rng: np.random.Generator, raw: Mapping[str, Any], where: str) -> Mover:
@@ -155,7 +144,7 @@ def _body(sentence: str, draw_body: Callable[..., Mover], keys: tuple[str, ...])
             # A body's own error, with the path of its key in front.
             raise SceneError(f"{where}.{err}") from err
 
-    return BodyKind(sentence, make)
+    return make
 
 
 def _waypoints(options: dict[str, Any], rng: np.random.Generator, where: str) -> Waypoints | None:
@@ -172,37 +161,17 @@ def _waypoints(options: dict[str, Any], rng: np.random.Generator, where: str) ->
     return None if name is None else draw_course(rng, name, near_m, far_m)
 
 
-def _thesis(kind: str, label: Label) -> BodyKind:
-    what = "person" if kind == "human" else kind
-    make = partial(draw_thesis_body, name=f"thesis_{kind}", label=label)
-    return _body(f"The thesis' {what}: five sinusoids.", make, ())
-
-
-BODIES: Mapping[str, BodyKind] = {
-    "human": _body(
-        "A person of any age.", draw_person, ("style", "height_m", *_ECHO, "motion", *_COURSE)
-    ),
+_LEGGED = (*_ECHO, "motion", *_COURSE)
+_RECORDED = ("file", "label", "scale", "up", "place_m", "turn_deg", "start_s")
+BODIES: Mapping[str, Make] = {
+    "human": _body(draw_person, "style", "height_m", *_LEGGED),
     **{
-        s.name: _body(
-            s.sentence,
-            partial(draw_pet, species=s.name),
-            ("style", "mass_kg", *_ECHO, "motion", *_COURSE),
-        )
-        for s in SPECIES.values()
+        name: _body(partial(draw_pet, species=name), "style", "mass_kg", *_LEGGED)
+        for name in SPECIES
     },
-    "bird": _body(
-        "A bird: budgerigar, cockatiel or pigeon.",
-        draw_bird,
-        ("species", "style", "home_m", "mass_kg", *_ECHO),
-    ),
-    "moth": _body("A large moth near the antenna.", draw_moth, ("home_m", *_ECHO)),
-    "motion": _body(
-        "A recorded skeleton: a BVH file or joint positions.",
-        draw_recorded,
-        ("file", "label", "scale", "up", "place_m", "turn_deg", "start_s", *_ECHO),
-    ),
-    "thesis_human": _thesis("human", "human"),
-    "thesis_dog": _thesis("dog", "pet"),
-    "thesis_cat": _thesis("cat", "pet"),
+    "bird": _body(draw_bird, "species", "style", "home_m", "mass_kg", *_ECHO),
+    "moth": _body(draw_moth, "home_m", *_ECHO),
+    "motion": _body(draw_recorded, *_RECORDED, *_ECHO),
+    **{name: _body(partial(draw_thesis_body, name=name)) for name in THESIS_BODIES},
 }
-"""Kinds of bodies by name."""
+"""Kinds of bodies by name, and what makes them."""

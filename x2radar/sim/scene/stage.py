@@ -33,7 +33,6 @@ class SceneBlock:
 
     @property
     def n_slow(self) -> int:
-        """Number of frames."""
         return len(self.rows.range_m)
 
 
@@ -64,8 +63,8 @@ class Stage:
         self._now = _Playing((), 0, 0)
         self._at = 0
 
-    def next_block(self, most: int, times_s: Array | None = None) -> SceneBlock:
-        """Return the next `most` frames or fewer, taken at `times_s`, of one step."""
+    def next_block(self, most: int, taken_s: Array | None = None) -> SceneBlock:
+        """Return the next `most` frames or fewer, taken at `taken_s`, of one step."""
         now = self._now
         if self._at == now.begun + now.n:
             self._now = now = next(self._steps)
@@ -73,16 +72,14 @@ class Stage:
         n = min(most, now.begun + now.n - first)
         self._at += n
         stream_s = np.arange(first, first + n) / self._rate_hz
-        late_s = np.zeros(n) if times_s is None else times_s[:n] - stream_s
+        late_s = np.zeros(n) if taken_s is None else taken_s[:n] - stream_s
         # Not stream time minus the step's start, which would round.
         step_s = np.arange(first - now.begun, first - now.begun + n) / self._rate_hz + late_s
         stream_s += late_s
         offset_m = None if self._mount is None else self._mount(stream_s)
         movers = (*now.movers, *self._background)
-        points = tuple(
-            mover.at(step_s if k < len(now.movers) else stream_s, self._antenna_m)
-            for k, mover in enumerate(movers)
-        )
+        times_s = [step_s] * len(now.movers) + [stream_s] * len(self._background)
+        points = tuple(m.at(t_s, self._antenna_m) for m, t_s in zip(movers, times_s, strict=True))
         rows = [r for p in points for r in self._rows(p, offset_m)]
         joined = EchoRows(
             np.concatenate([np.zeros((n, 0)), *(r.range_m for r in rows)], axis=1),

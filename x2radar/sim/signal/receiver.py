@@ -113,11 +113,8 @@ class FrameDraws:
         rank = np.arange(_MAX_SPIKES)
         row, which = np.nonzero(is_spiked & (rank <= number[:, None] * _MAX_SPIKES))
         size = _SPIKE_TOP - DAC_TOP - 1
-        return (
-            row,
-            (column[row, which] * n_range).astype(np.int64),
-            DAC_TOP + 1 + (counts[row, which] * size).astype(np.int64),
-        )
+        raw = DAC_TOP + 1 + (counts[row, which] * size).astype(np.int64)
+        return row, (column[row, which] * n_range).astype(np.int64), raw
 
     def _normal(self, kind: str, first: int, n: int) -> Array:
         draws = self._draw(kind, first, n, lambda rng: rng.standard_normal((1, _BLOCK)))

@@ -37,7 +37,6 @@ class Draw:
 class ThingKind:
     """One kind of moving thing."""
 
-    sentence: str  # what it is, for people
     draws: Mapping[str, Draw]  # its numbers, in the order in which they are drawn
     make: Callable[[np.random.Generator, Array, Values], Thing]
 

@@ -61,9 +61,8 @@ def _curtain(rng: np.random.Generator, position_m: Array, values: Values) -> Thi
         wave = np.sin(2 * np.pi * (t_s[:, None, None] * hz + start)) @ share
         away_m = wave * swing_m * (0.3 + 0.7 * gust(t_s))[:, None]
         position_m = rest_m + away_m[..., None] * ahead
-        return Points(
-            position_m, rcs_m2 * (0.3 + 0.7 * draws.lit(ahead, position_m, antenna_m) ** 2)
-        )
+        aspect = 0.3 + 0.7 * draws.lit(ahead, position_m, antenna_m) ** 2
+        return Points(position_m, rcs_m2 * aspect)
 
     return Thing(draws.numbered("cloth", n), points)
 
@@ -190,10 +189,8 @@ def _fan(rng: np.random.Generator, position_m: Array, values: Values) -> Thing:
         upright = 0.3 + 1.4 * np.sin(angle) ** 2
         aspect = upright * (1 - draws.lit(along, blade_m, antenna_m) ** 2) ** 2
         still = np.tile(still_rcs_m2, (len(t_s), 1))
-        return Points(
-            np.concatenate([hub_m, guard_m, blade_m], axis=1),
-            np.concatenate([still, blade_rcs_m2 * aspect], axis=1),
-        )
+        position_m = np.concatenate([hub_m, guard_m, blade_m], axis=1)
+        return Points(position_m, np.concatenate([still, blade_rcs_m2 * aspect], axis=1))
 
     return Thing(("hub", "guard", *draws.numbered("blade point", blade.size)), points)
 
@@ -257,9 +254,8 @@ def _vacuum(rng: np.random.Generator, position_m: Array, values: Values) -> Thin
         now_s = (t_s + begin_s) % knot_s[-1]
         heading_deg = np.interp(now_s, knot_s, turn_deg)
         _, ahead = draws.facing(heading_deg)
-        place_m = np.column_stack(
-            [np.interp(now_s, knot_s, x_m), np.interp(now_s, knot_s, y_m), 0 * now_s]
-        )
+        x, y = np.interp(now_s, knot_s, x_m), np.interp(now_s, knot_s, y_m)
+        place_m = np.column_stack([x, y, 0 * now_s])
         # After a bump the body rings on its wheels for a tenth of a second.
         since_s = now_s - bump_s[np.searchsorted(bump_s, now_s, side="right") - 1]
         ring_m = np.exp(-since_s / 0.1) * np.sin(2 * np.pi * shake_hz * since_s)
@@ -331,101 +327,80 @@ def _straight(x: float, y: float, heading_deg: float, half_m: float) -> tuple[fl
     return x + way * across, y + way * along
 
 
-THINGS: Mapping[str, ThingKind] = {
-    "curtain": ThingKind(
-        "A curtain that sways in the draught, with waves along it.",
-        {
-            "heading_deg": draws.TOWARDS,
-            "width_m": Draw(0.2, 6, (0.8, 2.5), "width, m"),
-            "height_m": Draw(0.2, 4, (1.2, 2.3), "height, m"),
-            "floor_gap_m": Draw(0, 3, (0.02, 0.8), "from floor to hem, m"),
-            "frequency_hz": Draw(0.05, 3, (0.2, 1.1), "main wave, Hz"),
-            "amplitude_m": Draw(0, 0.3, (0.01, 0.06), "greatest swing of the hem, m"),
-            "rcs_m2": draws.RCS,
-        },
-        _curtain,
-    ),
-    "fan": ThingKind(
-        "A fan; its blades give a comb of Doppler lines, its head may swing.",
-        {
-            "heading_deg": draws.HEADING,
-            "height_m": Draw(0, 5, (0.4, 1.4), "of the hub above the floor, m"),
-            "radius_m": Draw(0.02, 1.5, (0.1, 0.25), "of the blades, m"),
-            "n_blades": Draw(1, 12, (2.51, 6.49), "blades, rounded"),
-            "rotation_hz": Draw(0.1, 60, (1, 25), "turns per second, Hz", is_log=True),
-            "swing_deg": Draw(0, 180, (0, 90), "from end to end of the head's swing, degrees"),
-            "swing_s": Draw(2, 120, (8, 20), "period of the head's swing, s"),
-            "rcs_m2": draws.RCS,
-        },
-        _fan,
-    ),
-    "robot_vacuum": ThingKind(
-        "A robot vacuum that runs straight, bumps, backs off and turns.",
-        {
-            "speed_mps": Draw(0.01, 1, (0.2, 0.35), "of its runs, m/s"),
-            "area_m": Draw(0.2, 20, (1.2, 3.0), "side of the square it cleans, m"),
-            "radius_m": Draw(0.05, 0.5, (0.16, 0.18), "of its body, m"),
-            "height_m": Draw(0.02, 0.5, (0.08, 0.1), "of its body, m"),
-            "brush_hz": Draw(0, 20, (1.5, 4), "turns per second of its side brush, Hz"),
-            "bump_m": Draw(0, 0.02, (0.001, 0.005), "how far it rings after a bump, m"),
-            "rcs_m2": draws.RCS,
-        },
-        _vacuum,
-    ),
-    "washing_machine": ThingKind(
-        "A washing machine that tumbles, runs up to its spin and shakes by millimetres.",
-        {
-            "heading_deg": draws.TOWARDS,
-            "width_m": Draw(0.2, 2, (0.4, 0.6), "width, m"),
-            "height_m": Draw(0.2, 2, (0.82, 0.9), "height, m"),
-            "spin_hz": Draw(1, 40, (8, 20), "rate of the spin, Hz"),
-            "resonance_hz": Draw(0.5, 30, (3, 7), "of the drum on its springs, Hz"),
-            "amplitude_m": Draw(0, 0.02, (0.0005, 0.004), "greatest swing, m"),
-            "rcs_m2": draws.RCS,
-        },
-        _washing_machine,
-    ),
-    "door": ThingKind(
-        "A door that swings open and shut; nobody is there.",
-        {
-            "heading_deg": draws.TOWARDS,
-            "width_m": Draw(0.2, 2, (0.6, 0.9), "width of the leaf, m"),
-            "height_m": Draw(0.2, 3, (1.9, 2.1), "height, m"),
-            "swing_deg": Draw(0, 180, (15, 100), "from shut to open, degrees"),
-            "move_s": Draw(0.3, 60, (1.0, 4.0), "time to open, s"),
-            "rest_s": Draw(0, 3600, (0.5, 6.0), "time it stands open, and shut, s"),
-            "sway_deg": Draw(0, 20, (0, 4), "to and fro while open, degrees"),
-            "rcs_m2": draws.RCS,
-        },
-        _door,
-    ),
-    "plant": ThingKind(
-        "A hanging plant that swings like a pendulum, its leaves trembling.",
-        {
-            "height_m": Draw(0, 5, (1.2, 2.0), "of the pot above the floor, m"),
-            "string_m": Draw(0.2, 5, (0.3, 1.0), "from hook to pot, m"),
-            "radius_m": Draw(0.01, 1, (0.1, 0.25), "of the leaves, m"),
-            "amplitude_m": Draw(0, 0.15, (0.01, 0.08), "greatest swing, m"),
-            "flutter_m": Draw(0, 0.05, (0, 0.006), "greatest tremble of a leaf, m"),
-            "rcs_m2": draws.RCS,
-        },
-        _plant,
-    ),
-    "rain": ThingKind(
-        "Rain on a window: many weak drops that run down in fits and starts.",
-        {
-            "heading_deg": draws.TOWARDS,
-            "width_m": Draw(0.1, 6, (0.6, 1.5), "of the pane, m"),
-            "height_m": Draw(0.1, 4, (0.6, 1.4), "of the pane, m"),
-            "sill_m": Draw(0, 5, (0.7, 1.1), "of its lower edge above the floor, m"),
-            "n_drops": Draw(1, 200, (12, 40), "tracks, rounded"),
-            "speed_mps": Draw(0.001, 2, (0.02, 0.3), "mean of a drop, m/s", is_log=True),
-            "rcs_m2": Draw(1e-9, 1, (1e-4, 1e-2), "of all drops together, m2", is_log=True),
-        },
-        _rain,
-    ),
+_CURTAIN = {
+    "heading_deg": draws.TOWARDS,
+    "width_m": Draw(0.2, 6, (0.8, 2.5), "width, m"),
+    "height_m": Draw(0.2, 4, (1.2, 2.3), "height, m"),
+    "floor_gap_m": Draw(0, 3, (0.02, 0.8), "from floor to hem, m"),
+    "frequency_hz": Draw(0.05, 3, (0.2, 1.1), "main wave, Hz"),
+    "amplitude_m": Draw(0, 0.3, (0.01, 0.06), "greatest swing of the hem, m"),
+    "rcs_m2": draws.RCS,
 }
-"""Kinds of things by name, with one sentence and the numbers of each."""
+_FAN = {
+    "heading_deg": draws.HEADING,
+    "height_m": Draw(0, 5, (0.4, 1.4), "of the hub above the floor, m"),
+    "radius_m": Draw(0.02, 1.5, (0.1, 0.25), "of the blades, m"),
+    "n_blades": Draw(1, 12, (2.51, 6.49), "blades, rounded"),
+    "rotation_hz": Draw(0.1, 60, (1, 25), "turns per second, Hz", is_log=True),
+    "swing_deg": Draw(0, 180, (0, 90), "from end to end of the head's swing, degrees"),
+    "swing_s": Draw(2, 120, (8, 20), "period of the head's swing, s"),
+    "rcs_m2": draws.RCS,
+}
+_VACUUM = {
+    "speed_mps": Draw(0.01, 1, (0.2, 0.35), "of its runs, m/s"),
+    "area_m": Draw(0.2, 20, (1.2, 3.0), "side of the square it cleans, m"),
+    "radius_m": Draw(0.05, 0.5, (0.16, 0.18), "of its body, m"),
+    "height_m": Draw(0.02, 0.5, (0.08, 0.1), "of its body, m"),
+    "brush_hz": Draw(0, 20, (1.5, 4), "turns per second of its side brush, Hz"),
+    "bump_m": Draw(0, 0.02, (0.001, 0.005), "how far it rings after a bump, m"),
+    "rcs_m2": draws.RCS,
+}
+_WASHING_MACHINE = {
+    "heading_deg": draws.TOWARDS,
+    "width_m": Draw(0.2, 2, (0.4, 0.6), "width, m"),
+    "height_m": Draw(0.2, 2, (0.82, 0.9), "height, m"),
+    "spin_hz": Draw(1, 40, (8, 20), "rate of the spin, Hz"),
+    "resonance_hz": Draw(0.5, 30, (3, 7), "of the drum on its springs, Hz"),
+    "amplitude_m": Draw(0, 0.02, (0.0005, 0.004), "greatest swing, m"),
+    "rcs_m2": draws.RCS,
+}
+_DOOR = {
+    "heading_deg": draws.TOWARDS,
+    "width_m": Draw(0.2, 2, (0.6, 0.9), "width of the leaf, m"),
+    "height_m": Draw(0.2, 3, (1.9, 2.1), "height, m"),
+    "swing_deg": Draw(0, 180, (15, 100), "from shut to open, degrees"),
+    "move_s": Draw(0.3, 60, (1.0, 4.0), "time to open, s"),
+    "rest_s": Draw(0, 3600, (0.5, 6.0), "time it stands open, and shut, s"),
+    "sway_deg": Draw(0, 20, (0, 4), "to and fro while open, degrees"),
+    "rcs_m2": draws.RCS,
+}
+_PLANT = {
+    "height_m": Draw(0, 5, (1.2, 2.0), "of the pot above the floor, m"),
+    "string_m": Draw(0.2, 5, (0.3, 1.0), "from hook to pot, m"),
+    "radius_m": Draw(0.01, 1, (0.1, 0.25), "of the leaves, m"),
+    "amplitude_m": Draw(0, 0.15, (0.01, 0.08), "greatest swing, m"),
+    "flutter_m": Draw(0, 0.05, (0, 0.006), "greatest tremble of a leaf, m"),
+    "rcs_m2": draws.RCS,
+}
+_RAIN = {
+    "heading_deg": draws.TOWARDS,
+    "width_m": Draw(0.1, 6, (0.6, 1.5), "of the pane, m"),
+    "height_m": Draw(0.1, 4, (0.6, 1.4), "of the pane, m"),
+    "sill_m": Draw(0, 5, (0.7, 1.1), "of its lower edge above the floor, m"),
+    "n_drops": Draw(1, 200, (12, 40), "tracks, rounded"),
+    "speed_mps": Draw(0.001, 2, (0.02, 0.3), "mean of a drop, m/s", is_log=True),
+    "rcs_m2": Draw(1e-9, 1, (1e-4, 1e-2), "of all drops together, m2", is_log=True),
+}
+THINGS: Mapping[str, ThingKind] = {
+    "curtain": ThingKind(_CURTAIN, _curtain),
+    "fan": ThingKind(_FAN, _fan),
+    "robot_vacuum": ThingKind(_VACUUM, _vacuum),
+    "washing_machine": ThingKind(_WASHING_MACHINE, _washing_machine),
+    "door": ThingKind(_DOOR, _door),
+    "plant": ThingKind(_PLANT, _plant),
+    "rain": ThingKind(_RAIN, _rain),
+}
+"""Kinds of things by name, with the numbers of each."""
 
 
 def draw_thing(

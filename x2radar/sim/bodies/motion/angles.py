@@ -10,16 +10,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from x2radar.sim.bodies.motion.people.footfalls import (
-    RUN_STRIDE,
-    RUNS,
-    SIDES,
-    WALK_STRIDE,
-    Moment,
-    StridingPerson,
-    Swing,
-    draw_torso,
-)
+from x2radar.sim.bodies.motion.people import footfalls
+from x2radar.sim.bodies.motion.people.footfalls import SIDES, Moment
 from x2radar.sim.bodies.motion.quadrupeds.footfalls import LEAPS, Bearing, draw_lags
 from x2radar.sim.bodies.motion.quadrupeds.hung import Trunk
 from x2radar.sim.bodies.path.feet import StridePhase
@@ -81,7 +73,7 @@ _BACKWARDS_SHARE = 0.15  # of people who do not run (a guess)
 _SOFT_M, _SOFT = 0.02, 0.06  # depth, in m or hip heights, within which both feet carry: no kink
 
 
-class AnglePerson(StridingPerson):
+class AnglePerson(footfalls.StridingPerson):
     """A person who walks a path by joint angles over the stride, in a style of `STYLES`."""
 
     def __init__(
@@ -92,8 +84,8 @@ class AnglePerson(StridingPerson):
         z, u = rng.standard_normal(10).clip(-2, 2), rng.random(4)
         cruise, leg_m = self.cruise_mps, build.leg_m
         fr = cruise / np.sqrt(9.81 * leg_m)
-        run = 1.0 if style in RUNS else 0.0
-        stride = (RUN_STRIDE if run else WALK_STRIDE) * leg_m * fr**0.5
+        run = 1.0 if style in footfalls.RUNS else 0.0
+        stride = (footfalls.RUN_STRIDE if run else footfalls.WALK_STRIDE) * leg_m * fr**0.5
         stride *= float(np.exp(0.12 * z[0]))
         # Legs that open as wide as the stride asks, at a stance of some 60 % of it, in which the
         # foot rolls from heel to toe: as published at 1.3 m/s.
@@ -101,10 +93,8 @@ class AnglePerson(StridingPerson):
         opening_m = stride * mean - build.foot_m
         scale = float(np.clip(opening_m / (2 * leg_m * np.sin(0.36)), 0.25, 1.5))
         shares = (scale, *[0.4 + 0.6 * scale] * 2)
-        legs = [
-            draw_curve(rng, mean_curve, share)
-            for mean_curve, share in zip(RUN if run else WALK, shares, strict=True)
-        ]
+        means = zip(RUN if run else WALK, shares, strict=True)
+        legs = [draw_curve(rng, degrees, share) for degrees, share in means]
         n = N_HARMONICS
         swing = 0.35 * scale * float(np.exp(0.5 * z[1])) * (0.15 if style == "carry" else 1.0)
         size = swing * np.array([1.0, 0.12, 0.04, 0.02]) * np.exp(0.3 * rng.standard_normal(n))
@@ -126,7 +116,7 @@ class AnglePerson(StridingPerson):
         # How far hips swing ahead and back.
         self.surge_m = float(0.018 * leg_m * np.exp(0.6 * rng.standard_normal()))
         self.phase = StridePhase(path, lambda v: stride * (v / cruise) ** 0.5)
-        self.torso = draw_torso(rng)
+        self.torso = footfalls.draw_torso(rng)
 
     def __call__(self, t_s: Array) -> Pose:
         state = self.path.at(t_s)
@@ -158,17 +148,13 @@ class AnglePerson(StridingPerson):
         shank_rad = hip_rad - knee_rad
         # A foot is square to its shank at rest.
         foot_rad = shank_rad + ankle_rad + 0.5 * np.pi
-        hip, knee, ankle, toe = hang(
-            middle + SIDES[k] * b.hip_m * direction(now.yaw_rad + 0.5 * np.pi),
-            now.facing_rad,
-            (hip_rad, b.thigh_m, 0.0),
-            (shank_rad, b.shank_m, 0.0),
-            (foot_rad, 0.75 * b.foot_m, 0.0),
-        )
+        hip = middle + SIDES[k] * b.hip_m * direction(now.yaw_rad + 0.5 * np.pi)
+        links = ((hip_rad, b.thigh_m), (shank_rad, b.shank_m), (foot_rad, 0.75 * b.foot_m))
+        _, knee, ankle, toe = hang(hip, now.facing_rad, *links)
         sole = b.ankle_m * UP
         return [(hip, knee), (knee, ankle), (ankle - (toe - ankle) / 3 - sole, toe - sole)]
 
-    def _arm_swing(self, k: int, now: Moment, chest_rad: Array) -> Swing:  # noqa: ARG002 - these swing where the body faces
+    def _arm_swing(self, k: int, now: Moment, chest_rad: Array) -> footfalls.Swing:  # noqa: ARG002 - these swing where the body faces
         phase, gesture = now.phase - self.lag[2 + k], now.gesture
         angle = self.joints[3](phase, now.vigour) + gesture[:, 2 * k]
         bend = np.maximum(self.joints[4](phase, now.vigour) + gesture[:, 2 * k + 1], 0.05)
@@ -187,10 +173,8 @@ def draw_angle_quadruped(
     duty = float(np.clip(0.52 * fr**-0.14, 0.28, 0.7))
     # Legs that open as wide as the stride asks.
     scale = float(np.clip(stride * duty / (2 * b.hip_m * np.sin(0.3)), 0.3, 2.0))
-    joints = [
-        draw_curve(rng, mean, scale if k % 2 == 0 else 0.5 + 0.5 * scale)
-        for k, mean in enumerate(DOG)
-    ]
+    means = zip(DOG, (scale, 0.5 + 0.5 * scale) * 2, strict=True)
+    joints = [draw_curve(rng, degrees, share) for degrees, share in means]
     w = Bearing(rng, gait, style)
     strides = StridePhase(path, lambda v: stride * (v / cruise_mps) ** 0.7)
     crouch_rad = (0.45 if style == "stalk" else 0.0) + 0.12 * float(u[1])  # of all legs
@@ -203,13 +187,11 @@ def draw_angle_quadruped(
         # The fore leg's elbow points back, the hind leg's stifle ahead.
         first = upper(phase, vigour) - 0.5 * end * bend
         top = middle + 0.5 * end * b.back_m * direction(heading)
-        top, knee, ankle, paw = hang(
-            top + side * direction(heading + 0.5 * np.pi),
-            heading,
-            (first, b.upper_m, 0.0),
-            (first + end * bend, b.lower_m, 0.0),
-            (first + end * bend + 0.5 + 0.3 * bend, b.paw_m, 0.0),
-        )
+        top = top + side * direction(heading + 0.5 * np.pi)
+        second = first + end * bend
+        third = second + 0.5 + 0.3 * bend
+        links = ((first, b.upper_m), (second, b.lower_m), (third, b.paw_m))
+        _, knee, ankle, paw = hang(top, heading, *links)
         return [(top, knee), (knee, ankle), (ankle, paw)]
 
     def pose(t_s: Array) -> Pose:

@@ -25,7 +25,7 @@ from x2radar.sim.bodies.skins import TotalRcs
 from x2radar.sim.points import UP, Array, Label, Pose
 
 MAX_BYTES = 2**28  # largest file that is read, unpacked: two hours at 120 Hz as text
-MAX_JOINTS, MAX_FRAMES = 200, 2_000_000  # two million frames are two hours at 240 Hz
+MAX_JOINTS = 200
 _THICK_SHARE, _THICK_M = 0.18, (0.015, 0.12)  # half-widths where only the length is known: a share
 _MIN_SEGMENT_M, _MIN_HALF_M, _MAX_HALF_M = 0.02, 0.005, 1.0  # shorter segments do not count
 _N_LOOKS = 16  # over which the mean cross section is taken, as for people
@@ -37,7 +37,7 @@ class RecordedMotion:
     """Parts of a recorded skeleton over time; a `Motion`."""
 
     skeleton: Skeleton
-    half_m: Array  # (n_parts, 3): half-lengths of the parts, as `draw_skin` takes them
+    half_m: Array  # (n_parts, 3): half-lengths of the parts, as `SKINS` take them
     joints: dict[str, int]  # numbers of the joints, by name
     position_m: Array  # (n_frames, n_joints, 3): joints in room coordinates
     velocity: Array  # the same by frame
@@ -78,15 +78,11 @@ class RecordedMotion:
         last = len(self.position_m) - 1
         at = np.clip((t_s - self.start_s) * self.frame_rate_hz, 0.0, last)
         k = np.minimum(at.astype(np.int64), max(last - 1, 0))
-        u = (at - k)[:, None, None]
-        x, v = self.position_m[[k, np.minimum(k + 1, last)]], self.velocity
-        step, ease = x[1] - x[0], u * (1 - u)
+        u, ends = (at - k)[:, None, None], [k, np.minimum(k + 1, last)]
+        (begin, end), (leaves, arrives) = self.position_m[ends], self.velocity[ends]
+        step, ease = end - begin, u * (1 - u)
         # A cubic with the positions and velocities of both frames.
-        now = (
-            x[0]
-            + u * step
-            + ease * ((1 - u) * (v[k] - step) - u * (v[np.minimum(k + 1, last)] - step))
-        )
+        now = begin + u * step + ease * ((1 - u) * (leaves - step) - u * (arrives - step))
         joints = {name: now[:, j] for name, j in self.joints.items()}
         pose = Pose.between(self.skeleton.ends(joints), now[:, :1])
         if self.skeleton.left is None:
@@ -117,8 +113,7 @@ def read_motion(file: str | None, *, scale: float = 1.0, up: str = "y") -> Recor
         if path.suffix == ".npz":
             names, parent, position, rate_hz = _read_archive(path)
         else:
-            text = path.read_text(encoding="utf-8-sig", errors="strict")
-            names, parent, position, rate_hz = read_bvh(text)
+            names, parent, position, rate_hz = read_bvh(path.read_text(encoding="utf-8-sig"))
     except OSError as err:
         raise SceneError(f"{file}: cannot read the motion ({err.strerror or err})") from err
     except (
@@ -198,16 +193,13 @@ def read_bvh(text: str) -> tuple[list[str], list[int], Array, float]:
     """Return names, parents (-1: root), positions (n_frames, n_joints, 3) and frame rate."""
     lines = iter(enumerate(text.splitlines(), 1))
     joints = _hierarchy(lines)
-    word = next(lines)[1].split()
-    n_frames = int(word[-1])
-    rate_hz = 1.0 / float(next(lines)[1].split()[-1])
+    n_frames, step_s = (next(lines)[1].split()[-1] for _ in range(2))
     width = sum(len(j.channels) for j in joints)
-    if not 1 <= n_frames <= MAX_FRAMES:
-        raise ValueError(f"{n_frames} frames; 1 to {MAX_FRAMES} can be read")
     rows = [np.array(line.split(), np.float64) for _, line in lines if line.strip()]
-    if len(rows) != n_frames or any(len(row) != width for row in rows):
+    if not rows or len(rows) != int(n_frames) or any(len(row) != width for row in rows):
         raise ValueError(f"{len(rows)} rows of motion for {n_frames} frames of {width} channels")
-    return [j.name for j in joints], [j.parent for j in joints], _forward(joints, rows), rate_hz
+    names, parent = [j.name for j in joints], [j.parent for j in joints]
+    return names, parent, _forward(joints, rows), 1.0 / float(step_s)
 
 
 def _hierarchy(lines: Iterator[tuple[int, str]]) -> list[_Joint]:

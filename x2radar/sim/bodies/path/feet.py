@@ -62,12 +62,11 @@ class Clock:
         self.duty = np.where(moving, duty, 1.0)
         steps = (self.rate_hz[1:] + self.rate_hz[:-1]) * (_STEP_S / 2)
         own = np.concatenate([[0.0], np.cumsum(steps)])
-        first = gait.more_duty[0] if gait.more_duty else 0.0
         # Never less than before; in between, parabolas.
         self.strides = gone = own.copy()
         last = 0
         for a, b in self.spans:
-            begin = self.duty[a] + first + gait.offset[0]
+            begin = self.duty[a] + gait.more_duty[0] + gait.offset[0]
             begin += np.ceil(gone[last] - begin)
             gone[a : b + 1] = begin + own[a : b + 1] - own[a]
             if last:
@@ -111,20 +110,18 @@ def _spans(speed: Array, drive: Array, stride_m: OfSpeed, n_ahead: int) -> NDArr
     return np.array(found, dtype=np.int64).reshape(-1, 2)
 
 
-def _leg(
-    path: Path, clock: Clock, offset: float, more_duty: float, home_m: tuple[float, float]
-) -> tuple[Array, ...]:
-    """Return when a leg touches down and lifts off, duty, period and place of each stance."""
+def _leg(path: Path, clock: Clock, gait: "Gait", k: int) -> tuple[Array, ...]:
+    """Return when leg `k` touches down and lifts off, duty, period and place of each stance."""
     times = clock.start_s + _STEP_S * np.arange(len(clock.rate_hz))
     lifts, lands, duties, periods = [], [], [], []
     for a, b in clock.spans:
         t = times[a : b + 1]
-        phase = clock.strides[a : b + 1] - offset
+        phase = clock.strides[a : b + 1] - gait.offset[k]
         whole = np.arange(np.floor(phase[0]), np.floor(phase[-1] + 1e-9) + 1)
         # A leg that would be in the air at the beginning, or at the end, stays where it is.
         land = np.interp(whole[1:], phase, t)
         before = np.concatenate([t[:1], land[:-1]])[: len(land)]
-        duty = np.interp(before, times, clock.duty) + more_duty
+        duty = np.interp(before, times, clock.duty) + gait.more_duty[k]
         lift_at = whole[:-1] + duty
         is_step = lift_at >= phase[0] - 1e-6
         lifts.append(np.interp(lift_at, phase, t)[is_step])
@@ -140,7 +137,7 @@ def _leg(
     half = np.clip(0.5 * (lift + land), path.start_s - 1.0, path.end_s + 1.0)
     half[0], half[-1] = path.start_s - 1.0, path.end_s + 1.0
     state = path.at(half)
-    place = np.column_stack([state.beside(*home_m), state.heading_rad])
+    place = np.column_stack([state.beside(*gait.home_m[k]), state.heading_rad])
     keep = _moved(place)
     down = np.concatenate([[True], keep])
     up = np.concatenate([keep, [True]])
@@ -168,8 +165,7 @@ class FootState:
     # In a stance that lasts because the body stands, it waits in the middle.
     phase: Array
     duty: Array  # (n_slow, n_legs): duty factor of each one's stride
-    swing: Array  # (n_slow, n_legs): share of the swing that is done; 0 on the floor
-    is_stance: NDArray[np.bool_]  # (n_slow, n_legs)
+    swing: Array  # (n_slow, n_legs): share of the swing that is done; 0 on the floor alone
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -182,7 +178,7 @@ class Gait:
     stride_m: OfSpeed  # of a speed in m/s, above 0
     duty: OfSpeed  # share of the stride that a foot is on the floor, likewise
     lift_m: tuple[float, ...]  # in a stride of usual length
-    more_duty: tuple[float, ...] = ()  # added to `duty`: a leg that hurts is spared
+    more_duty: tuple[float, ...] = (0.0,) * 4  # added to `duty`: a leg that hurts is spared
     # Share of the swing in which a foot gains, and loses, its speed; the peak is
     # ``1 / (1 - 2 ramp + 4 ramp / pi)`` times the mean.
     ramp: float = 0.3
@@ -194,21 +190,19 @@ class Feet:
 
     def __init__(self, path: Path, gait: Gait) -> None:
         self.clock = clock = Clock(path, gait)  # strides gone, as a function of time
-        more = gait.more_duty or (0.0,) * len(gait.offset)
         self.ramp = gait.ramp
         # Of each leg a row a stance, in order: touch-down, lift-off, duration of the swing after
         # it, and of the stance in steady movement, or what it is, if that is less; duty, lift;
         # where the foot stands, and what the swing adds to that: x, y and heading.
         self.stances: list[Array] = []
-        for k, home_m in enumerate(gait.home_m):
-            leg = _leg(path, clock, gait.offset[k], more[k], home_m)
-            down_s, up_s, duty, period_s, place = leg
+        for k, full_lift_m in enumerate(gait.lift_m):
+            down_s, up_s, duty, period_s, place = _leg(path, clock, gait, k)
             step = np.diff(place, axis=0, append=place[-1:])
             way = np.hypot(step[:, 0], step[:, 1]) + 0.2 * np.abs(step[:, 2])
             usual = max(float(np.median(way[:-1])), 1e-3) if len(way) > 1 else 1.0
             swing_s = np.append(down_s[1:] - up_s[:-1], 1.0)
             full_s = np.minimum(up_s - down_s, duty * period_s)
-            lift_m = gait.lift_m[k] * np.minimum(way / (0.6 * usual), 1.0)
+            lift_m = full_lift_m * np.minimum(way / (0.6 * usual), 1.0)
             columns = (down_s, up_s, swing_s, full_s, duty, lift_m, place, step)
             self.stances.append(np.column_stack(columns))
 
@@ -221,7 +215,6 @@ class Feet:
         down_s, up_s, swing_s, full_s, duty, lift_m = np.moveaxis(f[..., :6], -1, 0)
         t = t_s[:, None]
         since, until = t - down_s, up_s - t
-        is_stance = until >= 0
         swing = np.clip(-until / swing_s, 0.0, 1.0)
         stance = np.minimum(since / full_s, 0.5) + 0.5 - np.clip(until / full_s, 0.0, 0.5)
         done = eased(swing, self.ramp)
@@ -234,7 +227,6 @@ class Feet:
             phase=duty * stance + (1.0 - duty) * swing,
             duty=duty,
             swing=swing,
-            is_stance=is_stance,
         )
 
 

@@ -19,25 +19,25 @@ from x2radar.sim.points import Array
 
 _MIN_LEG_M = 0.1  # waypoints nearer to each other than a foot is long have no direction
 _SHARP_RAD = math.radians(130.0)  # sharper corners cannot be cut without missing the waypoint
+Stops = Sequence[tuple[float, float]]  # metres since the last one, and seconds
 
 
 @dataclass(frozen=True, slots=True)
 class Bend:
-    """A part of a course with one curvature."""
+    """A part of a course with one curvature, and one speed limit, before a pause."""
 
     length_m: float
     curvature_per_m: float  # one over the radius, positive to the left; 0 is a straight line
+    limit_mps: float = math.inf
+    pause_s: float = 0.0
 
     def end(self, begin: tuple[float, float, float], way_m: float) -> tuple[float, float, float]:
         """Return x, y and direction after `way_m`, from x, y and direction at the beginning."""
         x, y, direction = begin
         half = 0.5 * self.curvature_per_m * way_m
         chord = way_m * (math.sin(half) / half if half else 1.0)
-        return (
-            x + chord * math.cos(direction + half),
-            y + chord * math.sin(direction + half),
-            direction + 2 * half,
-        )
+        x, y = x + chord * math.cos(direction + half), y + chord * math.sin(direction + half)
+        return x, y, direction + 2 * half
 
 
 def bends(
@@ -101,32 +101,15 @@ class Agility:
     turn_rad_s: float = 2.5  # largest turn rate; it slows the body down in the tightest bends
 
 
-_ADULT = Agility()
-
-
-@dataclass(frozen=True, slots=True)
-class _Stretch:
-    """A part of the course with one curvature and one speed limit."""
-
-    bend: Bend
-    length_m: float
-    limit_mps: float
-    pause_s: float
-
-
 def _stretches(
-    course: Sequence[Bend],
-    speed_mps: float,
-    stops: Sequence[tuple[float, float]],
-    agility: Agility,
-) -> list[_Stretch]:
+    course: Sequence[Bend], speed_mps: float, stops: Stops, agility: Agility
+) -> list[Bend]:
     """Cut the course where its curvature changes and where the body stops."""
-    found: list[_Stretch] = []
+    found: list[Bend] = []
     gaps = [*(gap for gap, _ in stops), math.inf]
     k, left = 0, gaps[0]
     for n, bend in enumerate(course):
-        rest = bend.length_m
-        limit = speed_mps
+        rest, limit = bend.length_m, speed_mps
         if bend.curvature_per_m:
             radius = 1 / abs(bend.curvature_per_m)
             lateral = math.sqrt(agility.lateral_mps2 * radius)
@@ -142,11 +125,11 @@ def _stretches(
                 pause = 0.0 if is_end else stops[k][1]
                 k += 1
                 left = gaps[k]
-            found.append(_Stretch(bend, length, limit, pause))
+            found.append(Bend(length, bend.curvature_per_m, limit, pause))
     return found
 
 
-def _speeds(stretches: Sequence[_Stretch], acceleration_mps2: float) -> list[float]:
+def _speeds(stretches: Sequence[Bend], acceleration_mps2: float) -> list[float]:
     """Return the speeds at the ends of the stretches, reachable from both sides."""
     v = [0.0] * (len(stretches) + 1)
     for k in range(1, len(stretches)):
@@ -159,11 +142,9 @@ def _speeds(stretches: Sequence[_Stretch], acceleration_mps2: float) -> list[flo
     return v
 
 
-def _pieces(
-    stretch: _Stretch, va: float, vb: float, acceleration_mps2: float
-) -> list[tuple[float, float, float]]:
-    """Return duration, first speed and acceleration: speed up, go on, slow down, pause."""
-    a, length = acceleration_mps2, stretch.length_m
+def _pieces(stretch: Bend, va: float, vb: float, a: float) -> list[tuple[float, float, float]]:
+    """Return duration, first speed and acceleration: speed up by `a`, go on, slow down, pause."""
+    length = stretch.length_m
     top = max(min(stretch.limit_mps, math.sqrt((va**2 + vb**2) / 2 + a * length)), va, vb)
     cruise = length - (2 * top**2 - va**2 - vb**2) / (2 * a)
     pieces = [
@@ -210,22 +191,21 @@ class Path:
         cls,
         waypoints_m: Sequence[tuple[float, float]],
         speed_mps: float,
-        stops: Sequence[tuple[float, float]] = (),
+        stops: Stops = (),
         *,
         turn_radius_m: float = 0.5,
-        agility: Agility = _ADULT,
+        agility: Agility = Agility(),
         start_s: float = 0.0,
     ) -> Self:
-        """Return a path through waypoints with stops: metres since the last, and seconds."""
+        """Return a path through waypoints that stops there."""
         begin, bent = bends(waypoints_m, turn_radius_m)
         course = [bend for bend in bent if bend.length_m > _TINY]
         stretches = _stretches(course, speed_mps, stops, agility)
         speeds = _speeds(stretches, agility.acceleration_mps2)
         rows: list[tuple[float, ...]] = []
         t, way, turned, at = start_s, 0.0, 0.0, begin
-        for stretch, (va, vb) in zip(stretches, pairwise(speeds), strict=True):
-            bend = stretch.bend
-            for dt, v, a in _pieces(stretch, va, vb, agility.acceleration_mps2):
+        for bend, (va, vb) in zip(stretches, pairwise(speeds), strict=True):
+            for dt, v, a in _pieces(bend, va, vb, agility.acceleration_mps2):
                 rows.append((t, way, v, a, *at, bend.curvature_per_m, turned))
                 step = (v + 0.5 * a * dt) * dt
                 lean = bend.curvature_per_m * (v / 2 + a / 6 * dt) * dt
@@ -358,7 +338,6 @@ COURSES: Mapping[str, Callable[[np.random.Generator, float, float], Waypoints]] 
     "oblique": _oblique,
     "wander": _wander,
 }
-"""Courses by name."""
 
 
 def draw_course(

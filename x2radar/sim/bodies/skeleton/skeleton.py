@@ -46,7 +46,6 @@ class Skeleton:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the parts."""
         return tuple(part.name for part in self.parts)
 
     def ends(self, joints: Mapping[str, Array]) -> list[Ends]:
@@ -65,9 +64,9 @@ class Skeleton:
         return np.array(rows)
 
 
-Link = tuple[Array, float, float]  # angle forward from the vertical (n_slow,), length, splay
+Link = tuple[Array, float]  # angle forward from the vertical (n_slow,), and length
 
-STRETCHED_TO = 0.995  # of a limb's length, at most: a straight joint would snap
+_STRETCHED_TO = 0.995  # of a limb's length, at most: a straight joint would snap
 
 
 def direction(yaw_rad: Array, pitch_rad: Array | float = 0.0) -> Array:
@@ -84,22 +83,22 @@ def two_links(
     far_m: float,
     bend: Array,
     *,
-    stiff_to: float,
+    soft_from: float | None = None,
     slack_m: float = 1e-3,
-    is_soft: bool = True,
 ) -> tuple[Array, Array]:
     """Return the middle joint of limbs of two links, and their other end as far as they reach.
 
     The end that stays, and where the other shall be, are of shape (..., 3); so is the side to
     which the middle joint bends. Both links keep their lengths, `near_m` at the fixed end. It
-    reaches `stiff_to` of its length without giving; beyond, farther more and more slowly, up to a
-    straight limb, if it is soft, or not at all. Folded, its ends stay `slack_m` apart.
+    reaches 0.995 of its length, or `soft_from` of it without giving and farther more and more
+    slowly, up to a straight limb. Folded, its ends stay `slack_m` apart.
     """
+    stiff_to = soft_from or _STRETCHED_TO
     reach = end_m - fixed_m
     distance = np.linalg.norm(reach, axis=-1, keepdims=True)
     whole = near_m + far_m
     span = np.clip(distance, 1.05 * abs(near_m - far_m) + slack_m, stiff_to * whole)
-    if is_soft:
+    if soft_from:
         # All at once a joint would snap straight.
         over = np.maximum(distance / whole - stiff_to, 0.0) / (1.0 - stiff_to)
         span = span + (1.0 - stiff_to) * whole * np.tanh(over)
@@ -107,20 +106,18 @@ def two_links(
     along = (near_m**2 - far_m**2 + span**2) / (2.0 * span)
     aside = np.sqrt(np.maximum(near_m**2 - along**2, 0.0))
     away = bend - (bend * unit).sum(axis=-1, keepdims=True) * unit
-    middle = (
-        fixed_m
-        + along * unit
-        + aside * (away / np.maximum(np.linalg.norm(away, axis=-1, keepdims=True), 1e-6))
-    )
-    return middle, fixed_m + span * unit
+    out = away / np.maximum(np.linalg.norm(away, axis=-1, keepdims=True), 1e-6)
+    return fixed_m + along * unit + aside * out, fixed_m + span * unit
 
 
-def hang(top_m: Array, yaw_rad: Array, *links: Link) -> list[Array]:
-    """Return the joints, (n_slow, 3) each, of a chain of links that hangs from `top_m`."""
+def hang(
+    top_m: Array, yaw_rad: Array, *links: Link, splays_rad: Sequence[float] = (0.0, 0.0, 0.0)
+) -> list[Array]:
+    """Return the joints, (n_slow, 3) each, of up to three links that hang from `top_m`."""
     ahead, left = direction(yaw_rad), direction(yaw_rad + 0.5 * np.pi)
     down = np.array([0.0, 0.0, -1.0])
     joints = [top_m]
-    for angle_rad, length_m, splay_rad in links:
+    for (angle_rad, length_m), splay_rad in zip(links, splays_rad, strict=False):
         cos, sin = np.cos(angle_rad)[:, None], np.sin(angle_rad)[:, None]
         link = np.cos(splay_rad) * (cos * down + sin * ahead) + np.sin(splay_rad) * left
         joints.append(joints[-1] + length_m * link)

@@ -23,20 +23,13 @@ Draw = Callable[[np.random.Generator], float]
 
 
 @dataclass(frozen=True, slots=True)
-class Wag:
-    """A tail that wags in bouts: its frequency, and the speed of its tip."""
-
-    hz: Span
-    tip_mps: Span
-
-
-@dataclass(frozen=True, slots=True)
-class Swing:
-    """A tail that always moves, slowly: frequency, amplitude, lag of each third."""
+class Tail:
+    """How a tail moves: always and slowly, or it wags in bouts, as far as its tip is fast."""
 
     hz: Band
-    rad: Band
-    lag_rad: Band
+    lag_rad: Band  # of each third
+    rad: Band = (0.0, 0.0)
+    tip_mps: Span | None = None  # of one that wags in bouts
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,7 +37,6 @@ class Species:
     """How animals of one kind are built, how they go, and what they do."""
 
     name: str  # as scenes call it
-    sentence: str  # for people
     mass_kg: Draw
     possible_kg: Span  # masses that a scene may ask for
     tall: Draw  # draws the hip's height over ``0.155 M^0.35`` m
@@ -64,11 +56,11 @@ class Species:
     jump: Span  # height of what it jumps onto, in hip heights
     neck_rad: Band  # how far the neck points up
     rise_rad: Band  # and the tail
-    tail_moves: Wag | Swing  # what the tail does
+    tail_moves: Tail
     breaths_per_min: Span  # at rest
     label: Label = "pet"  # what an alarm should take it for
-    # how often training's animals do what, by style: what a home sees most the more often; empty
-    # for one that is not trained on
+    # How often training's animals do what, going or in their place: what a home sees most the more
+    # often; empty for one that is not trained on.
     taught: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -85,7 +77,6 @@ def _dog_kg(rng: np.random.Generator) -> float:
 _ROWS = (
     Species(
         name="cat",
-        sentence="A cat.",
         mass_kg=_normal(4.4, 1.1, 2.5, 7.0),
         possible_kg=(1.0, 10.0),
         tall=_normal(0.93, 0.04, 0.7, 1.25),
@@ -104,26 +95,14 @@ _ROWS = (
         jump=(1.6, 3.2),  # a chair or a table
         neck_rad=(0.15, 0.35),
         rise_rad=(-0.5, 1.4),
-        tail_moves=Swing(hz=(0.3, 0.6), rad=(0.25, 0.5), lag_rad=(0.6, 0.6)),
+        tail_moves=Tail(hz=(0.3, 0.6), rad=(0.25, 0.5), lag_rad=(0.6, 0.6)),
         breaths_per_min=(20.0, 30.0),
-        taught={
-            "roam": 1.0,
-            "walk": 2.0,
-            "trot": 1.5,
-            "sniff": 0.7,
-            "stalk": 1.0,
-            "sit": 0.5,
-            "stand": 0.3,
-            "lie": 0.3,
-            "groom": 0.8,
-            "scratch": 0.3,
-            "play": 0.5,
-            "jump": 1.0,
-        },
+        taught={"roam": 1.0, "walk": 2.0, "trot": 1.5, "sniff": 0.7, "stalk": 1.0}
+        | {"sit": 0.5, "stand": 0.3, "lie": 0.3, "groom": 0.8}
+        | {"scratch": 0.3, "play": 0.5, "jump": 1.0},
     ),
     Species(
         name="dog",
-        sentence="A dog, small to large.",
         mass_kg=_dog_kg,
         possible_kg=(1.0, 100.0),
         tall=lambda rng: float(np.clip(np.exp(rng.normal(0.0, 0.09)), 0.7, 1.25)),
@@ -141,28 +120,14 @@ _ROWS = (
         jump=(0.8, 1.3),  # a sofa
         neck_rad=(0.35, 0.6),
         rise_rad=(0.0, 1.0),
-        tail_moves=Wag(hz=(2.0, 6.0), tip_mps=(1.0, 3.0)),
+        tail_moves=Tail(hz=(2.0, 4.0), tip_mps=(1.0, 3.0), lag_rad=(0.15, 0.25)),
         breaths_per_min=(15.0, 30.0),
-        taught={
-            "roam": 1.0,
-            "walk": 2.0,
-            "trot": 2.0,
-            "pace": 1.0,
-            "canter": 1.0,
-            "sniff": 1.5,
-            "sit": 0.5,
-            "stand": 0.4,
-            "lie": 0.3,
-            "pant": 0.3,
-            "groom": 0.4,
-            "scratch": 0.4,
-            "play": 0.6,
-            "jump": 0.5,
-        },
+        taught={"roam": 1.0, "walk": 2.0, "trot": 2.0, "pace": 1.0, "canter": 1.0, "sniff": 1.5}
+        | {"sit": 0.5, "stand": 0.4, "lie": 0.3, "pant": 0.3}
+        | {"groom": 0.4, "scratch": 0.4, "play": 0.6, "jump": 0.5},
     ),
     Species(
         name="rabbit",
-        sentence="A rabbit.",
         mass_kg=_normal(1.9, 0.45, 1.0, 3.0),
         possible_kg=(0.8, 6.0),
         tall=_normal(0.72, 0.05, 0.6, 0.85),
@@ -178,7 +143,7 @@ _ROWS = (
         jump=(1.2, 2.4),
         neck_rad=(0.30, 0.50),
         rise_rad=(0.6, 0.6),
-        tail_moves=Swing(hz=(0.3, 0.6), rad=(0.0, 0.1), lag_rad=(0.1, 0.1)),
+        tail_moves=Tail(hz=(0.3, 0.6), rad=(0.0, 0.1), lag_rad=(0.1, 0.1)),
         breaths_per_min=(30.0, 60.0),
     ),
 )

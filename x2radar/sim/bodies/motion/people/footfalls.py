@@ -17,13 +17,7 @@ import numpy as np
 
 from x2radar.sim.bodies.path.feet import Footprints, StridePhase
 from x2radar.sim.bodies.path.path import Path
-from x2radar.sim.bodies.skeleton.skeleton import (
-    STRETCHED_TO,
-    PersonBuild,
-    direction,
-    hang,
-    two_links,
-)
+from x2radar.sim.bodies.skeleton.skeleton import PersonBuild, direction, hang, two_links
 from x2radar.sim.bodies.wander import Wander
 from x2radar.sim.points import UP, Array, Ends, Pose
 
@@ -78,8 +72,6 @@ def draw_torso(rng: np.random.Generator) -> Torso:
 class StridingPerson(ABC):
     """A person who walks a path with a trunk that swings; a `Motion`."""
 
-    phase: StridePhase  # strides done
-    gesture: Wander  # what arms and head do besides, see `Moment`
     torso: Torso
 
     def __init__(self, path: Path, build: PersonBuild) -> None:
@@ -128,11 +120,9 @@ class StridingPerson(ABC):
         chest = now.facing_rad - 0.7 * (now.yaw_rad - now.facing_rad)
         shoulder = top + side * b.shoulder_m * direction(chest + 0.5 * np.pi)
         yaw, angle, bend, splay = self._arm_swing(k, now, chest)
-        links = (
-            (angle, b.upper_arm_m, side * splay),
-            (angle + bend, b.forearm_m, 0.5 * side * splay),
-        )
-        _, elbow, wrist = hang(shoulder, yaw, *links)
+        links = ((angle, b.upper_arm_m), (angle + bend, b.forearm_m))
+        splays = (side * splay, 0.5 * side * splay)
+        _, elbow, wrist = hang(shoulder, yaw, *links, splays_rad=splays)
         return [(shoulder, elbow), (elbow, wrist), (wrist, wrist + 0.3 * (wrist - elbow))]
 
 
@@ -205,10 +195,9 @@ class FootfallPerson(StridingPerson):
         self.elbow = float((1.5 if runs or style == "carry" else 0.4) * np.exp(0.3 * z[14]))
         self.elbow_swing = 0.2 * float(u[5])
         self.splay = 0.12 + 0.1 * float(u[6])  # of the arms, outward
-        self.gesture = draw_gesture(rng)
-        self.phase = StridePhase(
-            path, lambda v: stride * leg_m * (v / np.sqrt(9.81 * leg_m)) ** power
-        )
+        self.gesture = draw_gesture(rng)  # what arms and head do besides, see `Moment`
+        usual_mps = np.sqrt(9.81 * leg_m)
+        self.phase = StridePhase(path, lambda v: stride * leg_m * (v / usual_mps) ** power)
         scatter = 0.012 * rng.standard_normal((64, 2)).clip(-2, 2)
         self.prints = [
             Footprints(
@@ -262,9 +251,7 @@ class FootfallPerson(StridingPerson):
         ankle[:, 2] += 0.7 * b.foot_m * np.sin(rise)
         # About the ball of the foot, so that the ankle goes ahead as the heel rises.
         ankle += (0.7 * b.foot_m * (1 - np.cos(rise)))[:, None] * ahead
-        knee, ankle = two_links(
-            hip, ankle, b.thigh_m, b.shank_m, ahead, stiff_to=STRETCHED_TO, is_soft=False
-        )
+        knee, ankle = two_links(hip, ankle, b.thigh_m, b.shank_m, ahead)
         heel = ankle - 0.25 * b.foot_m * way
         return [(hip, knee), (knee, ankle), (heel, heel + b.foot_m * way)]
 

@@ -242,14 +242,9 @@ class OnFeet:
             by = (on * cos[:, None] - left * sin[:, None], on * sin[:, None] + left * cos[:, None])
             feet = replace(feet, position_m=feet.position_m + np.stack([*by, lift], axis=-1))
         height = b.ankle_m + (1 - bend) * straight + c.bob_m * vigour * bob
-        middle = np.stack(
-            [
-                state.x_m - aside * sin + ahead * cos,
-                state.y_m + aside * cos + ahead * sin,
-                height + up,
-            ],
-            axis=-1,
-        )
+        x_m = state.x_m - aside * sin + ahead * cos
+        y_m = state.y_m + aside * cos + ahead * sin
+        middle = np.stack([x_m, y_m, height + up], axis=-1)
         swing = np.cos(2 * np.pi * strides)
         hips = _Hips(middle, heading, -c.yaw_rad * vigour * swing, vigour, swing, lean, look)
         return self._upright(hips, feet, doing)
@@ -293,7 +288,8 @@ class OnFeet:
             along, out, high = (b.upper_arm_m + b.forearm_m) * doing.hands[:, side].T[..., None]
             at_work = shoulder + along * ahead + out * left + high * UP
             wrist += doing.share[:, None] * (at_work - wrist)
-            shoulder, elbow = _elbow(b, shoulder, wrist, (ahead, left, sign))
+            away = _elbow_way(wrist - shoulder, ahead + (0.4 * sign) * left - 0.3 * UP)
+            elbow, shoulder = _reach(wrist, shoulder, b.forearm_m, b.upper_arm_m, away)
             fore = (wrist - elbow) / b.forearm_m
         return [(shoulder, elbow), (elbow, wrist), (wrist, wrist + 0.1 * b.stature_m * fore)]
 
@@ -304,7 +300,7 @@ class OnFeet:
         # The heel's rise grows to its most at toe-off; in the swing it goes back.
         push = smooth_step((feet.phase / feet.duty - _HEEL_OFF) / (1 - _HEEL_OFF))
         back_again = 1.0 - smooth_step(feet.swing / 0.55)
-        rise = self.carriage.heel_rad * np.where(feet.is_stance, push, back_again)
+        rise = self.carriage.heel_rad * np.where(feet.swing == 0, push, back_again)
         rise = rise * hips.vigour[:, None]
         back = -np.cos(rise)[..., None] * toes
         back[..., 2] += np.sin(rise)
@@ -323,20 +319,13 @@ class OnFeet:
         return ends
 
 
-def _elbow(
-    b: PersonBuild, shoulder: Array, wrist: Array, frame: tuple[Array, Array, float]
-) -> tuple[Array, Array]:
-    """Return shoulder and elbow of an arm whose wrist is given."""
-    ahead, left, sign = frame
-    fore = ahead + (0.4 * sign) * left - 0.3 * UP
-    fore /= np.sqrt((fore * fore).sum(axis=-1, keepdims=True))
+def _elbow_way(arm: Array, fore: Array) -> Array:
+    """Return where an elbow bends to: down if the arm points along `fore`, else turned with it."""
+    fore = fore / np.sqrt((fore * fore).sum(axis=-1, keepdims=True))
     down = -UP + fore[:, 2:] * fore
-    arm = wrist - shoulder
-    arm /= np.maximum(np.sqrt((arm * arm).sum(axis=-1, keepdims=True)), 1e-6)
+    arm = arm / np.maximum(np.sqrt((arm * arm).sum(axis=-1, keepdims=True)), 1e-6)
     cosine = np.maximum(1.0 + (fore * arm).sum(axis=-1, keepdims=True), 1e-6)
-    away = down - (down * arm).sum(axis=-1, keepdims=True) / cosine * (fore + arm)
-    elbow, top = _reach(wrist, shoulder, b.forearm_m, b.upper_arm_m, away)
-    return top, elbow
+    return np.asarray(down - (down * arm).sum(axis=-1, keepdims=True) / cosine * (fore + arm))
 
 
 def _reach(
@@ -344,7 +333,7 @@ def _reach(
 ) -> tuple[Array, Array]:
     """Return middle and upper joint of a limb whose end is fixed: its upper joint gives."""
     slack = 0.15 * upper_m
-    return two_links(fixed, joint, lower_m, upper_m, bend, stiff_to=_STIFF_TO, slack_m=slack)
+    return two_links(fixed, joint, lower_m, upper_m, bend, soft_from=_STIFF_TO, slack_m=slack)
 
 
 def draw_crawling(rng: np.random.Generator, path: Path, b: PersonBuild, traits: Traits) -> Motion:

@@ -12,14 +12,7 @@ import numpy as np
 from x2radar.sim.bodies.motion.quadrupeds.hung import Manner, Trunk
 from x2radar.sim.bodies.path.feet import Footprints, StridePhase
 from x2radar.sim.bodies.path.path import Path
-from x2radar.sim.bodies.skeleton.skeleton import (
-    ENDS,
-    SIDES,
-    STRETCHED_TO,
-    QuadrupedBuild,
-    direction,
-    two_links,
-)
+from x2radar.sim.bodies.skeleton.skeleton import ENDS, SIDES, QuadrupedBuild, direction, two_links
 from x2radar.sim.bodies.wander import Wander
 from x2radar.sim.points import UP, Array, Ends, Motion, Pose
 
@@ -92,16 +85,15 @@ def draw_footfall_quadruped(
     duty = float(np.clip(0.52 * fr**-0.14 * np.exp(0.1 * z[2]), 0.25, 0.75))
     phase = StridePhase(path, lambda v: factor * b.hip_m * (v**2 / (9.81 * b.hip_m)) ** power)
     lift = b.hip_m * 0.12 * float(np.exp(0.5 * z[3]))
+    ahead_m = 0.5 * b.back_m * (1 + 0.06 * z[4])
+    aside_m = b.half_track_m * (0.5 + 0.6 * u[1])
     prints = tuple(
         Footprints(
             path,
             phase,
             offset=float(lags[k]),
             duty=duty,
-            home_m=(
-                0.5 * ENDS[k] * b.back_m * (1 + 0.06 * z[4]),
-                SIDES[k] * b.half_track_m * (0.5 + 0.6 * u[1]),
-            ),
+            home_m=(ENDS[k] * ahead_m, SIDES[k] * aside_m),
             lift_m=lift,
             lift_skew=0.7 + 0.5 * u[2],
         )
@@ -127,16 +119,9 @@ def draw_footfall_quadruped(
             top = middle + 0.5 * ENDS[k] * b.back_m * long
             top = top + 0.9 * SIDES[k] * b.half_track_m * left
             sole, swing = prints[k].at(t_s, vigour)
+            ankle = sole + 0.25 * b.paw_m * UP
             # Elbows point back, knees ahead.
-            knee, ankle = two_links(
-                top,
-                sole + 0.25 * b.paw_m * UP,
-                b.upper_m,
-                b.lower_m,
-                -ENDS[k] * ahead,
-                stiff_to=STRETCHED_TO,
-                is_soft=False,
-            )
+            knee, ankle = two_links(top, ankle, b.upper_m, b.lower_m, -ENDS[k] * ahead)
             toe = direction(heading, -1.0 * np.sin(np.pi * swing) * vigour)
             paw = (ankle - 0.2 * b.paw_m * toe, ankle + 0.8 * b.paw_m * toe)
             legs += [(top, knee), (knee, ankle), paw]

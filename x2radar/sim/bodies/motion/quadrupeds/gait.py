@@ -61,10 +61,8 @@ def stride_m(speed_mps: Array, hip_m: float, species: Species) -> Array:
     if not fast:
         return np.asarray(factor * hip_m * fr**power, dtype=np.float64)
     ((fast_factor, fast_power),), share = fast, smooth_step(fr - 2.0)
-    return np.asarray(
-        hip_m * (factor * fr**power) ** (1.0 - share) * (fast_factor * fr**fast_power) ** share,
-        dtype=np.float64,
-    )
+    slow_m = hip_m * (factor * fr**power) ** (1.0 - share)
+    return np.asarray(slow_m * (fast_factor * fr**fast_power) ** share, dtype=np.float64)
 
 
 def duty(speed_mps: Array, hip_m: float) -> Array:
@@ -246,9 +244,8 @@ def draw_romping(rng: np.random.Generator, build: QuadrupedBuild, path: Path) ->
         cos, sin = np.cos(w[:, 2]), np.sin(w[:, 2])
         x, y = s.middle_m[0, 0] + w[:, 0], s.middle_m[0, 1] + w[:, 1]
         ahead, left, _ = home[leg]
-        return np.stack(
-            [x + cos * ahead - sin * left, y + sin * ahead + cos * left, 0.0 * x], axis=-1
-        )
+        x, y = x + cos * ahead - sin * left, y + sin * ahead + cos * left
+        return np.stack([x, y, 0.0 * x], axis=-1)
 
     def paw(leg: int, t_s: Array) -> Array:
         """Return where a paw is, shape (n_slow, 3): it steps to where the trunk will be."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from x2radar.sim.bodies.body import Breath
 from x2radar.sim.bodies.skeleton.skeleton import ENDS, SIDES, QuadrupedBuild, direction, two_links
-from x2radar.sim.bodies.skeleton.species import Band, Species, Swing
+from x2radar.sim.bodies.skeleton.species import Band, Species
 from x2radar.sim.bodies.wander import Wander, bouts, smooth_step
 from x2radar.sim.points import UP, Array, Ends, Motion, Pose
 
@@ -106,6 +106,7 @@ def draw_manner(
     rise = 0.0 if sits or style in {"lie", "pant"} else _in(species.rise_rad, u[1])
     wag_hz, wag_rad, lag = _wag(rng, build, float(rise), species)
     look = np.array([0.7, 0.2] if stays else [0.25, 0.05])
+    always = species.tail_moves.tip_mps is None
     lazy = {"sit": -0.3, "stand": -0.3, "lie": 0.5, "pant": 0.3}.get(style, 0.1)
     manner = Manner(
         neck_rad=float(neck),
@@ -122,9 +123,7 @@ def draw_manner(
         wag_rad=wag_rad,
         wag_lag_rad=lag,
         bout=Wander(rng, [1.0], [0.4]),
-        wag_above=-2.0
-        if isinstance(species.tail_moves, Swing)
-        else lazy + 0.6 * float(u[4] - 0.5),
+        wag_above=-2.0 if always else lazy + 0.6 * float(u[4] - 0.5),
     )
     size_m = (0.0005 if style == "pant" else 0.0011) * build.mass_kg**0.33 * (0.7 + 0.6 * u[6])
     per_minute = 53.5 * build.mass_kg**-0.26 * (0.75 + 0.4 * u[5])
@@ -141,16 +140,16 @@ def _wag(
     """Return frequency, amplitude and lag of a tail's wag."""
     u, v, w = rng.uniform(0.0, 1.0, 3)
     moves = species.tail_moves
-    if isinstance(moves, Swing):
-        return _in(moves.hz, u), _in(moves.rad, v), _in(moves.lag_rad, w)
-    (slowest_hz, fastest_hz), (least_mps, most_mps) = moves.hz, moves.tip_mps
-    lag = 0.15 + 0.25 * w
+    lag = _in(moves.lag_rad, w)
+    if moves.tip_mps is None:
+        return _in(moves.hz, u), _in(moves.rad, v), lag
+    (slowest_hz, fastest_hz), (least_mps, most_mps) = (moves.hz[0], sum(moves.hz)), moves.tip_mps
     thirds = np.cos(rise_rad * np.array([1.0, 0.8, 0.6])) * np.exp(-1j * lag * np.arange(3))
     arm = 2.0 * np.pi * build.tail_m * float(np.abs(thirds.mean()))
     tip = min(least_mps + (most_mps - least_mps) * u, fastest_hz * arm * _WIDEST_WAG_RAD)
     slowest = max(slowest_hz, tip / (arm * _WIDEST_WAG_RAD))
     hz = slowest + (fastest_hz - slowest) * v
-    return float(hz), float(tip / (arm * hz)), float(lag)
+    return float(hz), float(tip / (arm * hz)), lag
 
 
 def _in(band: Band, share: float) -> float:
@@ -183,7 +182,7 @@ def hung(build: QuadrupedBuild, action: Action, manner: Manner) -> Motion:
         joint = joint + side[:, None] * left[:, None]
         ankle = s.paw_m + 0.25 * b.paw_m * UP
         bend = -ENDS[:, None] * ahead[:, None]
-        knee, top = two_links(ankle, joint, b.lower_m, b.upper_m, bend, stiff_to=_STIFF_TO)
+        knee, top = two_links(ankle, joint, b.lower_m, b.upper_m, bend, soft_from=_STIFF_TO)
         toes = 0.5 * b.paw_m * ahead
         legs: list[Ends] = []
         for k in range(4):
