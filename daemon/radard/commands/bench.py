@@ -17,7 +17,7 @@ import numpy as np
 
 from radard.commands.explain import basis, percent
 from radard.config.config import Config
-from radard.config.options import LISTENING, add_options, check_seconds, listening_config
+from radard.config.options import LISTENING, LONGEST_S, add_options, check_limits, listening_config
 from radard.config.profiles import front
 from radard.detect.gate import DAY_S
 from radard.errors import RadardError, UsageError
@@ -40,7 +40,6 @@ examples:
   radard bench --port replay:night.h5 --json
   radard bench --radars 40             which profile fits, and how often it errs
 """
-_MAX_RADARS = 10_000
 _SPARE = 0.7  # of the cores may go to radars; the rest is for outputs, clips and the system
 _FFT_LENGTH = 4096  # any machine has its numbers in a cache
 _N_FFTS = 200  # some ten milliseconds
@@ -49,9 +48,7 @@ _REFERENCE = f"{_N_FFTS} FFTs of {_FFT_LENGTH} complex numbers, per second of st
 
 def run(argv: Sequence[str]) -> int:
     args = make_parser().parse_args(argv)
-    check_seconds("--duration", args.duration, 4.0)
-    if not 1 <= args.rounds <= 100:
-        raise UsageError(f"--rounds {args.rounds}: must be 1 to 100")
+    check_limits(args, duration=(4, LONGEST_S), rounds=(1, 100), radars=(1, 10_000))
     if args.radars is not None:
         return _fit(args)
     config = listening_config(args, default_port="sim:human")
@@ -98,8 +95,6 @@ def _fit(args: argparse.Namespace) -> int:
     """Say which profile fits `args.radars` radars, errors beside it."""
     if args.model or args.profile:
         raise UsageError("--radars measures every profile; leave out --model and --profile")
-    if not 1 <= args.radars <= _MAX_RADARS:
-        raise UsageError(f"--radars {args.radars}: must be 1 to {_MAX_RADARS}")
     n, n_cores = args.radars, len(os.sched_getaffinity(0))
     fits = []  # each with CPU seconds of one radar, and the share of the computer that all take
     for profile in front().profiles:

@@ -10,7 +10,7 @@ import numpy as np
 
 from radard.config.config import Config
 from radard.config.directories import calibration_file, for_service
-from radard.config.options import LISTENING, add_options, check_seconds, listening_config
+from radard.config.options import LISTENING, LONGEST_S, add_options, check_limits, listening_config
 from radard.detect.calibration import Calibration, load_calibration
 from radard.detect.gate import DAY_S
 from radard.detect.survey import RoomSurvey
@@ -32,11 +32,9 @@ _CELL_M = 0.5  # of the report
 
 def run(argv: Sequence[str]) -> int:
     args = make_parser().parse_args(argv)
-    check_seconds("--duration", args.duration, _MIN_S)
-    check_seconds("--delay", args.delay, 0.0)
-    if not 0 < args.false_gates <= DAY_S:
-        msg = f"--false-gates {args.false_gates:g}: must be above 0, and 86400 a day at most"
-        raise UsageError(msg)
+    check_limits(
+        args, duration=(_MIN_S, LONGEST_S), delay=(0, LONGEST_S), false_gates=(1e-9, DAY_S)
+    )
     config = listening_config(args)
     if args.out is None and config.sensor.kind in {"sim", "replay"}:
         msg = "--out FILE: needed here; only a real radar's calibration is kept as its own"

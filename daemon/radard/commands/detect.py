@@ -15,7 +15,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from radard.config.options import JUDGING, add_options, judging_config
+from radard.config.options import JUDGING, add_options, check_limits, judging_config
 from radard.errors import OutputError, RadardError, UsageError
 from radard.judge.bundle import PROBABILITIES
 from radard.outputs.records import Record
@@ -34,7 +34,6 @@ examples:
   radard detect /data/* --rows events --out alarms.csv
   radard detect a.h5 b.h5 --to jsonl --model mine.onnx | jq .label
 """
-_MAX_JOBS = 1024  # beyond the cores of any machine that this runs on
 FORMATS = ("csv", "parquet", "jsonl")
 COLUMNS = {
     "decisions": {
@@ -61,10 +60,8 @@ _BATCH = 4096  # rows of a Parquet row group: about a megabyte
 
 
 def run(argv: Sequence[str]) -> int:
-    parser = make_parser()
-    args = parser.parse_args(argv)
-    if args.jobs is not None and not 1 <= args.jobs <= _MAX_JOBS:
-        parser.error(f"--jobs {args.jobs}: must be 1 to {_MAX_JOBS}")
+    args = make_parser().parse_args(argv)
+    check_limits(args, jobs=(1, 1024))  # beyond the cores of any machine that this runs on
     kind = _format(args.to, args.out)
     config = judging_config(args, "recordings")
     # Else every recording would say that it cannot be had.

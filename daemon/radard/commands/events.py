@@ -1,12 +1,14 @@
 """`radard events`: list alarms, faults and tampering from a store."""
 
 import json
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
 from radard.config.config import load_config
 from radard.config.directories import log_path
+from radard.config.options import check_limits
 from radard.config.sink_table import KINDS, named_file
 from radard.errors import UsageError
 from radard.log_file import StoredEvent, newest_events, parse_since, read_events
@@ -23,8 +25,7 @@ examples:
 
 def run(argv: Sequence[str]) -> int:
     args = make_parser().parse_args(argv)
-    if args.limit is not None and args.limit < 1:
-        raise UsageError(f"--limit {args.limit}: must be above 0")
+    check_limits(args, limit=(1, math.inf))
     path = args.store or _configured(args.config)
     since_s = parse_since(args.since, wall_clock.now_s()) if args.since else None
     kinds = args.kind or ()

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 
 from radard.alarm.sensitivity import SENSITIVITIES, alarm_policy
 from radard.config.config import Config, load_config
-from radard.config.options import add_options, config_options, tell_taken
+from radard.config.options import add_options, check_limits, config_options, tell_taken
 from radard.config.profiles import USUAL_HZ, Profile, front
 from radard.config.sections import AUTO_MODEL, DecisionSection, GateSection
 from radard.judge.bundle import Bundle, Card, Three, load_bundle, read_card
@@ -69,10 +69,8 @@ def basis(n: int) -> str:
 
 
 def run(argv: Sequence[str]) -> int:
-    parser = make_parser()
-    args = parser.parse_args(argv)
-    if not 1 <= args.pass_time <= 120:
-        parser.error(f"--pass-time {args.pass_time:g}: must be 1 to 120 s")
+    args = make_parser().parse_args(argv)
+    check_limits(args, pass_time=(1, 120))
     config = tell_taken(load_config(args.config, options=config_options(args)))
     if args.sensor or not config.sensors:
         config = config.of_sensor(args.sensor)

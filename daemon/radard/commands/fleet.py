@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from radard.config.config import Config, load_config
+from radard.config.options import LONGEST_S, check_limits
 from radard.errors import OutputError, UsageError
 from x2radar.command import Parser, new_parser
 
@@ -89,8 +90,7 @@ def run(argv: Sequence[str]) -> int:
     if url is None:
         msg = "no broker: give mqtt://HOST, or an output mqtt://HOST in the configuration"
         raise UsageError(msg)
-    if not args.wait > 0:
-        raise UsageError(f"--wait {args.wait:g}: must be above 0, in seconds")
+    check_limits(args, wait=(0.001, LONGEST_S))
     with closing(_looks(url, config, args.wait)) as looks:
         while True:
             rows = next(looks)

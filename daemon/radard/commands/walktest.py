@@ -18,13 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radard.config.directories import calibration_file, for_service, saved_file
-from radard.config.options import (
-    LISTENING,
-    LONGEST_S,
-    add_options,
-    check_seconds,
-    listening_config,
-)
+from radard.config.options import LISTENING, LONGEST_S, add_options, check_limits, listening_config
 from radard.config.saved import change
 from radard.errors import RadardError, UsageError
 from radard.judge.decision import Decision
@@ -92,7 +86,7 @@ class RangeCell:
 
 def run(argv: Sequence[str]) -> int:
     args = make_parser().parse_args(argv)
-    check_seconds("--duration", args.duration, 1.0)
+    check_limits(args, duration=(1, LONGEST_S))
     config = listening_config(args)
     kept = None
     if args.adult:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from radard.config.options import JUDGING, add_options, judging_config
+from radard.config.options import JUDGING, add_options, check_limits, judging_config
 from radard.errors import UsageError
 from radard.judge.bundle import PROBABILITIES
 from radard.judge.occlusion import MapView, Part, effects, map_views, occluded
@@ -33,8 +33,7 @@ def run(argv: Sequence[str]) -> int:
         if out.suffix not in _SUFFIXES:
             raise UsageError(f"--out {out}: must end in {', '.join(_SUFFIXES)}")
         needed("matplotlib", what="pictures")
-    if not 0 <= args.at < 1e9:
-        raise UsageError(f"--at {args.at:g}: must be 0 or more, in seconds")
+    check_limits(args, at=(0, 1e9))
     moment = moment_of(args.file, args.at, judging_config(args, args.file))
     parts = []
     limit = moment.hello["pet_limit"]
