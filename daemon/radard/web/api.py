@@ -104,7 +104,9 @@ class Api:
 
     async def _metrics(self, _request: Request) -> Response:
         views = self._all_views()
-        text = exposition([view.refreshed_metrics() for view in views], self._view.host.sinks())
+        for view in views:
+            view.metrics.refresh(view.host)
+        text = exposition([view.metrics for view in views], self._view.host.sinks())
         return Response(text, media_type="text/plain; version=0.0.4")
 
     async def _status(self, request: Request) -> Response:

@@ -146,9 +146,7 @@ class Guard:
             body = await json_body(request)
             try:
                 return await handler(body)
-            except OverflowError as err:
-                raise Refusal(400, "a number is too large") from err
-            except ValueError as err:
+            except (ValueError, OverflowError) as err:
                 raise Refusal(400, str(err)) from err
             except (OutputError, ConfigError) as err:
                 raise Refusal(507, str(err)) from err

@@ -143,8 +143,3 @@ class View:
             "settings": settings.model_dump(),
             "playback": playback.state if playback is not None else None,
         }
-
-    def refreshed_metrics(self) -> Metrics:
-        """Return the counters, with what holds at this moment."""
-        self.metrics.refresh(self.host)
-        return self.metrics

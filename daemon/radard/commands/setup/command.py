@@ -11,7 +11,6 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import fields
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any
@@ -20,6 +19,7 @@ from pydantic import AfterValidator, BaseModel
 
 from radard.commands.setup import files
 from radard.commands.setup.coverage import CoverageOptions, coverage_table
+from radard.config.options import check_limits
 from radard.errors import ConfigError, NotAllowed, RadardError, UsageError
 from x2radar.command import Parser, new_parser
 from x2radar.errors import MissingExtra
@@ -61,8 +61,10 @@ def run(argv: Sequence[str]) -> int:
     elif args.what is None:
         lines = _install(Path(args.root).resolve(), args.exec, args.port, args.name)
     elif args.what == "coverage":
-        mount = CoverageOptions(**{f.name: getattr(args, f.name) for f in fields(CoverageOptions)})
-        lines = iter(coverage_table(mount))
+        check_limits(args, height=(0.05, 10), tilt=(-90, 90), width=(5, 175))
+        check_limits(args, limit=(-40, 80), rcs=(1e-6, 100))
+        mount = CoverageOptions(args.height, args.tilt, args.width, args.limit, args.rcs)
+        lines = coverage_table(mount)
     else:
         lines = _one(args)
     for line in lines:
@@ -121,9 +123,13 @@ def make_parser() -> Parser:
         add("--install", action="store_true", default=absent, help="write it, as root")
         add("--root", default=absent, metavar="DIR", help="instead of /")
     coverage = _sub(whats, "coverage", "signal over noise of a body, by height and range")
-    for f in fields(CoverageOptions):
-        told = {"default": f.default, "metavar": f.metadata["unit"], "help": f.metadata["help"]}
-        coverage.add_argument(f.metadata["option"], dest=f.name, type=float, **told)
+    add = coverage.add_argument
+    add("--height", type=float, metavar="M", help="of the radar over the floor (1.5)")
+    add("--tilt", type=float, metavar="DEG", help="down from level (0)")
+    add("--width", type=float, metavar="DEG", help="beam, full at half power (65)")
+    add("--limit", type=float, metavar="DB", help="least that is seen (10)")
+    add("--rcs", type=float, metavar="M2", help="cross section (0.01: a shank)")
+    coverage.set_defaults(height=1.5, tilt=0.0, width=65.0, limit=10.0, rcs=0.01)
     return parser
 
 

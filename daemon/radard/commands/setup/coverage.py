@@ -1,13 +1,11 @@
 """What a mount would see: the simulator's beam and link budget over height and range."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, fields
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
 from radard.dsp.velocity import CPI_S
-from radard.errors import UsageError
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS, RadarSettings
 from x2radar.sim.bodies.thesis_bodies import SEED_GAIN
 from x2radar.sim.place.antenna import Antenna
@@ -19,29 +17,15 @@ DISTANCES_M = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
 ANGLES_DEG = (0, 20, 40, 60, 80)
 
 
-def _option(default: float, option: str, unit: str, text: str, *limits: float) -> Any:
-    """Return a field with its option; beyond the limits it is a slip of the pen."""
-    about = {"option": option, "unit": unit, "help": text, "limits": limits}
-    return field(default=default, metadata=about)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class CoverageOptions:
-    """A mount; raises UsageError if a value makes no sense."""
+    """A mount, and what is to be seen from there."""
 
-    height_m: float = _option(1.5, "--height", "M", "of the radar over the floor (1.5)", 0.05, 10)
-    tilt_deg: float = _option(0.0, "--tilt", "DEG", "down from level (0)", -90, 90)
-    width_deg: float = _option(65.0, "--width", "DEG", "beam, full at half power (65)", 5, 175)
-    limit_db: float = _option(10.0, "--limit", "DB", "least that is seen (10)", -40, 80)
-    rcs_m2: float = _option(0.01, "--rcs", "M2", "cross section (0.01: a shank)", 1e-6, 100)
-
-    def __post_init__(self) -> None:
-        """Check every value."""
-        for each in fields(self):
-            value, (least, most) = getattr(self, each.name), each.metadata["limits"]
-            if not least <= value <= most:
-                option = each.metadata["option"]
-                raise UsageError(f"{option} {value:g}: must be {least:g} to {most:g}")
+    height_m: float  # of the radar over the floor
+    tilt_deg: float  # down from level
+    width_deg: float  # of the beam, full at half power
+    limit_db: float  # least that is seen
+    rcs_m2: float  # cross section
 
 
 def snr_db(options: CoverageOptions, x_m: float, y_m: float, z_m: float) -> float | None:

@@ -92,16 +92,14 @@ def _decisions(path: Path) -> list[dict[str, Any]]:
     """Return what was decided on the clip, on its own clock; nothing for a bare recording."""
     try:
         with contextlib.closing(Hdf5File(path)) as file:
-            sets = {key: file.data_set(f"decisions/{key}") for key in _KEYS}
-            if any(each is None or each.ndim != 1 for each in sets.values()):
+            sets = [file.data_set(f"decisions/{key}") for key in _KEYS]
+            if any(each is None or each.ndim != 1 for each in sets):
                 return []
-            columns = {key: file.read(each, slice(_MAX_DECISIONS)) for key, each in sets.items()}
+            columns = [file.read(each, slice(_MAX_DECISIONS)) for each in sets]
     except (RecordingError, OSError):
         return []
-    return [
-        {key: _plain(values[i]) for key, values in columns.items()}
-        for i in range(min(map(len, columns.values())))
-    ]
+    rows = zip(*columns, strict=False)
+    return [dict(zip(_KEYS, map(_plain, row), strict=True)) for row in rows]
 
 
 def _plain(value: Any) -> Any:
