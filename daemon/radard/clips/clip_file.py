@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 
 from radard.clips.room import date_last
-from radard.clips.spectrogram_png import PictureMaker, Rgb, encode_png
+from radard.clips.spectrogram_png import PictureMaker, encode_png
 from radard.errors import FeatureError, OutputError
 from radard.judge.bundle import PROBABILITIES
 from x2radar.atomic import write_atomically
@@ -66,10 +66,7 @@ class ClipFile:
 
     def preview(self) -> None:
         """Draw what there is up to now, for those who are told of the alarm while it is on."""
-        self._draw(self._picture.picture())
-
-    def _draw(self, picture: Rgb | None) -> None:
-        if picture is not None:
+        if (picture := self._picture.picture()) is not None:
             png = encode_png(picture, self._picture.axes())
             path = self.path.with_suffix(".png")
             write_atomically(path, png, sync=False)
@@ -78,7 +75,6 @@ class ClipFile:
 
     def finish(self, decisions: Sequence[Mapping[str, Any]], event: Mapping[str, Any]) -> None:
         """Close the clip and add what was decided; OutputError if the disk does not take it."""
-        picture = self._picture.picture()
         try:
             self._writer.close()
             # In memory, for HDF5 crashes the process where a full disk takes a part only. What was
@@ -87,7 +83,7 @@ class ClipFile:
             with h5py.File(whole, "r+", libver="latest") as file:
                 file.attrs["event"] = json.dumps(event)
                 _write_decisions(file, decisions, self._stream_t_s)
-                if picture is not None:
+                if (picture := self._picture.picture()) is not None:
                     image = file.create_dataset("picture", data=picture, compression="gzip")
                     # HDF5 Image and Palette Specification 1.2: viewers then show it.
                     image.attrs["CLASS"] = np.bytes_("IMAGE")
@@ -95,7 +91,7 @@ class ClipFile:
                     image.attrs["IMAGE_SUBCLASS"] = np.bytes_("IMAGE_TRUECOLOR")
                     image.attrs["INTERLACE_MODE"] = np.bytes_("INTERLACE_PIXEL")
             write_atomically(self.path, whole.getvalue(), sync=False)
-            self._draw(picture)
+            self.preview()
         except (RecordingError, OSError, RuntimeError) as err:
             msg = f"{self.path}: the clip lacks its decisions: {' '.join(str(err).split())}"
             raise OutputError(msg) from err

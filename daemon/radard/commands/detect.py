@@ -10,12 +10,12 @@ import json
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from datetime import timedelta
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from radard.config.options import JUDGING, add_options, check_limits, judging_config
+from radard.config.quiet_hours import recorded_clock
 from radard.errors import OutputError, RadardError, UsageError
 from radard.judge.bundle import PROBABILITIES
 from radard.outputs.records import Record
@@ -25,7 +25,7 @@ from x2radar.atomic import whole_file
 from x2radar.command import Parser, StatusLine, bar, legible, new_parser
 from x2radar.extras import needed
 from x2radar.recording.registry import check_no_recording
-from x2radar.wall_clock import parse_utc, utc_text
+from x2radar.wall_clock import utc_text
 
 _EXAMPLES = """\
 examples:
@@ -185,28 +185,19 @@ def _writer(
 
 def _records(judged: Judged, rows: str) -> Iterator[Record]:
     """Yield what is told of a recording: the columns of `rows`, or all there is without."""
+    clock = recorded_clock(judged.started_utc)
     for record in judged.read():
         told = {"file": legible(judged.path), **record}
         told.pop("time", None)
         told.pop("latency_ms", None)
         if "t_s" in record:
-            told["time"] = time_of(judged.started_utc, record["t_s"])
+            at = clock(record["t_s"])
+            told["time"] = utc_text(at) if at else None
         if not rows:
             yield told
         elif record["type"] == rows.removesuffix("s"):
             told["n_tracks"] = len(record.get("tracks", ()))
             yield {name: told[name] for name in COLUMNS[rows]}
-
-
-def time_of(started_utc: str, t_s: float) -> str | None:
-    """Return a moment of a recording in ISO 8601; None if its start is not known.
-
-    >>> time_of("2026-03-01T12:30:00.250Z", 61.5)
-    '2026-03-01T12:31:01.750Z'
-    >>> time_of("", 61.5)
-    """
-    started = parse_utc(started_utc)
-    return utc_text(started + timedelta(seconds=t_s)) if started else None
 
 
 def _error(faulty: Sequence[Judged], n: int) -> RadardError:

@@ -26,6 +26,7 @@ from radard.commands.config import shown
 from radard.config.config import Config, found_file, load_with_origins
 from radard.config.credentials import MASK, redact, redact_value
 from radard.config.directories import calibration_file, state_dir, status_dirs
+from radard.config.sections import path_at_home
 from radard.config.sources import ENV_PREFIX
 from radard.detect.calibration import load_calibration
 from radard.errors import RadardError
@@ -148,10 +149,9 @@ def scrub(text: str, secrets: Sequence[str] = ()) -> str:
     """Return a text without secrets, known ones and what looks like one, and the user's name."""
     for secret in secrets:
         text = text.replace(secret, MASK)
-    # A user who is a number alone has no home.
-    with suppress(RuntimeError):
-        if len(home := str(Path.home())) > 1:
-            text = text.replace(home, "~")
+    # It stays as it is where a user who is a number alone has no home.
+    if len(home := str(path_at_home("~"))) > 1:
+        text = text.replace(home, "~")
     # Line by line, because a whole line may be an output such as webhook:URL.
     return "\n".join(redact(line) for line in text.split("\n"))
 

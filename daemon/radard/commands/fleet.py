@@ -33,7 +33,6 @@ class Fleet:
     def __init__(self, prefix: str) -> None:
         self._prefix = prefix
         self._told: dict[str, dict[str, Any]] = {}
-        self._stated_s: dict[str, float] = {}
 
     def take(self, topic: str, payload: bytes, now_s: float) -> None:
         """Take a message that came at a monotonic time; what is none of ours is left out."""
@@ -51,9 +50,7 @@ class Fleet:
             content = None
         if not isinstance(content, str if kind == "availability" else dict):
             return
-        self._told.setdefault(name, {})[kind] = content
-        if kind == "state":
-            self._stated_s[name] = now_s
+        self._told.setdefault(name, {}).update({kind: content, f"{kind}_at_s": now_s})
 
     def rows(self, now_s: float) -> list[dict[str, Any]]:
         """Return a row for each radar: alarms first, then those in trouble, then by name."""
@@ -79,7 +76,7 @@ class Fleet:
             "fault": _plain(health.get("fault")) or None,
             "tamper": _plain(health.get("tamper")) or None,
             "reason": _plain(health.get("reason")),
-            "age_s": round(now_s - self._stated_s[name], 1) if "state" in told else None,
+            "age_s": round(now_s - told["state_at_s"], 1) if "state" in told else None,
         }
 
 

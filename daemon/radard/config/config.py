@@ -150,14 +150,11 @@ def load_with_origins(
         tree.pop("sensors", None)
     config = _checked(tree, places)
     at = partial(saved_file, environ=environ, port=port)
-    is_changed = lay_over(partial(at, config), tree, places)
+    lay_over(partial(at, config), tree, places)
     for name in config.sensors:
-        own: Places = {}
         radar = tree["sensors"][name] = dict(tree["sensors"][name])
-        is_changed |= lay_over(partial(at, config.of_sensor(name)), radar, own)
-        places.update({("sensors", name, *where): place for where, place in own.items()})
-    if is_changed:
-        config = _checked(tree, places)
+        lay_over(partial(at, config.of_sensor(name)), radar, places, ("sensors", name))
+    config = _checked(tree, places)
     config._taken = _taken(config, places, path if file is None else None)
     return config, places
 

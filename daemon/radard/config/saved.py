@@ -14,7 +14,7 @@ from typing import Any, Literal
 from pydantic import ValidationError, model_validator
 
 from radard.config.sections import AlarmChoices, MountSection, Section, Span, ZonesSection
-from radard.config.sources import ENV_PREFIX, Places, explain, put, read_yaml, texts_of
+from radard.config.sources import ENV_PREFIX, Places, Where, explain, put, read_yaml, texts_of
 from radard.errors import ConfigError, OutputError
 from x2radar import wall_clock
 from x2radar.atomic import write_atomically
@@ -60,18 +60,17 @@ class SavedSettings(Section):
 KINDS: dict[Kind, type[Section]] = {"zones": SavedZones, "settings": SavedSettings}
 
 
-def lay_over(path_of: Callable[[Kind], Path], tree: dict[str, Any], places: Places) -> bool:
-    """Put what was saved into sections and places; return whether that changed them."""
-    is_changed = False
+def lay_over(
+    path_of: Callable[[Kind], Path], tree: dict[str, Any], places: Places, at: Where = ()
+) -> None:
+    """Put what was saved into a radar's sections, which stand `at` these keys, and into places."""
     for kind in KINDS:
         saved, lines = _read(path_of(kind), kind)
         for section, values in saved.items():
             for key, value in values.items():
-                if not places.get((section, key), "").startswith(_STRONGER):
+                if not places.get((*at, section, key), "").startswith(_STRONGER):
                     put(tree, section, key, value)
-                    places[section, key] = f"{lines[section, key]}{SAVED}"
-                    is_changed = True
-    return is_changed
+                    places[*at, section, key] = f"{lines[section, key]}{SAVED}"
 
 
 def check_saved(kind: Kind, sections: Sections) -> dict[str, dict[str, Any]]:
