@@ -9,6 +9,7 @@ import contextlib
 import io
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -29,28 +30,26 @@ _NUMBERS = ("power_db", "noise_floor_db", "threshold_db", *PROBABILITIES, "range
 _WHOLE = ("seq", "frames", "dropped", "alarm")
 
 
+@dataclass(eq=False)
 class ClipFile:
     """Writer of one clip: frames, decisions, picture and attributes."""
 
-    def __init__(
-        self,
-        path: Path,
-        stream: StreamInfo,
-        *,
-        first_index: int,
-        started_utc: str,
-        attributes: Mapping[str, str],
-    ) -> None:
-        self.path = path
-        self._stream_t_s = first_index / stream.frame_rate_hz
-        self._picture = PictureMaker(stream)
+    path: Path
+    stream: StreamInfo
+    first_index: int
+    started_utc: str
+    attributes: Mapping[str, str]
+
+    def __post_init__(self) -> None:
+        self._stream_t_s = self.first_index / self.stream.frame_rate_hz
+        self._picture = PictureMaker(self.stream)
         self._writer = RecordingWriter(
-            path,
-            stream,
-            started_utc=started_utc,
-            device={"name": stream.device},
-            first_index=first_index,
-            attributes={**attributes, "stream_t_s": self._stream_t_s},
+            self.path,
+            self.stream,
+            started_utc=self.started_utc,
+            device={"name": self.stream.device},
+            first_index=self.first_index,
+            attributes={**self.attributes, "stream_t_s": self._stream_t_s},
         )
 
     def write(self, frames: list[Frame]) -> None:

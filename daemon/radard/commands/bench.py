@@ -15,7 +15,7 @@ from statistics import median
 
 import numpy as np
 
-from radard.commands.explain import basis, percent
+from radard.commands.explain import basis, estimate
 from radard.config.config import Config
 from radard.config.options import LISTENING, LONGEST_S, add_options, check_limits, listening_config
 from radard.config.profiles import front
@@ -33,6 +33,7 @@ from x2radar.radars import make_radar
 from x2radar.wire.codec import read_messages
 from x2radar.wire.framing import PacketDecoder
 
+_ABOUT = "Measure what one radar costs, and so how many fit."
 _EXAMPLES = """\
 examples:
   radard bench                         the shipped model, 60 frames a second
@@ -79,9 +80,7 @@ def run(argv: Sequence[str]) -> int:
 
 
 def make_parser() -> Parser:
-    parser = new_parser(
-        "radard bench", "Measure what one radar costs, and so how many fit.", _EXAMPLES
-    )
+    parser = new_parser("radard bench", _ABOUT, _EXAMPLES)
     add_options(parser, *LISTENING)
     add = parser.add_argument
     add("--duration", type=float, default=15.0, metavar="S", help="seconds of stream (15)")
@@ -112,11 +111,9 @@ def _fit(args: argparse.Namespace) -> int:
     print(f"{'':<11}{'a second':>8}{'take':>10}{'':<27}with an alarm")
     for p, cpu_s, load in fits:
         head = f"{p.name:<11}{1e3 * cpu_s:7.1f}{100 * load:10.0f} %"
-        print(f"{head}   {percent(p.missed):<22}{percent(p.pets)}")
-    print(
-        f"\nof this computer, {_cores(n_cores)}, with gates that are always open; "
-        "errors, at least of"
-    )
+        print(f"{head}   {estimate(p.missed):<22}{estimate(p.pets)}")
+    gates = "with gates that are always open"
+    print(f"\nof this computer, {_cores(n_cores)}, {gates}; errors, at least of")
     print(basis(min(profile.passages for profile in front().profiles)))
     which = f"--profile {name}" if name else "no profile"
     print(f"{which} lets it carry {n} radars with 30 % to spare")

@@ -27,6 +27,7 @@ from x2radar.extras import needed
 from x2radar.recording.registry import check_no_recording
 from x2radar.wall_clock import utc_text
 
+_ABOUT = "Judge recordings as radard --port replay:FILE does, and write a table."
 _EXAMPLES = """\
 examples:
   radard detect night.h5                        decisions as CSV, on stdout
@@ -101,11 +102,7 @@ def run(argv: Sequence[str]) -> int:
 
 
 def make_parser() -> Parser:
-    parser = new_parser(
-        "radard detect",
-        "Judge recordings as radard --port replay:FILE does, and write a table.",
-        _EXAMPLES,
-    )
+    parser = new_parser("radard detect", _ABOUT, _EXAMPLES)
     add = parser.add_argument
     add("files", nargs="+", type=Path, metavar="FILE", help="recording, or folder of its parts")
     add("--to", choices=FORMATS, help="format (by the suffix of --out, else csv)")

@@ -15,6 +15,7 @@ from radard.log_file import StoredEvent, newest_events, parse_since, read_events
 from x2radar import wall_clock
 from x2radar.command import Parser, new_parser
 
+_ABOUT = "List the events that the log, or -o store:FILE, has kept."
 _EXAMPLES = """\
 examples:
   radard events                        from the store, or the daemon's log
@@ -36,9 +37,7 @@ def run(argv: Sequence[str]) -> int:
 
 
 def make_parser() -> Parser:
-    parser = new_parser(
-        "radard events", "List the events that the log, or -o store:FILE, has kept.", _EXAMPLES
-    )
+    parser = new_parser("radard events", _ABOUT, _EXAMPLES)
     add = parser.add_argument
     add("--store", type=Path, metavar="FILE", help="the file of -o store:FILE")
     add("--since", metavar="WHEN", help="30min, 24h, 7d, or a date; all without it")

@@ -57,7 +57,7 @@ class Fleet:
         rows = [self._row(name, told, now_s) for name, told in self._told.items()]
 
         def rank(row: dict[str, Any]) -> tuple[int, str]:
-            is_bad = not _is_well(row) or row["tamper"] or row["fault"]
+            is_bad = row["state"] != "online" or row["tamper"] or row["fault"]
             return 0 if row["alarm"] else 1 if is_bad else 2, row["sensor"]
 
         return sorted(rows, key=rank)
@@ -97,7 +97,7 @@ def run(argv: Sequence[str]) -> int:
                 print("\x1b[H\x1b[2J", end="")
             print(*lines, sep="\n", flush=True)
             if args.once:
-                return 0 if rows and all(_is_well(row) for row in rows) else 1
+                return 0 if rows and all(row["state"] == "online" for row in rows) else 1
 
 
 def make_parser() -> Parser:
@@ -119,7 +119,7 @@ def make_parser() -> Parser:
 def table(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     """Yield the lines of a table for people."""
     n_alarms = sum(row["alarm"] for row in rows)
-    n_well = sum(_is_well(row) for row in rows)
+    n_well = sum(row["state"] == "online" for row in rows)
     yield f"{len(rows)} radars, {n_well} online, {n_alarms} with an alarm"
     if not rows:
         return
@@ -130,7 +130,7 @@ def table(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
         age = "-" if row["age_s"] is None else f"{row['age_s']:.0f} s"
         sees = "ALARM" if row["alarm"] else row["sees"] or "-"
         remarks = [f"{kind}: {row[kind]}" for kind in ("tamper", "fault") if row[kind]]
-        if not remarks and not _is_well(row):
+        if not remarks and row["state"] != "online":
             remarks = [row["reason"] or "no connection"]
         text = "; ".join(remarks)[:_MAX_SHOWN]
         line = f"{row['sensor']:<{width}}  {row['state']:<8}  {armed:<8}  {sees:<8}  {age:>5}"
@@ -186,7 +186,3 @@ def _plain(value: object) -> str:
     """Return a stranger's value as a text that steers no terminal; empty for none."""
     text = "" if value is None else str(value)
     return "".join(letter if letter.isprintable() else "?" for letter in text)
-
-
-def _is_well(row: Mapping[str, Any]) -> bool:
-    return bool(row["state"] == "online")

@@ -120,13 +120,10 @@ class View:
             line = self._faults.get(name) or _line(answer)
             waiting = sum(each["n_waiting"] for each in answer["outputs"])
             is_well = all(each["status"] == "ok" for each in answer["outputs"])
-            table.add_row(
-                name,
-                _sees(last),
-                *(_bar(last.get(key), 10) for key in _FUSED),
-                f"{waiting} wait" if waiting else "ok" if is_well else "in trouble",
-                _styled(line, no_wrap=True, overflow="ellipsis"),
-            )
+            outputs = f"{waiting} wait" if waiting else "ok" if is_well else "in trouble"
+            bars = (_bar(last.get(key), 10) for key in _FUSED)
+            state = _styled(line, no_wrap=True, overflow="ellipsis")
+            table.add_row(name, _sees(last), *bars, outputs, state)
         return table
 
     def _one(self, name: str) -> Iterator[RenderableType]:

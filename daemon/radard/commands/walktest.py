@@ -27,6 +27,7 @@ from radard.run.components import Listening, listen, use_calibration
 from radard.stream.ring import Notice
 from x2radar.command import Parser, StatusLine, bar, new_parser
 
+_ABOUT = "Log what the radar sees while somebody walks; report it by range at the end."
 _EXAMPLES = """\
 examples:
   radard walktest --port /dev/ttyACM0          Ctrl-C ends it with the report
@@ -122,11 +123,7 @@ def run(argv: Sequence[str]) -> int:
 
 
 def make_parser() -> Parser:
-    parser = new_parser(
-        "radard walktest",
-        "Log what the radar sees while somebody walks; report it by range at the end.",
-        _EXAMPLES,
-    )
+    parser = new_parser("radard walktest", _ABOUT, _EXAMPLES)
     add_options(parser, *LISTENING)
     add = parser.add_argument
     add("--duration", type=float, default=LONGEST_S, metavar="S", help="seconds (till Ctrl-C)")
@@ -272,10 +269,8 @@ def report(steps: Sequence[WalkDecision], cells: Sequence[RangeCell]) -> Iterato
     for cell in cells:
         after = "-" if cell.first_seen_s is None else f"{cell.first_seen_s:.1f} s"
         share = f"{100 * cell.seen / cell.windows:.0f} %"
-        yield (
-            f"{cell.near_m:4.1f} to {cell.far_m:4.1f} m {share:>6} of {cell.windows:<3}"
-            f"{cell.alarms:>7}{cell.visits:>9}{cell.missed:>8}  {after}"
-        )
+        stretch = f"{cell.near_m:4.1f} to {cell.far_m:4.1f} m {share:>6} of {cell.windows:<3}"
+        yield f"{stretch}{cell.alarms:>7}{cell.visits:>9}{cell.missed:>8}  {after}"
     yield ""
     yield verdict(cells)
 

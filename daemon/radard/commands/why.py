@@ -15,6 +15,7 @@ from x2radar.atomic import write_picture
 from x2radar.command import Parser, legible, new_parser
 from x2radar.extras import needed
 
+_ABOUT = "Say why a recording was judged as it was at one moment, and what moved the verdict."
 _EXAMPLES = """\
 examples:
   radard why night.h5 --at 3605.5                    in words
@@ -47,11 +48,7 @@ def run(argv: Sequence[str]) -> int:
 
 
 def make_parser() -> Parser:
-    parser = new_parser(
-        "radard why",
-        "Say why a recording was judged as it was at one moment, and what moved the verdict.",
-        _EXAMPLES,
-    )
+    parser = new_parser("radard why", _ABOUT, _EXAMPLES)
     add = parser.add_argument
     add("file", type=Path, metavar="FILE", help="recording, or folder of its parts")
     add("--at", type=float, required=True, metavar="S", help="seconds of the recording")
@@ -105,15 +102,10 @@ def _told_parts(moment: Moment, parts: Sequence[Part]) -> Iterator[str]:
 def place(part: Part) -> str:
     """Return where a part lies, in the units of its map."""
     view = part.view
-    spans = (
-        f"{values[0]:.4g} to {values[-1]:.4g} {unit}".replace("-", "\N{MINUS SIGN}")
-        for values, unit in (
-            (view.rows[part.rows], view.row_unit),
-            (view.columns[part.columns], view.column_unit),
-        )
-        if unit
-    )
-    return f"{view.name}, {', '.join(spans)}"
+    rows, columns = view.rows[part.rows], view.columns[part.columns]
+    sides = (rows, view.row_unit), (columns, view.column_unit)
+    spans = ", ".join(f"{side[0]:.4g} to {side[-1]:.4g} {unit}" for side, unit in sides if unit)
+    return f"{view.name}, " + spans.replace("-", "\N{MINUS SIGN}")
 
 
 def figure(moment: Moment, parts: Sequence[Part]) -> Any:

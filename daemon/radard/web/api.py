@@ -31,15 +31,7 @@ from radard.judge.bundle import read_card
 from radard.outputs.base import COMMANDS
 from radard.web.auth import SESSION_S, AccessControl, Role, address_of
 from radard.web.events import EventRoutes
-from radard.web.guard import (
-    Guard,
-    Refusal,
-    SecurityMiddleware,
-    json_body,
-    query_number,
-    refuse,
-    whole_number,
-)
+from radard.web.guard import Guard, Refusal, SecurityMiddleware, json_body, query_number, refuse
 from radard.web.hub import serve
 from radard.web.metrics import exposition
 from radard.web.view import DECISIONS, View
@@ -90,9 +82,8 @@ class Api:
             Mount("/static", GZipMiddleware(StaticFiles(directory=_STATIC))),
         ]
         # The routes as an application, behind the checks of every request.
-        app = Starlette(
-            routes=self.routes, exception_handlers={Refusal: refuse, UsageError: refuse}
-        )
+        handlers = {Refusal: refuse, UsageError: refuse}
+        app = Starlette(routes=self.routes, exception_handlers=handlers)
         self.app = SecurityMiddleware(app, access)
 
     async def _told(self, is_good: Callable[[Status], bool], request: Request) -> Response:
@@ -143,10 +134,8 @@ class Api:
         return JSONResponse({"decisions": found})
 
     async def _why(self, request: Request) -> Response:
-        seq = whole_number(request.path_params["seq"], _MAX_SEQ)
         view, history = self._view, self._view.history
-        held = history.around(seq) if seq is not None else []
-        if not held:
+        if not (held := history.around(request.path_params["seq"])):
             raise Refusal(404, "this decision is not remembered any more")
         records, states = zip(*held, strict=True)
         reasons = explain(records, history.hello, view.config, history.events(), states[-1])

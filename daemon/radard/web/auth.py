@@ -8,7 +8,7 @@ import hmac
 import ipaddress
 import secrets
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 from urllib.parse import urlsplit
@@ -50,26 +50,23 @@ def read_tokens(section: WebSection, host: str) -> tuple[str | None, str | None]
     if viewer is not None and viewer == operator:
         raise ConfigError("web.token and web.operator_token are the same: who looks on could arm")
     if viewer is None and operator is None and not is_loopback(host):
-        raise ConfigError(
-            f"--output http://{host}: others can reach this address; name a token with "
-            "web.token_file or web.token_env (and web.operator_token_file for arming)"
-        )
+        cure = "name a token with web.token_file or web.token_env"
+        told = f"others can reach this address; {cure} (and web.operator_token_file for arming)"
+        raise ConfigError(f"--output http://{host}: {told}")
     return viewer, operator
 
 
 class RateLimit:
     """A token bucket: `most` acts at once, and `per_s` a second after that."""
 
-    def __init__(
-        self, most: float, per_s: float, clock: Callable[[], float] = time.monotonic
-    ) -> None:
-        self._most, self._per_s, self._clock = most, per_s, clock
-        self._left, self._at_s = most, clock()
+    def __init__(self, most: float, per_s: float) -> None:
+        self._most, self._per_s = most, per_s
+        self._left, self._at_s = most, time.monotonic()
 
     @property
     def is_spent(self) -> bool:
         """Whether an act may not be done now."""
-        now_s = self._clock()
+        now_s = time.monotonic()
         self._left = min(self._most, self._left + (now_s - self._at_s) * self._per_s)
         self._at_s = now_s
         return self._left < 1
@@ -89,7 +86,6 @@ class AccessControl:
     operator: str | None = field(default=None, repr=False)  # and for arming
     may_command: bool = True
     cookie: str = "radard"
-    clock: Callable[[], float] = time.monotonic
 
     def __post_init__(self) -> None:
         self._wants_token = bool(self.viewer or self.operator)
@@ -106,7 +102,7 @@ class AccessControl:
         if not self._wants_token:
             return self._granted("operator")
         session = self._sessions.get(connection.cookies.get(self.cookie, ""))
-        if session is not None and session[1] > self.clock():
+        if session is not None and session[1] > time.monotonic():
             return session[0]
         scheme, _, token = connection.headers.get("authorization", "").partition(" ")
         if scheme.lower() != "bearer" or not token.strip():
@@ -119,7 +115,7 @@ class AccessControl:
         """Return role and session for a token of an address; ('nobody', '') for a wrong one."""
         if (role := self._role_of(token, address)) == "nobody":
             return role, ""
-        now_s = self.clock()
+        now_s = time.monotonic()
         alive = [(key, item) for key, item in self._sessions.items() if item[1] > now_s]
         self._sessions = dict(alive[-_MAX_SESSIONS + 1 :])
         session = secrets.token_urlsafe(32)
@@ -171,8 +167,7 @@ class AccessControl:
         if is_viewer:
             return "viewer"
         # Each address has its own count, so no stranger spends another's.
-        fresh = RateLimit(_MAX_GUESSES, _GUESSES_PER_S, self.clock)
-        guesses = self._guesses.pop(address, fresh)
+        guesses = self._guesses.pop(address, RateLimit(_MAX_GUESSES, _GUESSES_PER_S))
         guesses.take()
         self._guesses[address] = guesses
         if len(self._guesses) > _MAX_ADDRESSES:

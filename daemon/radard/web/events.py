@@ -1,7 +1,6 @@
 """Events for a page: listed, exported, labelled, with their clips and pictures."""
 
 import base64
-import contextlib
 import csv
 import io
 import json
@@ -174,13 +173,12 @@ def _filter(request: Request) -> dict[str, Any]:
 
 def _copied(clip: Path) -> tuple[IO[bytes], int]:
     """Return a nameless copy of a clip, and its length; the clip may yet grow, shrink or go."""
-    with clip.open("rb") as file, contextlib.ExitStack() as failed:
-        copy = failed.enter_context(TemporaryFile())
+    copy = TemporaryFile()  # noqa: SIM115 - it is closed when it has been sent
+    with clip.open("rb") as file:
         copyfileobj(file, copy)
-        size = copy.tell()
-        copy.seek(0)
-        failed.pop_all()
-        return copy, size
+    size = copy.tell()
+    copy.seek(0)
+    return copy, size
 
 
 def _sent(file: IO[bytes]) -> Iterator[bytes]:

@@ -67,14 +67,14 @@ class History:
             known = [d for d, _ in self._decisions if not before_seq or d["seq"] < before_seq]
         return known[-limit:] if limit else []
 
-    def around(self, seq: int) -> list[Held]:
+    def around(self, seq: str) -> list[Held]:
         """Return a decision and `N_BEFORE` before it, oldest first; empty when it is not known."""
         with self._lock:
             known, causes = list(self._decisions), list(self._causes.values())
-        at = next((i for i, (record, _) in enumerate(known) if record["seq"] == seq), None)
+        at = next((i for i, (record, _) in enumerate(known) if str(record["seq"]) == seq), None)
         if at is not None:
             return known[max(0, at - N_BEFORE) : at + 1]
-        return next((found for found in causes if found[-1][0]["seq"] == seq), [])
+        return next((found for found in causes if str(found[-1][0]["seq"]) == seq), [])
 
     def cause(self, event_id: str) -> int | None:
         """Return the number of the decision that an alarm began with; None if not known."""

@@ -254,10 +254,8 @@ def _check(root: Path, program: Path, port: str, name: str | None) -> None:
     own = [here.resolve(), Path(sys.executable).resolve()] if root == Path("/") else []
     for path in (program, *own):
         if any(path.is_relative_to(home) for home in _CLOSED_HOMES):
-            msg = (
-                "a service does not see home folders; install radard below /opt (docs/install.md)"
-            )
-            raise UsageError(f"{path}: {msg}")
+            cure = "install radard below /opt (docs/install.md)"
+            raise UsageError(f"{path}: a service does not see home folders; {cure}")
 
 
 def _put(root: Path, record: Record, path: Path, text: str) -> Iterator[str]:

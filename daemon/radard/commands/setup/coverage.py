@@ -28,13 +28,13 @@ class CoverageOptions:
     rcs_m2: float  # cross section
 
 
-def snr_db(options: CoverageOptions, x_m: float, y_m: float, z_m: float) -> float | None:
+def snr_db(mount: CoverageOptions, x_m: float, y_m: float, z_m: float) -> float | None:
     """Return the echo over noise at x_m right, y_m ahead, z_m up; None outside the swath."""
     axis = RadarSettings().axis
-    budget, width_deg = LinkBudget(), options.width_deg
+    budget, width_deg = LinkBudget(), mount.width_deg
     antenna = Antenna(
-        height_m=options.height_m,
-        tilt_deg=options.tilt_deg,
+        height_m=mount.height_m,
+        tilt_deg=mount.tilt_deg,
         azimuth_width_deg=width_deg,
         elevation_width_deg=width_deg,
     )
@@ -42,45 +42,39 @@ def snr_db(options: CoverageOptions, x_m: float, y_m: float, z_m: float) -> floa
     range_m = float(np.linalg.norm(towards_m))
     if not axis.range_m[0] <= range_m <= axis.range_m[-1]:
         return None
-    amplitude = budget.amplitude(np.array([range_m]), np.array([options.rcs_m2 * SEED_GAIN]), axis)
+    amplitude = budget.amplitude(np.array([range_m]), np.array([mount.rcs_m2 * SEED_GAIN]), axis)
     # The pattern counts once for the amplitude: out and back.
     amplitude *= antenna.gain(towards_m)
     noise = baseband_noise_power(axis, budget.noise_sigma)
     return float(10 * np.log10(amplitude[0] ** 2 / noise))
 
 
-def coverage_table(options: CoverageOptions) -> Iterator[str]:
+def coverage_table(mount: CoverageOptions) -> Iterator[str]:
     """Yield the lines for a mount: ahead by height and distance, then to the side."""
     axis = RadarSettings().axis
-    yield (
-        f"radar {options.height_m:g} m over the floor, tilted {options.tilt_deg:g} degrees down, "
-        f"beam {options.width_deg:g} degrees;"
-    )
-    yield (
-        f"dB over the noise of one frame, for {options.rcs_m2:g} m2; below {options.limit_db:g}: ."
-    )
+    down = f"tilted {mount.tilt_deg:g} degrees down, beam {mount.width_deg:g} degrees"
+    yield f"radar {mount.height_m:g} m over the floor, {down};"
+    yield f"dB over the noise of one frame, for {mount.rcs_m2:g} m2; below {mount.limit_db:g}: ."
     yield f"-: outside the swath, {axis.range_m[0]:.1f} to {axis.range_m[-1]:.1f} m from the radar"
     yield ""
     yield "straight ahead".ljust(16) + "".join(f"{y:6.1f} m" for y in DISTANCES_M)
     for z_m in reversed(HEIGHTS_M):
-        cells = (_cell(options, 0.0, y_m, z_m) for y_m in DISTANCES_M)
+        cells = (_cell(mount, 0.0, y_m, z_m) for y_m in DISTANCES_M)
         yield f"{z_m:.1f} m high".ljust(16) + "".join(cells)
     yield ""
     yield f"{HEIGHTS_M[2]:g} m high, off to the side"
     for angle_deg in ANGLES_DEG:
         angle = np.deg2rad(angle_deg)
-        cells = (
-            _cell(options, d * float(np.sin(angle)), d * float(np.cos(angle)), HEIGHTS_M[2])
-            for d in DISTANCES_M
-        )
+        right, ahead = float(np.sin(angle)), float(np.cos(angle))
+        cells = (_cell(mount, d * right, d * ahead, HEIGHTS_M[2]) for d in DISTANCES_M)
         yield f"{angle_deg} degrees".ljust(16) + "".join(cells)
     yield ""
     slowest = SPEED_OF_LIGHT_MPS / axis.carrier_hz / 2 / CPI_S
     yield f"slower than {100 * slowest:.0f} cm/s towards or away from the radar counts as standing"
 
 
-def _cell(options: CoverageOptions, x_m: float, y_m: float, z_m: float) -> str:
-    level_db = snr_db(options, x_m, y_m, z_m)
+def _cell(mount: CoverageOptions, x_m: float, y_m: float, z_m: float) -> str:
+    level_db = snr_db(mount, x_m, y_m, z_m)
     if level_db is None:
         return f"{'-':>8}"
-    return f"{'.':>8}" if level_db < options.limit_db else f"{level_db:8.0f}"
+    return f"{'.':>8}" if level_db < mount.limit_db else f"{level_db:8.0f}"
