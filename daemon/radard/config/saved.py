@@ -15,7 +15,7 @@ from pydantic import ValidationError, model_validator
 
 from radard.config.sections import AlarmChoices, MountSection, Section, Span, ZonesSection
 from radard.config.sources import ENV_PREFIX, Places, Where, explain, put, read_yaml, texts_of
-from radard.errors import ConfigError, OutputError
+from radard.errors import ConfigError
 from x2radar import wall_clock
 from x2radar.atomic import write_atomically
 
@@ -83,7 +83,7 @@ def check_saved(kind: Kind, sections: Sections) -> dict[str, dict[str, Any]]:
 
 
 def change(path: Path, kind: Kind, sections: Sections) -> None:
-    """Lay sections over what a file holds; ValueError, ConfigError or OutputError if not."""
+    """Lay sections over what a file holds; ValueError, ConfigError or OSError if not."""
     # JSON is YAML: what was sent is read as a file is, where `true` is no number.
     given = check_saved(kind, texts_of(json.dumps(sections)))
     now = wall_clock.utc_text()
@@ -93,20 +93,14 @@ def change(path: Path, kind: Kind, sections: Sections) -> None:
         for name in {**tree, **given}:
             values = {**tree.get(name, {}), **given.get(name, {})}
             lines += [f"{name}:", *(f"  {key}: {_text(value)}" for key, value in values.items())]
-        try:
-            write_atomically(path, "\n".join(lines) + "\n")
-        except OSError as err:
-            raise OutputError(f"{path}: cannot be kept: {err.strerror or err}") from err
+        write_atomically(path, "\n".join(lines) + "\n")
 
 
 def forget(path: Path) -> None:
-    """Delete what was saved; raises OutputError if that cannot be done."""
-    try:
-        # Not while another page saves: it would write again what it has read before.
-        with _lock:
-            path.unlink(missing_ok=True)
-    except OSError as err:
-        raise OutputError(f"{path}: cannot be taken away: {err.strerror or err}") from err
+    """Delete what was saved; raises OSError if that cannot be done."""
+    # Not while another page saves: it would write again what it has read before.
+    with _lock:
+        path.unlink(missing_ok=True)
 
 
 def _text(value: Any) -> str:

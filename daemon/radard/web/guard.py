@@ -20,7 +20,7 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from radard.errors import ConfigError, OutputError
+from radard.errors import ConfigError
 from radard.web.auth import AccessControl, RateLimit
 from x2radar.keys import unrepeated
 
@@ -148,8 +148,11 @@ class Guard:
                 return await handler(body)
             except (ValueError, OverflowError) as err:
                 raise Refusal(400, str(err)) from err
-            except (OutputError, ConfigError) as err:
+            except ConfigError as err:
                 raise Refusal(507, str(err)) from err
+            except OSError as err:
+                told = f"{err.filename}: {err.strerror}" if err.filename else str(err)
+                raise Refusal(507, told) from err
 
         return Route(path, guarded, methods=["POST"])
 

@@ -288,9 +288,6 @@ def _refusals(path: Path) -> Iterator[None]:
         yield
     except PermissionError as err:
         raise NotAllowed(f"{err.filename or path}: only root may write it; use sudo") from err
-    except OSError as err:
-        msg = f"{err.filename or path}: cannot be written: {err.strerror or err}"
-        raise RadardError(msg) from err
 
 
 def _make_folder(root: Path, record: Record, folder: Path, mode: int = 0o755) -> None:
