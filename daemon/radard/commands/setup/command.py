@@ -67,8 +67,12 @@ def run(argv: Sequence[str]) -> int:
         lines = coverage_table(mount)
     else:
         lines = _one(args)
-    for line in lines:
-        print(line, flush=True)
+    try:
+        for line in lines:
+            print(line, flush=True)
+    except PermissionError as err:
+        path = err.filename or args.root
+        raise NotAllowed(f"{path}: only root may write it; use sudo") from err
     return 0
 
 
@@ -194,18 +198,17 @@ def _install(root: Path, program: Path, port: str, name: str | None) -> Iterator
         del texts[files.UNIT_FILE]
     config = files.CONFIG_FOLDER / f"{name or 'config'}.yaml"
     try:
-        with _refusals(root):
-            yield from _put(root, record, files.USER_FILE, files.shipped("radard.sysusers"))
-            yield from _make_user(root, left)
-            for path, text in texts.items():
-                yield from _put(root, record, path, text)
-            if (root / config).exists():
-                yield f"{root / config}: stays as it is"
-            else:
-                yield from _put(root, record, config, files.first_config(name, port))
-            yield from _make_state(root, record, name)
-            yield from _put_commands(root, record, program)
-            yield from _switch_on(root, record, name, left)
+        yield from _put(root, record, files.USER_FILE, files.shipped("radard.sysusers"))
+        yield from _make_user(root, left)
+        for path, text in texts.items():
+            yield from _put(root, record, path, text)
+        if (root / config).exists():
+            yield f"{root / config}: stays as it is"
+        else:
+            yield from _put(root, record, config, files.first_config(name, port))
+        yield from _make_state(root, record, name)
+        yield from _put_commands(root, record, program)
+        yield from _switch_on(root, record, name, left)
     finally:
         with contextlib.suppress(OSError):
             (root / files.CONFIG_FOLDER).mkdir(parents=True, exist_ok=True)
@@ -223,20 +226,19 @@ def _uninstall(root: Path, *, purge: bool) -> Iterator[str]:
         raise UsageError(msg)
     record = Record.read(root)
     is_live = _is_live(root)
-    with _refusals(root):
-        for unit in record.units:
-            now = ("--now",) if is_live else ()
-            yield from _ran([*_systemctl(root), "disable", *now, unit], needed=False)
-        yield from _remove_files(root, record, purge=purge)
-        if purge:
-            yield from _remove_state(root, record)
-        (root / RECORD_FILE).unlink()
-        for folder in reversed(record.folders):
-            with contextlib.suppress(OSError):  # somebody else's files are in it
-                (root / folder).rmdir()
-        if is_live:
-            yield from _ran(["systemctl", "daemon-reload"], needed=False)
-            yield from _ran(["udevadm", "control", "--reload"], needed=False)
+    for unit in record.units:
+        now = ("--now",) if is_live else ()
+        yield from _ran([*_systemctl(root), "disable", *now, unit], needed=False)
+    yield from _remove_files(root, record, purge=purge)
+    if purge:
+        yield from _remove_state(root, record)
+    (root / RECORD_FILE).unlink()
+    for folder in reversed(record.folders):
+        with contextlib.suppress(OSError):  # somebody else's files are in it
+            (root / folder).rmdir()
+    if is_live:
+        yield from _ran(["systemctl", "daemon-reload"], needed=False)
+        yield from _ran(["udevadm", "control", "--reload"], needed=False)
     if not purge:
         yield f"{root / files.STATE_FOLDER}, the user radard: kept; --purge takes them away"
 
@@ -267,27 +269,18 @@ def _put(root: Path, record: Record, path: Path, text: str) -> Iterator[str]:
 
 def _write(path: Path, text: str, *, keep: bool = True) -> Iterator[str]:
     """Write a file of the system, and yield what was done; an older one is kept beside it."""
-    with _refusals(path):
-        old = path.read_text(encoding="utf-8") if path.exists() else None
-        if old == text:
-            yield f"{path}: is there already"
-            return
-        if old is not None and keep:
-            kept = path.with_name(path.name + ".old")
-            path.replace(kept)
-            yield f"{kept}: the file that was there"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
-        path.chmod(0o644)
+    old = path.read_text(encoding="utf-8") if path.exists() else None
+    if old == text:
+        yield f"{path}: is there already"
+        return
+    if old is not None and keep:
+        kept = path.with_name(path.name + ".old")
+        path.replace(kept)
+        yield f"{kept}: the file that was there"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+    path.chmod(0o644)
     yield f"{path}: written"
-
-
-@contextlib.contextmanager
-def _refusals(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except PermissionError as err:
-        raise NotAllowed(f"{err.filename or path}: only root may write it; use sudo") from err
 
 
 def _make_folder(root: Path, record: Record, folder: Path, mode: int = 0o755) -> None:
