@@ -62,7 +62,6 @@ _LIMITS = ("NOFILE", "MEMLOCK", "AS", "CORE", "NPROC", "RTPRIO")
 _CGROUP = ("memory.max", "memory.high", "memory.current", "cpu.max", "pids.max")
 _WATCHED = ("ModemManager", "brltty", "gpsd", "mosquitto", "radard")
 _LAST = 200  # decisions, states and events: some minutes
-_MAX_ADDED_BYTES = 500e6  # all clips that a daemon keeps
 _MIN_SECRET = 4  # characters: shorter ones would blacken half of the report
 _USERINFO = re.compile(r"//[^/@:\s]*:([^/@\s]+)@")
 
@@ -98,9 +97,6 @@ def _write_bundle(path: Path, parts: Mapping[str, str], added: Sequence[Path]) -
     try:
         if len({file.name for file in added}) < len(added):
             raise RadardError("--add: two files of one name; the bundle can hold one of them")
-        total = sum(file.stat().st_size for file in added)
-        if total > _MAX_ADDED_BYTES:
-            raise RadardError(f"--add: {total / 1e6:.0f} MB are too much; 500 MB fit")
         with path.open("xb") as out, tarfile.open(fileobj=out, mode="w:gz") as tar:
             # Private: what is redacted is still about somebody's home.
             path.chmod(0o600)

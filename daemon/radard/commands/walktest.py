@@ -184,11 +184,9 @@ def step_of(decision: Decision) -> WalkDecision:
     reading = decision.reading
     range_m = None
     if reading is not None and decision.gate == "open":
-        range_m = reading.range_m
-        bodies_m = [track.range_m for track in decision.tracks]
-        near_m = min(bodies_m, key=lambda m: abs(m - reading.range_m), default=math.inf)
-        if abs(near_m - range_m) <= _SAME_M:
-            range_m = near_m
+        echo_m = reading.range_m
+        near_m = [t.range_m for t in decision.tracks if abs(t.range_m - echo_m) <= _SAME_M]
+        range_m = min(near_m, key=lambda m: abs(m - echo_m), default=echo_m)
     return WalkDecision(
         t_s=decision.t_s,
         range_m=range_m,

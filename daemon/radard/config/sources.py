@@ -60,24 +60,18 @@ def read_yaml(path: Path) -> tuple[dict[str, Any], Places]:
 def read_environment(
     environ: Mapping[str, str], root: type[BaseModel]
 ) -> Iterator[tuple[tuple[str, str | None], Any, str]]:
-    """Yield ((section, key), value, name) of RADARD_SECTION__KEY; ConfigError if twice.
+    """Yield ((section, key), value, name) of RADARD_SECTION__KEY.
 
     One without `__` that names no section is another program's, as the RADARD_PORT of a container
     platform, and left out with a warning.
     """
-    names: dict[str, str] = {}
-    for name in sorted(environ):
-        if not name.startswith(ENV_PREFIX):
-            continue
-        if (other := names.setdefault(name.lower(), name)) != name:
-            raise ConfigError(f"{other} and {name} are the same key; give one")
+    for name in sorted(name for name in environ if name.startswith(ENV_PREFIX)):
         section, double, key = name[len(ENV_PREFIX) :].lower().partition("__")
         field = root.model_fields.get(section)
         if field is None and not (double and section):
             log.warning("%s: left out: the configuration has no section '%s'", name, section)
             continue
-        text = environ[name]
-        value = text
+        value = text = environ[name]
         if not double or (text[:1] in {"[", "{"} and not _is_text((section, key), root)):
             with contextlib.suppress(YamlError):
                 value = texts_of(text)

@@ -115,11 +115,10 @@ class AccessControl:
         """Return role and session for a token of an address; ('nobody', '') for a wrong one."""
         if (role := self._role_of(token, address)) == "nobody":
             return role, ""
-        now_s = time.monotonic()
-        alive = [(key, item) for key, item in self._sessions.items() if item[1] > now_s]
-        self._sessions = dict(alive[-_MAX_SESSIONS + 1 :])
         session = secrets.token_urlsafe(32)
-        self._sessions[session] = (role, now_s + SESSION_S)
+        self._sessions[session] = (role, time.monotonic() + SESSION_S)
+        if len(self._sessions) > _MAX_SESSIONS:
+            del self._sessions[next(iter(self._sessions))]
         return role, session
 
     def log_out(self, cookies: Mapping[str, str]) -> None:
