@@ -15,7 +15,7 @@ from statistics import median
 
 import numpy as np
 
-from radard.commands.explain import basis, estimate
+from radard.commands.explain import BASIS, estimate
 from radard.config.config import Config
 from radard.config.options import LISTENING, LONGEST_S, add_options, check_limits, listening_config
 from radard.config.profiles import front
@@ -55,7 +55,8 @@ def run(argv: Sequence[str]) -> int:
     config = listening_config(args, default_port="sim:human")
     cost = measure(config, args.duration, args.rounds)
     n_cores = len(os.sched_getaffinity(0))
-    n_radars = int(_SPARE * n_cores / cost.all_s)
+    all_s = cost.stages[-1].cpu_s_per_stream_s
+    n_radars = int(_SPARE * n_cores / all_s)
     if args.json:
         about = {"frame_rate_hz": cost.frame_rate_hz, "model": cost.model, "cores": n_cores}
         rows = list(map(asdict, cost.stages))
@@ -73,7 +74,7 @@ def run(argv: Sequence[str]) -> int:
     print("worst case: a gate that is always open; outputs, clips and the port are not in it")
     does = f"carries {n_radars} such radars, with 30 % to spare"
     if not n_radars:
-        need = f"{100 * cost.all_s:.0f} % of a core each"
+        need = f"{100 * all_s:.0f} % of a core each"
         does = f"does not carry one radar with 30 % to spare: {need}"
     print(f"this machine ({_cores(n_cores)}) {does}")
     return 0
@@ -99,7 +100,8 @@ def _fit(args: argparse.Namespace) -> int:
     for profile in front().profiles:
         own = argparse.Namespace(**{**vars(args), "profile": profile.name})
         cost = measure(listening_config(own, default_port="sim:human"), args.duration, args.rounds)
-        fits.append((profile, cost.all_s, n * cost.all_s / n_cores))
+        all_s = cost.stages[-1].cpu_s_per_stream_s
+        fits.append((profile, all_s, n * all_s / n_cores))
     name = next((profile.name for profile, _, load in reversed(fits) if load <= _SPARE), None)
     if args.json:
         keys = ("profile", "cpu_s_per_stream_s", "load", "missed", "visits_with_alarm")
@@ -114,7 +116,7 @@ def _fit(args: argparse.Namespace) -> int:
         print(f"{head}   {estimate(p.missed):<22}{estimate(p.pets)}")
     gates = "with gates that are always open"
     print(f"\nof this computer, {_cores(n_cores)}, {gates}; errors, at least of")
-    print(basis(min(profile.passages for profile in front().profiles)))
+    print(BASIS.format(min(profile.passages for profile in front().profiles)))
     which = f"--profile {name}" if name else "no profile"
     print(f"{which} lets it carry {n} radars with 30 % to spare")
     return 0
@@ -141,11 +143,6 @@ class Cost:
     frame_rate_hz: float  # of the stream, and
     duration_s: float  # how much of it was taken
     model: str  # name of the bundle, or none
-
-    @property
-    def all_s(self) -> float:
-        """CPU seconds of one radar per second of its stream, at the worst."""
-        return self.stages[-1].cpu_s_per_stream_s
 
 
 def measure(config: Config, duration_s: float, rounds: int) -> Cost:

@@ -21,6 +21,7 @@ examples:
   radard explain --sensitivity low
   radard explain --model mine.onnx --pass-time 8
 """
+BASIS = "{0} simulated people and {0} visits of pets before an X2"  # of errors
 _SHARE = "share without alarm, "
 _PEOPLE = ("human", "person", "people", "adult", "child", "walker")
 
@@ -57,14 +58,9 @@ def profile_lines(config: Config, bundle: Bundle) -> Iterator[str]:
     yield f"  people missed {estimate(profile.missed)},"
     yield f"  pets' visits with an alarm {estimate(profile.pets)},"
     yield f"  alarm after {profile.half_s:.1f} s (half), {profile.slow_s:.1f} s (90 %)"
-    yield f"  of {basis(profile.passages)}"
+    yield f"  of {BASIS.format(profile.passages)}"
     if front().bundles.get(bundle.name, bundle.judges_as) != bundle.judges_as:
         yield f"  (measured with an earlier '{bundle.name}')"
-
-
-def basis(n: int) -> str:
-    """Return on what errors were measured."""
-    return f"{n} simulated people and {n} visits of pets before an X2"
 
 
 def run(argv: Sequence[str]) -> int:

@@ -43,7 +43,7 @@ MIN_SEEN = 0.9  # of a stretch's windows: a tenth of them is the end of a way, w
 MIN_HUMAN = 0.5  # taken for a person: then a body that stays for two raises the alarm
 MIN_CELLS = 3  # that a walk needs, to speak for more than the place where somebody stood
 _SAME_M = 0.5  # a body so near to the strongest echo is its source
-_FULL_DB = 30.0  # of a full bar: a walker near the radar
+_FULL_DB = 30.0  # over the floor of the room, of a full bar: a walker near the radar
 _MIN_ECHOES = 5  # decisions that a level needs: a walk there and back
 _LEVEL = (
     "Level: {0:.1f} dB at 1 m. If an adult walked, mount.level_db: {0:.1f} in the configuration "
@@ -136,17 +136,13 @@ def line_of(step: WalkDecision) -> str:
     """Return the line of the log for one decision."""
     if step.over_floor_db is None:
         return f"{step.t_s:7.1f} s  window invalid: too many frames missing"
-    head = f"{step.t_s:7.1f} s  {step.over_floor_db:+6.1f} dB  {_bar(step, 20)}"
+    over_db = step.over_floor_db
+    head = f"{step.t_s:7.1f} s  {over_db:+6.1f} dB  {bar(over_db / _FULL_DB, 20)}"
     if step.range_m is None:
         return f"{head}  nothing"
     p_human = "" if step.p_human is None else f" {step.p_human:.2f}"
     alarm = "  ALARM" if step.alarm else ""
     return f"{head}  {step.range_m:4.1f} m  {step.label or 'moves'}{p_human}{alarm}"
-
-
-def _bar(step: WalkDecision, width: int) -> str:
-    """Return a bar that is empty at the floor of the room."""
-    return bar((step.over_floor_db or 0.0) / _FULL_DB, width)
 
 
 def _walked(
@@ -171,7 +167,8 @@ def _walked(
             if not args.json:
                 print(line_of(step), flush=True)
             seen = "nothing" if step.range_m is None else f"{step.range_m:.1f} m"
-            line.show(f"[{_bar(step, 30)}] {seen}; Ctrl-C ends the walk")
+            share = (step.over_floor_db or 0.0) / _FULL_DB
+            line.show(f"[{bar(share)}] {seen}; Ctrl-C ends the walk")
     except KeyboardInterrupt:
         pass  # the way to end a walk: now comes the report
     finally:

@@ -60,12 +60,15 @@ def read_yaml(path: Path) -> tuple[dict[str, Any], Places]:
 def read_environment(
     environ: Mapping[str, str], root: type[BaseModel]
 ) -> Iterator[tuple[tuple[str, str | None], Any, str]]:
-    """Yield ((section, key), value, name) of RADARD_SECTION__KEY.
+    """Yield ((section, key), value, name) of RADARD_SECTION__KEY; ConfigError if twice.
 
     One without `__` that names no section is another program's, as the RADARD_PORT of a container
     platform, and left out with a warning.
     """
+    names: dict[str, str] = {}
     for name in sorted(name for name in environ if name.startswith(ENV_PREFIX)):
+        if (other := names.setdefault(name.lower(), name)) != name:
+            raise ConfigError(f"{other} and {name} are the same key; give one")
         section, double, key = name[len(ENV_PREFIX) :].lower().partition("__")
         field = root.model_fields.get(section)
         if field is None and not (double and section):

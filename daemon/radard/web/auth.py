@@ -89,6 +89,7 @@ class AccessControl:
 
     def __post_init__(self) -> None:
         self._wants_token = bool(self.viewer or self.operator)
+        self._highest: Role = "operator" if self.may_command else "viewer"
         self._sessions: dict[str, tuple[Role, float]] = {}
         self._guesses: dict[str, RateLimit] = {}
 
@@ -100,7 +101,7 @@ class AccessControl:
     def role(self, connection: HTTPConnection) -> Role:
         """Return the role of a request."""
         if not self._wants_token:
-            return self._granted("operator")
+            return self._highest
         session = self._sessions.get(connection.cookies.get(self.cookie, ""))
         if session is not None and session[1] > time.monotonic():
             return session[0]
@@ -162,7 +163,7 @@ class AccessControl:
             for wanted in (self.operator, self.viewer)
         )
         if is_operator:
-            return self._granted("operator")
+            return self._highest
         if is_viewer:
             return "viewer"
         # Each address has its own count, so no stranger spends another's.
@@ -172,9 +173,6 @@ class AccessControl:
         if len(self._guesses) > _MAX_ADDRESSES:
             del self._guesses[next(iter(self._guesses))]
         return "nobody"
-
-    def _granted(self, role: Role) -> Role:
-        return role if self.may_command else "viewer"
 
 
 def address_of(connection: HTTPConnection) -> str:

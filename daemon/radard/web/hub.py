@@ -22,6 +22,7 @@ from radard.web.auth import AccessControl, RateLimit
 MAX_TEXTS = 400  # minutes of records
 MAX_IN_FLIGHT = 64  # pictures: what a page gets at its opening, and some seconds more
 _BACKLOG = 512  # messages: a minute of pictures for a page that opens
+_dump = json.JSONEncoder(separators=(",", ":")).encode
 _MAX_PER_S = 20.0  # messages of a page, which reports pictures four times a second
 _CLOSE_POLICY, _CLOSE_BUSY, _CLOSE_SLOW = 1008, 1013, 4008  # RFC 6455 and IANA; 4000 on are ours
 
@@ -139,10 +140,6 @@ class Hub:
                 self._axes = None
                 self._backlog.clear()
             self._want_pictures(is_wanted)
-
-
-def _dump(message: Mapping[str, Any]) -> str:
-    return json.dumps(message, separators=(",", ":"))
 
 
 async def serve(
