@@ -25,6 +25,7 @@ from x2radar.errors import RecordingError
 from x2radar.frame import Frame, StreamInfo
 from x2radar.recording.hdf5_writer import RecordingWriter
 
+Record = Mapping[str, Any]
 _TEXTS = ("gate", "label")
 _NUMBERS = ("power_db", "noise_floor_db", "threshold_db", *PROBABILITIES, "range_m")
 _WHOLE = ("seq", "frames", "dropped", "alarm")
@@ -72,7 +73,7 @@ class ClipFile:
             # The picture dates the clip: the recording has the clock's time while it grows.
             date_last(path)
 
-    def finish(self, decisions: Sequence[Mapping[str, Any]], event: Mapping[str, Any]) -> None:
+    def finish(self, decisions: Sequence[Record], event: Record) -> None:
         """Close the clip and add what was decided; OutputError if the disk does not take it."""
         try:
             self._writer.close()
@@ -96,16 +97,13 @@ class ClipFile:
             raise OutputError(msg) from err
 
 
-def _write_decisions(
-    file: h5py.File, decisions: Sequence[Mapping[str, Any]], offset_s: float
-) -> None:
+def _write_decisions(file: h5py.File, decisions: Sequence[Record], offset_s: float) -> None:
     group = file.create_group("decisions")
     group["t_s"] = np.array([d["t_s"] - offset_s for d in decisions], np.float64)
-    for name in _WHOLE:
-        group[name] = np.array([d[name] for d in decisions], np.int64)
-    for name in _NUMBERS:
-        values = [np.nan if d[name] is None else d[name] for d in decisions]
-        group[name] = np.array(values, np.float64)
+    for names, kind in ((_WHOLE, np.int64), (_NUMBERS, np.float64)):
+        for name in names:
+            # What is None becomes NaN.
+            group[name] = np.array([d[name] for d in decisions], kind)
     for name in _TEXTS:
         texts = [d[name] or "" for d in decisions]
         group.create_dataset(name, data=texts, dtype=h5py.string_dtype())

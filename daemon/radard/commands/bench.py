@@ -59,8 +59,7 @@ def run(argv: Sequence[str]) -> int:
     n_radars = int(_SPARE * n_cores / all_s)
     if args.json:
         about = {"frame_rate_hz": cost.frame_rate_hz, "model": cost.model, "cores": n_cores}
-        rows = list(map(asdict, cost.stages))
-        print(json.dumps({**about, "stages": rows, "radars": n_radars}))
+        print(json.dumps({**about, "stages": list(map(asdict, cost.stages)), "radars": n_radars}))
         return 0
     print(f"{config.sensor.port}: {cost.frame_rate_hz:g} frames a second, model {cost.model}")
     print(f"{cost.duration_s:.0f} s of it, {args.rounds} rounds, medians\n")

@@ -37,26 +37,19 @@ examples:
 """
 FORMATS = ("csv", "parquet", "jsonl")
 COLUMNS = {
-    "decisions": {
-        "file": "string",
-        "seq": "int64",
-        "t_s": "float64",
-        "time": "string",
-        "gate": "string",
-        **dict.fromkeys(("power_db", "noise_floor_db", "threshold_db", *PROBABILITIES), "float64"),
-        "label": "string",
-        "alarm": "bool_",
-        "range_m": "float64",
-        **dict.fromkeys(("n_tracks", "frames", "dropped"), "int64"),
-    },
-    "events": {
-        **dict.fromkeys(("file", "id", "phase", "kind"), "string"),
-        "t_s": "float64",
-        "time": "string",
-        **dict.fromkeys(("start_t_s", "end_t_s", "peak"), "float64"),
-        "reason": "string",
-    },
-}  # of a table by its rows; types as pyarrow names them
+    "decisions": (
+        *("file", "seq", "t_s", "time", "gate", "power_db", "noise_floor_db", "threshold_db"),
+        *(*PROBABILITIES, "label", "alarm", "range_m", "n_tracks", "frames", "dropped"),
+    ),
+    "events": (
+        *("file", "id", "phase", "kind", "t_s", "time", "start_t_s", "end_t_s", "peak", "reason"),
+    ),
+}  # of a table by its rows
+_TYPES = {
+    **dict.fromkeys(("file", "time", "gate", "label", "id", "phase", "kind", "reason"), "string"),
+    **dict.fromkeys(("seq", "n_tracks", "frames", "dropped"), "int64"),
+    "alarm": "bool_",
+}  # of a column, as pyarrow names them; of all others float64
 _BATCH = 4096  # rows of a Parquet row group: about a megabyte
 
 
@@ -159,7 +152,8 @@ def _writer(
     if kind == "parquet":
         pa: Any = needed("pyarrow", what="Parquet files")
         parquet: Any = needed("pyarrow.parquet", what="Parquet files")
-        schema = pa.schema([(name, getattr(pa, t)()) for name, t in COLUMNS[rows].items()])
+        types = {name: getattr(pa, _TYPES.get(name, "float64"))() for name in COLUMNS[rows]}
+        schema = pa.schema(types.items())
         assert part is not None  # noqa: S101 - a table of its own
         # Opened here: pyarrow takes no name that is not UTF-8.
         whole = opened.enter_context(part.open("wb"))
@@ -171,7 +165,7 @@ def _writer(
     if kind == "jsonl":
         encode = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode
         return lambda batch: file.writelines(f"{encode(record)}\n" for record in batch)
-    lines = csv.DictWriter(file, list(COLUMNS[rows]), lineterminator="\n")
+    lines = csv.DictWriter(file, COLUMNS[rows], lineterminator="\n")
     lines.writeheader()
     if rows == "events":
         return lines.writerows

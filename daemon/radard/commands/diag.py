@@ -222,12 +222,10 @@ def _limits(config: Config) -> dict[str, Any]:
     folder = state_dir(config)
     known = next((p for p in (folder, *folder.parents) if p.exists()), Path("/"))
     free_mb = shutil.disk_usage(known).free // 10**6
+    codes = ((n, getattr(resource, f"RLIMIT_{n}")) for n in _LIMITS)
     running = {_first_line(each / "comm") for each in Path("/proc").glob("[0-9]*")}
     return {
-        **{
-            f"ulimit {n.lower()}": resource.getrlimit(getattr(resource, f"RLIMIT_{n}"))
-            for n in _LIMITS
-        },
+        **{f"ulimit {n.lower()}": resource.getrlimit(code) for n, code in codes},
         **{f"cgroup {n}": _first_line(Path("/sys/fs/cgroup") / n) or None for n in _CGROUP},
         "cores": len(os.sched_getaffinity(0)),
         "load": os.getloadavg(),

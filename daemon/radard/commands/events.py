@@ -29,8 +29,7 @@ def run(argv: Sequence[str]) -> int:
     check_limits(args, limit=(1, math.inf))
     path = args.store or _configured(args.config)
     since_s = parse_since(args.since, wall_clock.now_s()) if args.since else None
-    kinds = args.kind or ()
-    events = newest_events(read_events(path), since_s=since_s, kinds=kinds, limit=args.limit)
+    events = newest_events(read_events(path), since_s=since_s, kinds=args.kind, limit=args.limit)
     for line in (json.dumps(asdict(e)) for e in events) if args.json else _table(events):
         print(line)
     return 0
@@ -41,7 +40,7 @@ def make_parser() -> Parser:
     add = parser.add_argument
     add("--store", type=Path, metavar="FILE", help="the file of -o store:FILE")
     add("--since", metavar="WHEN", help="30min, 24h, 7d, or a date; all without it")
-    add("--kind", action="append", choices=KINDS, help="only this kind; repeatable")
+    add("--kind", action="append", default=[], choices=KINDS, help="only this kind; repeatable")
     add("--limit", type=int, metavar="N", help="the newest N only")
     add("--json", action="store_true", help="one JSON object an event")
     add("--config", type=Path, metavar="FILE", help="whose outputs name the store")

@@ -254,11 +254,10 @@ def report(steps: Sequence[WalkDecision], cells: Sequence[RangeCell]) -> Iterato
     if not seen:
         yield f"nothing was seen in {len(steps)} windows"
         return
-    first, first_alarm_s = seen[0], next((step.t_s for step in steps if step.alarm), None)
+    first, alarm_s = seen[0], next((step.t_s for step in steps if step.alarm), None)
     waited_s = first.t_s - steps[0].t_s
     yield f"first seen {waited_s:.1f} s after the first window, at {first.range_m:.1f} m"
-    late = "" if first_alarm_s is None else f"{first_alarm_s - first.t_s:.1f} s after that"
-    yield f"first alarm {late}" if late else "no alarm"
+    yield "no alarm" if alarm_s is None else f"first alarm {alarm_s - first.t_s:.1f} s after that"
     yield ""
     yield "range           seen      alarms   visits  missed  first seen after"
     for cell in cells:

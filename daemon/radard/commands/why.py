@@ -111,22 +111,21 @@ def place(part: Part) -> str:
 def figure(moment: Moment, parts: Sequence[Part]) -> Any:
     """Return a matplotlib figure: maps, what their parts stood for, and evidence over time."""
     plt: Any = needed("matplotlib.pyplot", what="pictures")
-    views = list(map_views(moment.settings, moment.seen)) if moment.seen is not None else []
+    seen, views = moment.seen, []
+    if seen is not None:
+        views = [(v, v.of(seen.features[v.feature])) for v in map_views(moment.settings, seen)]
     n = max(1, len(views))
     fig = plt.figure(figsize=(3.4 * n + 1, 9), layout="constrained")
     name, t_s = legible(moment.path.name), moment.record["t_s"]
     fig.suptitle(f"{name}, {t_s:.2f} s: {moment.told['headline']}", parse_math=False)
     grid = fig.add_gridspec(3, n, height_ratios=(3, 3, 2))
     most = max((abs(part.effect) for part in parts), default=0.0) or 1.0
-    for k, view in enumerate(views):
-        assert moment.seen is not None  # noqa: S101 - there are views of it
-        values = view.of(moment.seen.features[view.feature])
+    for k, (view, values) in enumerate(views):
         shown = fig.add_subplot(grid[0, k])
         _image(shown, values, view, cmap="magma")
         shown.set_title(view.name, fontsize=9)
         moved = fig.add_subplot(grid[1, k])
-        moves = effects(parts, view)
-        image = _image(moved, moves, view, cmap="RdBu_r", vmin=-most, vmax=most)
+        image = _image(moved, effects(parts, view), view, cmap="RdBu_r", vmin=-most, vmax=most)
         moved.set_title("red speaks for a person", fontsize=8)
         if k == n - 1:
             fig.colorbar(image, ax=moved, label="log-odds of a person (nats)")

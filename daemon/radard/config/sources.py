@@ -28,6 +28,7 @@ _PLAIN = {
 """What pydantic says with names of Python's."""
 Where = tuple[str, ...]
 Places = dict[Where, str]
+Given = tuple[tuple[str, str | None], Any, str]  # section and key (None: all of it), value, place
 
 
 def put(tree: dict[str, Any], section: str, key: str | None, value: Any) -> None:
@@ -57,9 +58,7 @@ def read_yaml(path: Path) -> tuple[dict[str, Any], Places]:
     return raw, dict(_places(node, path))
 
 
-def read_environment(
-    environ: Mapping[str, str], root: type[BaseModel]
-) -> Iterator[tuple[tuple[str, str | None], Any, str]]:
+def read_environment(environ: Mapping[str, str], root: type[BaseModel]) -> Iterator[Given]:
     """Yield ((section, key), value, name) of RADARD_SECTION__KEY; ConfigError if twice.
 
     One without `__` that names no section is another program's, as the RADARD_PORT of a container
@@ -70,8 +69,7 @@ def read_environment(
         if (other := names.setdefault(name.lower(), name)) != name:
             raise ConfigError(f"{other} and {name} are the same key; give one")
         section, double, key = name[len(ENV_PREFIX) :].lower().partition("__")
-        field = root.model_fields.get(section)
-        if field is None and not (double and section):
+        if section not in root.model_fields and not (double and section):
             log.warning("%s: left out: the configuration has no section '%s'", name, section)
             continue
         value = text = environ[name]

@@ -39,11 +39,10 @@ def is_loopback(host: str) -> bool:
     return (getattr(address, "ipv4_mapped", None) or address).is_loopback
 
 
-def read_tokens(section: WebSection, host: str) -> tuple[str | None, str | None]:
+def read_tokens(web: WebSection, host: str) -> tuple[str | None, str | None]:
     """Return those of viewers and operators; ConfigError if one is bad, short, or missing."""
-    o = section
-    viewer = read_secret("web.token", o.token_file, o.token_env)
-    operator = read_secret("web.operator_token", o.operator_token_file, o.operator_token_env)
+    viewer = read_secret("web.token", web.token_file, web.token_env)
+    operator = read_secret("web.operator_token", web.operator_token_file, web.operator_token_env)
     for name, token in (("token", viewer), ("operator_token", operator)):
         if token is not None and len(token) < _MIN_LENGTH:
             raise ConfigError(f"web.{name}: a token needs {_MIN_LENGTH} characters or more")

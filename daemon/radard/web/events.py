@@ -24,7 +24,7 @@ from radard.errors import RadardError
 from radard.log_file import MARKS, StoredEvent, newest_events, parse_since
 from radard.web.guard import Guard, Refusal, attached, query_number
 from radard.web.labels import LABELS, add_label, read_labels
-from radard.web.pictures.clip_view import ClipTimeoutError, read_clip
+from radard.web.pictures.clip_view import read_clip
 from radard.web.view import View
 from x2radar import wall_clock
 
@@ -82,7 +82,7 @@ class EventRoutes:
             async with self._painting:
                 data = await read_clip(path)
         except (RadardError, OSError) as err:
-            code = 504 if isinstance(err, ClipTimeoutError) else 422
+            code = 504 if isinstance(err, TimeoutError) else 422
             raise Refusal(code, f"the clip cannot be shown: {' '.join(str(err).split())}") from err
         return Response(data, media_type="application/octet-stream")
 

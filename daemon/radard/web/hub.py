@@ -157,8 +157,8 @@ async def serve(
     viewer = Viewer()
     viewer.put_text(json.dumps(welcome))
     hub.add(viewer)
-    both = _send(socket, viewer), _listen(socket, viewer, hub)
-    tasks = [asyncio.create_task(each) for each in both]
+    tasks = [asyncio.create_task(_send(socket, viewer))]
+    tasks.append(asyncio.create_task(_listen(socket, viewer, hub)))
     try:
         await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
     finally:
@@ -183,8 +183,7 @@ async def _listen(socket: WebSocket, viewer: Viewer, hub: Hub) -> None:
     rate_limit = RateLimit(_MAX_PER_S, _MAX_PER_S)
     while True:
         try:
-            text = await socket.receive_text()
-            message = json.loads(text)
+            message = json.loads(await socket.receive_text())
         except (WebSocketDisconnect, KeyError, ValueError):
             return
         if not rate_limit.take() or not isinstance(message, dict):

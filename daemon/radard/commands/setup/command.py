@@ -71,8 +71,7 @@ def run(argv: Sequence[str]) -> int:
         for line in lines:
             print(line, flush=True)
     except PermissionError as err:
-        path = err.filename or args.root
-        raise NotAllowed(f"{path}: only root may write it; use sudo") from err
+        raise NotAllowed(f"{err.filename or args.root}: only root may write it; use sudo") from err
     return 0
 
 

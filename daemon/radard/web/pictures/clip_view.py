@@ -34,12 +34,8 @@ _NICE = 10  # decisions come first
 _KEYS = ("t_s", "seq", "gate", "label", "alarm", "fused_p_human", "fused_p_pet", "range_m")
 
 
-class ClipTimeoutError(RadardError):
-    """A clip was not read within `DEADLINE_S`."""
-
-
 async def read_clip(path: Path) -> bytes:
-    """Return `clip_view` of a clip, made in another process; RadardError, ClipTimeoutError."""
+    """Return `clip_view` of a clip, made in another process; RadardError, TimeoutError."""
     environ = {
         "PYTHONPATH": os.pathsep.join(part for part in sys.path if part),
         # Others' stacks would count as memory, and decisions need the processor.
@@ -59,7 +55,7 @@ async def read_clip(path: Path) -> bytes:
             data, complaint = await process.communicate()
     except TimeoutError as err:
         msg = f"it took longer than {DEADLINE_S:g} s; the file may be damaged"
-        raise ClipTimeoutError(msg) from err
+        raise TimeoutError(msg) from err
     finally:
         if process.returncode is None:
             with contextlib.suppress(ProcessLookupError):
