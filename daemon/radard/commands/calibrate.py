@@ -37,8 +37,7 @@ def run(argv: Sequence[str]) -> int:
     check_limits(args, false_gates=(1e-9, DAY_S))
     config = listening_config(args)
     if args.out is None and config.sensor.kind in {"sim", "replay"}:
-        msg = "--out FILE: needed here; only a real radar's calibration is kept as its own"
-        raise UsageError(msg)
+        raise UsageError("--out FILE: needed; only a real radar's calibration is kept as its own")
     path = args.out or for_service(config, calibration_file(config))
     if path.exists():
         # Else it is somebody's recording, or configuration.

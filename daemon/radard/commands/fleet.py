@@ -85,8 +85,7 @@ def run(argv: Sequence[str]) -> int:
     config = load_config(args.config)
     url = args.url or config.named_output("mqtt", "mqtts")
     if url is None:
-        msg = "no broker: give mqtt://HOST, or an output mqtt://HOST in the configuration"
-        raise UsageError(msg)
+        raise UsageError("no broker: give mqtt://HOST, or an output mqtt: in the configuration")
     check_limits(args, wait=(0.001, LONGEST_S))
     with closing(_looks(url, config, args.wait)) as looks:
         while True:

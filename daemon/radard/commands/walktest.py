@@ -112,8 +112,7 @@ def run(argv: Sequence[str]) -> int:
     if kept is None:
         return 0
     if level_db is None:
-        msg = f"--adult: seen in fewer than {_MIN_ECHOES} windows, which tells no level"
-        raise RadardError(msg)
+        raise RadardError(f"--adult: seen in under {_MIN_ECHOES} windows, which tells no level")
     try:
         change(kept, "settings", {"mount": {"level_db": level_db}})
     except ValueError as err:

@@ -128,8 +128,7 @@ class Api:
     async def _decisions(self, request: Request) -> Response:
         limit = query_number(request, "limit", 100, DECISIONS)
         before = query_number(request, "before_seq", 0, _MAX_SEQ)
-        found = self._view.history.decisions(limit, before_seq=before)
-        return JSONResponse({"decisions": found})
+        return JSONResponse({"decisions": self._view.history.decisions(limit, before_seq=before)})
 
     async def _why(self, request: Request) -> Response:
         view, history = self._view, self._view.history

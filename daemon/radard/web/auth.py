@@ -94,8 +94,7 @@ class AccessControl:
 
     def is_locked(self, address: str) -> bool:
         """Return whether too many wrong tokens came from an address lately."""
-        guesses = self._guesses.get(address)
-        return guesses is not None and guesses.is_spent
+        return address in self._guesses and self._guesses[address].is_spent
 
     def role(self, connection: HTTPConnection) -> Role:
         """Return the role of a request."""
@@ -140,8 +139,7 @@ class AccessControl:
 
     def is_same_origin(self, headers: Mapping[str, str]) -> bool:
         """Return whether a request comes from our own page, or from no page at all."""
-        site = headers.get("sec-fetch-site")
-        if site is not None and site not in {"same-origin", "none"}:
+        if headers.get("sec-fetch-site", "none") not in {"same-origin", "none"}:
             return False
         origin = headers.get("origin")
         if origin is None:

@@ -221,8 +221,7 @@ def _install(root: Path, program: Path, port: str, name: str | None) -> Iterator
 def _uninstall(root: Path, *, purge: bool) -> Iterator[str]:
     """Take away what `_install` wrote; UsageError if nothing is recorded there."""
     if not (root / RECORD_FILE).exists():
-        msg = f"{root / RECORD_FILE}: not there: nothing that radard setup --install has made"
-        raise UsageError(msg)
+        raise UsageError(f"below {root} is nothing that radard setup --install has made")
     record = Record.read(root)
     is_live = _is_live(root)
     for unit in record.units:
@@ -244,8 +243,7 @@ def _uninstall(root: Path, *, purge: bool) -> Iterator[str]:
 
 def _check(root: Path, program: Path, port: str, name: str | None) -> None:
     if (root / _PACKAGED).exists():
-        msg = f"{root / _PACKAGED}: radard is installed as a package; nothing is left to do"
-        raise UsageError(msg)
+        raise UsageError(f"{root / _PACKAGED}: radard is installed as a package; nothing to do")
     # Refuse them before anything is written.
     files.systemd_unit(program, port)
     files.first_config(name, port)
