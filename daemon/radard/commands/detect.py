@@ -110,8 +110,7 @@ def _format(to: str | None, out: Path | None) -> str:
     by_name = out.suffix.removeprefix(".").lower() if out is not None else ""
     kind = to or by_name or "csv"
     if kind not in FORMATS:
-        msg = f"--out {out}: no format is called {by_name}; --to is {', '.join(FORMATS)}"
-        raise UsageError(msg)
+        raise UsageError(f"--out {out}: no format called {by_name}; --to is {', '.join(FORMATS)}")
     if kind == "parquet" and out is None:
         raise UsageError("--to parquet: a table like that needs --out FILE")
     return kind

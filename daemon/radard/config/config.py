@@ -111,7 +111,7 @@ def load_config(file: Path | None = None, **given: Any) -> Config:
 def load_with_origins(
     file: Path | None = None,
     *,
-    environ: Mapping[str, str] | None = None,
+    environ: Mapping[str, str] = os.environ,
     options: Mapping[str, Any] | None = None,
     port: str | None = None,
 ) -> tuple[Config, Places]:
@@ -121,7 +121,6 @@ def load_with_origins(
     to key to value; `port` is listened to instead of the configured port. Raises ConfigError with
     every fault, each with its place.
     """
-    environ = os.environ if environ is None else environ
     path = file or found_file()
     tree, places = read_yaml(path) if path else ({}, {})
     _lay_profile(tree, places)

@@ -155,14 +155,13 @@ class Api:
 
     def _room(self) -> dict[str, Any] | None:
         """Return what the sensor's own calibration says of its room; None without one."""
-        if self._view.config.gate.calibration == "none":
-            return None
-        try:
-            found = load_calibration(kept_calibration(self._view.config))
-        except ConfigError:
-            return None
-        made = {key: getattr(found.provenance, key) for key in ("made_utc", "false_gates_per_day")}
-        return {**made, "restless": restless_spans(found)}
+        config, keys = self._view.config, ("made_utc", "false_gates_per_day")
+        with contextlib.suppress(ConfigError):
+            if config.gate.calibration != "none":
+                found = load_calibration(kept_calibration(config))
+                made = {key: getattr(found.provenance, key) for key in keys}
+                return {**made, "restless": restless_spans(found)}
+        return None
 
     def _config(self) -> Any:
         return redact_value("", self._view.config.model_dump(mode="json"))
@@ -215,8 +214,7 @@ class Api:
         return JSONResponse({"outputs": answers})
 
     async def _playback(self, body: dict[str, Any]) -> Response:
-        playback = self._view.host.playback()
-        if playback is None:
+        if (playback := self._view.host.playback()) is None:
             raise Refusal(409, "this is no replay")
         action, value = body.get("action"), body.get("value")
         is_number = isinstance(value, int | float) and not isinstance(value, bool)

@@ -164,9 +164,9 @@ class AccessControl:
         if is_viewer:
             return "viewer"
         # Each address has its own count, so no stranger spends another's.
-        guesses = self._guesses.pop(address, RateLimit(_MAX_GUESSES, _GUESSES_PER_S))
-        guesses.take()
-        self._guesses[address] = guesses
+        fresh = RateLimit(_MAX_GUESSES, _GUESSES_PER_S)
+        self._guesses[address] = self._guesses.pop(address, fresh)
+        self._guesses[address].take()
         if len(self._guesses) > _MAX_ADDRESSES:
             del self._guesses[next(iter(self._guesses))]
         return "nobody"

@@ -3,6 +3,7 @@
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -99,11 +100,8 @@ class View:
         self.section, self.log, self.host, self.sensor = section, log, host, sensor
         self.history, self.metrics = History(), Metrics(sensor)
         self.hub = Hub(lambda is_wanted: self.picture_thread.want(is_wanted=is_wanted))
-        self.picture_thread = PictureThread(
-            host.ring,
-            lambda axes: post(self.hub.announce, axes),
-            lambda data: post(self.hub.show, data),
-        )
+        announce, show = partial(post, self.hub.announce), partial(post, self.hub.show)
+        self.picture_thread = PictureThread(host.ring, announce, show)
         self._post = post
         self._last: Mapping[str, Any] = {}
 
