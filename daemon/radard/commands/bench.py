@@ -73,8 +73,7 @@ def run(argv: Sequence[str]) -> int:
     print("worst case: a gate that is always open; outputs, clips and the port are not in it")
     does = f"carries {n_radars} such radars, with 30 % to spare"
     if not n_radars:
-        need = f"{100 * all_s:.0f} % of a core each"
-        does = f"does not carry one radar with 30 % to spare: {need}"
+        does = f"does not carry one radar with 30 % to spare: {100 * all_s:.0f} % of a core each"
     print(f"this machine ({_cores(n_cores)}) {does}")
     return 0
 

@@ -130,10 +130,9 @@ def status_dirs(config: "Config", environ: Environ = os.environ) -> tuple[Path, 
 
 def runtime_dir(config: "Config", environ: Environ = os.environ) -> Path:
     """Return the folder of the status file, to which nobody else may write."""
-    if config.service.runtime_dir is not None:
-        return config.service.runtime_dir
-    if given := environ.get("RUNTIME_DIRECTORY"):
-        return Path(given.partition(":")[0])
+    given = config.service.runtime_dir or environ.get("RUNTIME_DIRECTORY", "").partition(":")[0]
+    if given:
+        return Path(given)
     if (own := Path(environ.get("XDG_RUNTIME_DIR", ""))).is_absolute():
         return own / "radard"
     return _temporary_dir() or state_dir(config, environ) / "run"
