@@ -26,9 +26,7 @@ def udev_rules(usb_id: str | None = None, serial: str | None = None) -> str:
     if usb_id is None and serial is None:
         return text
     if usb_id is None or serial is None:
-        raise UsageError(
-            "--usb and --serial belong together: an adapter may carry another thing"
-        )
+        raise UsageError("--usb and --serial belong together: an adapter may carry another thing")
     if not _USB_ID.fullmatch(usb_id.lower()):
         raise UsageError(f"--usb '{usb_id}': must be two hexadecimal numbers, as in 0403:6001")
     if not _SERIAL.fullmatch(serial):
