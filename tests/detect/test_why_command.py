@@ -127,7 +127,7 @@ def test_the_thesis_network_has_a_profile_and_a_diagram(person, capsys, tmp_path
     ("argv", "code", "said"),
     [
         (["--at", "99"], 2, "has decisions from 2.45 to 4.45 s"),
-        (["--at", "-1"], 2, "--at -1: must be 0 or more"),
+        (["--at", "-1"], 2, "--at -1: must be 0 to"),
         (["--at", "3", "--out", "a.bmp"], 2, "must end in .png, .pdf, .svg"),
         (["--at", "3", "--out", "gone/a.png", "--model", "none"], 1, "gone/a.png: cannot write"),
     ],

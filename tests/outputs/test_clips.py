@@ -216,7 +216,7 @@ def test_without_room_there_is_no_clip_and_a_complaint_and_the_next_is_tried(tmp
     feeder.hop(3)
     assert keeper.begin(event(0), feeder.t_s) is None
     assert ("MB are free" if is_full else "File exists") in keeper.complaint
-    keeper._settings = keeper._settings.model_copy(update={"free_mb": 0.0})
+    keeper.settings = keeper.settings.model_copy(update={"free_mb": 0.0})
     if not is_full:
         (tmp_path / "clips").unlink()
     path = keeper.begin(event(0), feeder.t_s)

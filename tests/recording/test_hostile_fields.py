@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from radard.commands.detect import time_of
 from radard.config.quiet_hours import recorded_clock
 from tests.recording_helpers import make, refused, run
 from x2radar.commands.convert import convert
@@ -95,7 +94,6 @@ def test_a_pipe_is_no_recording_and_nobody_waits_for_it(tmp_path, form, is_named
 @given(st.text(max_size=40) | st.datetimes().map(lambda when: when.isoformat()))
 def test_any_start_can_be_gone_on_from(text):
     started = parse_utc(text)
-    assert (time_of(text, 1e9) is None) == (started is None)
     assert (recorded_clock(text)(1e9) is None) == (started is None)
     assert started is None or started.tzinfo is UTC
 

@@ -138,5 +138,4 @@ def test_explain_prints_policy_delay_and_rates_and_follows_options(capsys):
     assert "p(human) 0.5 on" in text
     assert "no verdicts" in told("--model", "none")
     assert "made by: train-export evaluate --model accurate " in told()
-    with pytest.raises(SystemExit):
-        main(["explain", "--pass-time", "0"])
+    assert main(["explain", "--pass-time", "0"]) == 2

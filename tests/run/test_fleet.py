@@ -61,7 +61,7 @@ def test_two_processes_with_three_radars_are_one_fleet(tmp_path, launch, broker,
         (("mqtt://127.0.0.1:{free}",), 1, "cannot connect: Connection refused"),
         (("mqtt://",), 2, "no host"),
         (("mqtt://me:secret@host",), 2, "no password in the URL"),
-        (("mqtt://127.0.0.1:{free}", "--wait", "nan"), 2, "must be above 0"),
+        (("mqtt://127.0.0.1:{free}", "--wait", "nan"), 2, "must be 0.001 to"),
         (("mqtt://127.0.0.1:{silent}", "--config", "{config}"), 1, "no answer"),
     ],
 )

@@ -24,6 +24,7 @@ from x2radar.sim.bodies.thesis_bodies import SEED_GAIN
 from x2radar.sim.module.stream import EchoStream
 from x2radar.sim.scene.scene import parse_scene
 
+MOUNT = CoverageOptions(height_m=1.2, tilt_deg=0, width_deg=65, limit_db=10, rcs_m2=0.01)
 PROGRAM = "/opt/radard/bin/radard"
 ROOT = Path(__file__).parents[2]
 
@@ -286,7 +287,7 @@ def test_install_without_the_right_to(tmp_path, monkeypatch, capsys):
 def echo_db(height_m, z_m, y_m):
     """A still point's echo over the noise, as the simulated module shows both."""
     range_m = float(np.hypot(y_m, z_m - height_m))
-    rcs_m2 = CoverageOptions().rcs_m2 * SEED_GAIN
+    rcs_m2 = MOUNT.rcs_m2 * SEED_GAIN
     scene = f"steps: [{{duration_s: 60}}]\nclutter: [{{range_m: {range_m}, rcs_m2: {rcs_m2}}}]"
     settings = RadarSettings.for_frame_rate(60, output="iq")
     stream = EchoStream(parse_scene(scene, "point", "point"), 0, settings)
@@ -298,5 +299,5 @@ def echo_db(height_m, z_m, y_m):
 
 @pytest.mark.parametrize("y_m", [1.0, 2.0, 3.0])
 def test_coverage_is_what_the_simulated_module_shows(y_m):
-    told = snr_db(CoverageOptions(height_m=1.2), 0.0, y_m, 1.2)
+    told = snr_db(MOUNT, 0.0, y_m, 1.2)
     assert told == pytest.approx(echo_db(1.2, 1.2, y_m), abs=1.5)

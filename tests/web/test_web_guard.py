@@ -8,6 +8,7 @@ import os
 import re
 import socket
 from csv import DictReader
+from types import SimpleNamespace
 
 import pytest
 from starlette.requests import HTTPConnection
@@ -66,22 +67,24 @@ def test_a_token_may_have_any_letters(token):
         assert access.role(HTTPConnection({"type": "http", "headers": [header]})) == role
 
 
-def test_sessions_end_and_are_bounded():
+def test_sessions_end_and_are_bounded(monkeypatch):
     def role(session):
         cookie = (b"cookie", f"radard={session}".encode())
         return guard.role(HTTPConnection({"type": "http", "headers": [cookie]}))
 
     now = [0.0]
-    guard = AccessControl(operator=OPERATOR, clock=lambda: now[0])
+    monkeypatch.setattr("radard.web.auth.time", SimpleNamespace(monotonic=lambda: now[0]))
+    guard = AccessControl(operator=OPERATOR)
     sessions = [guard.log_in(OPERATOR, "")[1] for _ in range(100)]
     assert (role(sessions[-1]), role(sessions[0])) == ("operator", "nobody")
     now[0] = SESSION_S + 1
     assert role(sessions[-1]) == "nobody"
 
 
-def test_guessing_is_slow_and_locks_out_nobody_else():
+def test_guessing_is_slow_and_locks_out_nobody_else(monkeypatch):
     now = [0.0]
-    guard = AccessControl(viewer=VIEWER, clock=lambda: now[0])
+    monkeypatch.setattr("radard.web.auth.time", SimpleNamespace(monotonic=lambda: now[0]))
+    guard = AccessControl(viewer=VIEWER)
     stranger, owner = "192.168.1.66", "192.168.1.5"
     for _ in range(10):
         assert guard.log_in("not it, not it", stranger)[0] == "nobody"

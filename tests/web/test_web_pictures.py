@@ -137,7 +137,7 @@ def test_a_page_gets_the_last_half_minute_and_nobody_gets_pictures(picture_threa
         ring.push(frame)
         if k % 60 == 59:
             # As its thread does, a second of stream at a time.
-            one._look(0)
+            one._look(None)
     assert (axes, data) == ([], [])
     one.start()
     one.want(is_wanted=True)

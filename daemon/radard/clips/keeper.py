@@ -42,24 +42,19 @@ class _Running:
     decisions: list[Mapping[str, Any]]
 
 
+@dataclass(eq=False)
 class ClipKeeper:
     """Make clips in `folder`, of a stream whose dwells have `n_slow` frames."""
 
-    def __init__(
-        self,
-        settings: ClipsSection,
-        folder: Path,
-        stream: StreamInfo,
-        n_slow: int,
-        attributes: Mapping[str, str],
-    ) -> None:
-        self._settings = settings
-        self._folder = folder
-        self._stream = stream
-        self._rate_hz = stream.frame_rate_hz
-        self._n_slow = n_slow
-        self._attributes = attributes
-        n_hold = round((settings.pre_s + _SLACK_S) * self._rate_hz) + 2 * n_slow
+    settings: ClipsSection
+    folder: Path
+    stream: StreamInfo
+    n_slow: int
+    attributes: Mapping[str, str]  # root attributes of the clips to come; any thread may set them
+
+    def __post_init__(self) -> None:
+        self._rate_hz = self.stream.frame_rate_hz
+        n_hold = round((self.settings.pre_s + _SLACK_S) * self._rate_hz) + 2 * self.n_slow
         self._held: deque[Frame] = deque(maxlen=n_hold)
         self._lock = threading.Lock()
         self._past: deque[tuple[int, Mapping[str, Any]]] = deque(maxlen=_MAX_PAST)
@@ -77,10 +72,6 @@ class ClipKeeper:
         with self._lock:
             self._held.append(frame)
 
-    def describe(self, attributes: Mapping[str, str]) -> None:
-        """Give the clips to come other root attributes; any thread may."""
-        self._attributes = attributes
-
     def restart(self) -> None:
         """Note that the stream restarted: no clip begins before this."""
         self._past.clear()
@@ -88,7 +79,7 @@ class ClipKeeper:
     def on_decision(self, record: Mapping[str, Any], t_s: float) -> None:
         """Take a decision's record and exact time, before the events that it makes."""
         end = round(t_s * self._rate_hz)
-        self._past.append((end - self._n_slow, record))
+        self._past.append((end - self.n_slow, record))
         if self._running is not None:
             self._running.decisions.append(record)
             self._take(self._running, end)
@@ -104,18 +95,17 @@ class ClipKeeper:
         if room is not None and wait([room], _WAIT_S).done and self.complaint:
             return None
         end = round(t_s * self._rate_hz)
-        earliest = end - self._n_slow - round(self._settings.pre_s * self._rate_hz)
+        earliest = end - self.n_slow - round(self.settings.pre_s * self._rate_hz)
         past = [item for item in self._past if item[0] >= earliest]
         # An alarm of before a restart begins before there is a dwell.
-        first = past[0][0] if past else max(0, end - self._n_slow)
-        last = max(end, first + round(self._settings.longest_s * self._rate_hz))
-        path = self._folder / f"{event['id']}.h5"
+        first = past[0][0] if past else max(0, end - self.n_slow)
+        last = max(end, first + round(self.settings.longest_s * self._rate_hz))
+        path = self.folder / f"{event['id']}.h5"
         event = {**event, "clip": str(path)}
         self._running = _Running(event, first, last, t_s, [record for _, record in past])
         began = wall_clock.now() - timedelta(seconds=(end - first) / self._rate_hz)
-        self._do(self._open, path, first, wall_clock.utc_text(began), self._attributes)
-        self._take(self._running, end)
-        self._do(self._preview)
+        self._do(self._open, path, first, wall_clock.utc_text(began), self.attributes)
+        self._take(self._running, end, draws=True)
         return self.named_of(event["id"])
 
     def named_of(self, event_id: str) -> str | None:
@@ -136,7 +126,7 @@ class ClipKeeper:
             running.event = {**event, "clip": running.event["clip"]}
         if is_seen:
             running.seen_s = t_s
-        if t_s - running.seen_s >= self._settings.post_s or running.taken >= running.end:
+        if t_s - running.seen_s >= self.settings.post_s or running.taken >= running.end:
             self._finish(running)
 
     def close(self, timeout_s: float) -> bool:
@@ -146,16 +136,16 @@ class ClipKeeper:
         return self._last is None or bool(wait([self._last], timeout_s).done)
 
     def _look_for_room(self) -> None:
-        prepare_folder(self._folder, free_bytes=self._settings.free_mb * 1e6)
+        prepare_folder(self.folder, free_bytes=self.settings.free_mb * 1e6)
         self.complaint = ""
 
-    def _take(self, running: _Running, end: int) -> None:
+    def _take(self, running: _Running, end: int, *, draws: bool = False) -> None:
         first, last = running.taken, min(end, running.end)
         with self._lock:
             frames = [f for f in self._held if first <= f.index < last]
         running.taken = max(first, last)
         if frames:
-            self._do(self._write, frames)
+            self._do(self._write, frames, draws)
 
     def _finish(self, running: _Running) -> None:
         self._running = None
@@ -189,28 +179,25 @@ class ClipKeeper:
         # Late, so that a run without alarms never loads h5py.
         from radard.clips.clip_file import ClipFile  # noqa: PLC0415
 
-        stream = self._stream
-        self._file = ClipFile(path, stream, first_index=first, started_utc=utc, attributes=about)
+        self._file = ClipFile(path, self.stream, first, utc, about)
 
-    def _write(self, frames: list[Frame]) -> None:
+    def _write(self, frames: list[Frame], draws: bool) -> None:
         """Add frames; what is still told of a clip that cannot go on is dropped."""
         file, self._file = self._file, None
         if file is not None:
             file.write(frames)
         self._file = file
-
-    def _preview(self) -> None:
-        if self._file is not None:
-            self._file.preview()
+        if file is not None and draws:
+            file.preview()
 
     def _end(self, running: _Running) -> None:
         file, self._file = self._file, None
         if file is not None:
             file.finish(running.decisions, running.event)
-            limit_size(self._folder, keep_bytes=self._settings.keep_mb * 1e6)
+            limit_size(self.folder, keep_bytes=self.settings.keep_mb * 1e6)
             self.complaint = ""
 
     def _complain(self, err: Exception) -> None:
         why = err.strerror if isinstance(err, OSError) else None
-        self.complaint = f"{self._folder}: {why}" if why else str(err)
+        self.complaint = f"{self.folder}: {why}" if why else str(err)
         log.warning("clip: %s", self.complaint)

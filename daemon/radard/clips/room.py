@@ -21,8 +21,7 @@ def prepare_folder(folder: Path, *, free_bytes: float) -> None:
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     # One that has another name, too, as in a backup, would make no room.
     clips = [c for c in _oldest_first(folder) if all(p.stat().st_nlink == 1 for p in c)]
-    needed = free_bytes - shutil.disk_usage(folder).free
-    if needed > sum(map(_size_of, clips)):
+    if free_bytes - shutil.disk_usage(folder).free > sum(map(_size_of, clips)):
         raise OutputError(f"{folder}: less than {free_bytes / 1e6:g} MB are free")
     for clip in clips:
         if shutil.disk_usage(folder).free >= free_bytes:

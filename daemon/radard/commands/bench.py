@@ -15,9 +15,9 @@ from statistics import median
 
 import numpy as np
 
-from radard.commands.explain import basis, percent
+from radard.commands.explain import BASIS, estimate
 from radard.config.config import Config
-from radard.config.options import LISTENING, add_options, check_seconds, listening_config
+from radard.config.options import LISTENING, LONGEST_S, add_options, check_limits, listening_config
 from radard.config.profiles import front
 from radard.detect.gate import DAY_S
 from radard.errors import RadardError, UsageError
@@ -33,6 +33,7 @@ from x2radar.radars import make_radar
 from x2radar.wire.codec import read_messages
 from x2radar.wire.framing import PacketDecoder
 
+_ABOUT = "Measure what one radar costs, and so how many fit."
 _EXAMPLES = """\
 examples:
   radard bench                         the shipped model, 60 frames a second
@@ -40,7 +41,6 @@ examples:
   radard bench --port replay:night.h5 --json
   radard bench --radars 40             which profile fits, and how often it errs
 """
-_MAX_RADARS = 10_000
 _SPARE = 0.7  # of the cores may go to radars; the rest is for outputs, clips and the system
 _FFT_LENGTH = 4096  # any machine has its numbers in a cache
 _N_FFTS = 200  # some ten milliseconds
@@ -49,19 +49,17 @@ _REFERENCE = f"{_N_FFTS} FFTs of {_FFT_LENGTH} complex numbers, per second of st
 
 def run(argv: Sequence[str]) -> int:
     args = make_parser().parse_args(argv)
-    check_seconds("--duration", args.duration, 4.0)
-    if not 1 <= args.rounds <= 100:
-        raise UsageError(f"--rounds {args.rounds}: must be 1 to 100")
+    check_limits(args, duration=(4, LONGEST_S), rounds=(1, 100), radars=(1, 10_000))
     if args.radars is not None:
         return _fit(args)
     config = listening_config(args, default_port="sim:human")
     cost = measure(config, args.duration, args.rounds)
     n_cores = len(os.sched_getaffinity(0))
-    n_radars = int(_SPARE * n_cores / cost.all_s)
+    all_s = cost.stages[-1].cpu_s_per_stream_s
+    n_radars = int(_SPARE * n_cores / all_s)
     if args.json:
         about = {"frame_rate_hz": cost.frame_rate_hz, "model": cost.model, "cores": n_cores}
-        rows = list(map(asdict, cost.stages))
-        print(json.dumps({**about, "stages": rows, "radars": n_radars}))
+        print(json.dumps({**about, "stages": list(map(asdict, cost.stages)), "radars": n_radars}))
         return 0
     print(f"{config.sensor.port}: {cost.frame_rate_hz:g} frames a second, model {cost.model}")
     print(f"{cost.duration_s:.0f} s of it, {args.rounds} rounds, medians\n")
@@ -75,16 +73,13 @@ def run(argv: Sequence[str]) -> int:
     print("worst case: a gate that is always open; outputs, clips and the port are not in it")
     does = f"carries {n_radars} such radars, with 30 % to spare"
     if not n_radars:
-        need = f"{100 * cost.all_s:.0f} % of a core each"
-        does = f"does not carry one radar with 30 % to spare: {need}"
+        does = f"does not carry one radar with 30 % to spare: {100 * all_s:.0f} % of a core each"
     print(f"this machine ({_cores(n_cores)}) {does}")
     return 0
 
 
 def make_parser() -> Parser:
-    parser = new_parser(
-        "radard bench", "Measure what one radar costs, and so how many fit.", _EXAMPLES
-    )
+    parser = new_parser("radard bench", _ABOUT, _EXAMPLES)
     add_options(parser, *LISTENING)
     add = parser.add_argument
     add("--duration", type=float, default=15.0, metavar="S", help="seconds of stream (15)")
@@ -98,14 +93,13 @@ def _fit(args: argparse.Namespace) -> int:
     """Say which profile fits `args.radars` radars, errors beside it."""
     if args.model or args.profile:
         raise UsageError("--radars measures every profile; leave out --model and --profile")
-    if not 1 <= args.radars <= _MAX_RADARS:
-        raise UsageError(f"--radars {args.radars}: must be 1 to {_MAX_RADARS}")
     n, n_cores = args.radars, len(os.sched_getaffinity(0))
     fits = []  # each with CPU seconds of one radar, and the share of the computer that all take
     for profile in front().profiles:
         own = argparse.Namespace(**{**vars(args), "profile": profile.name})
         cost = measure(listening_config(own, default_port="sim:human"), args.duration, args.rounds)
-        fits.append((profile, cost.all_s, n * cost.all_s / n_cores))
+        all_s = cost.stages[-1].cpu_s_per_stream_s
+        fits.append((profile, all_s, n * all_s / n_cores))
     name = next((profile.name for profile, _, load in reversed(fits) if load <= _SPARE), None)
     if args.json:
         keys = ("profile", "cpu_s_per_stream_s", "load", "missed", "visits_with_alarm")
@@ -117,12 +111,10 @@ def _fit(args: argparse.Namespace) -> int:
     print(f"{'':<11}{'a second':>8}{'take':>10}{'':<27}with an alarm")
     for p, cpu_s, load in fits:
         head = f"{p.name:<11}{1e3 * cpu_s:7.1f}{100 * load:10.0f} %"
-        print(f"{head}   {percent(p.missed):<22}{percent(p.pets)}")
-    print(
-        f"\nof this computer, {_cores(n_cores)}, with gates that are always open; "
-        "errors, at least of"
-    )
-    print(basis(min(profile.passages for profile in front().profiles)))
+        print(f"{head}   {estimate(p.missed):<22}{estimate(p.pets)}")
+    gates = "with gates that are always open"
+    print(f"\nof this computer, {_cores(n_cores)}, {gates}; errors, at least of")
+    print(BASIS.format(min(profile.passages for profile in front().profiles)))
     which = f"--profile {name}" if name else "no profile"
     print(f"{which} lets it carry {n} radars with 30 % to spare")
     return 0
@@ -149,11 +141,6 @@ class Cost:
     frame_rate_hz: float  # of the stream, and
     duration_s: float  # how much of it was taken
     model: str  # name of the bundle, or none
-
-    @property
-    def all_s(self) -> float:
-        """CPU seconds of one radar per second of its stream, at the worst."""
-        return self.stages[-1].cpu_s_per_stream_s
 
 
 def measure(config: Config, duration_s: float, rounds: int) -> Cost:

@@ -10,7 +10,7 @@ import numpy as np
 
 from radard.config.config import Config
 from radard.config.directories import calibration_file, for_service
-from radard.config.options import LISTENING, add_options, check_seconds, listening_config
+from radard.config.options import LISTENING, LONGEST_S, add_options, check_limits, listening_config
 from radard.detect.calibration import Calibration, load_calibration
 from radard.detect.gate import DAY_S
 from radard.detect.survey import RoomSurvey
@@ -20,6 +20,7 @@ from radard.run.room_calibration import origin_of
 from radard.stream.ring import Notice
 from x2radar.command import Parser, StatusLine, bar, new_parser
 
+_ABOUT = "Listen to the empty room: its noise over range, and thresholds that suit it."
 _EXAMPLES = """\
 examples:
   radard calibrate --port /dev/ttyACM0 --delay 30      leave it meanwhile
@@ -32,15 +33,11 @@ _CELL_M = 0.5  # of the report
 
 def run(argv: Sequence[str]) -> int:
     args = make_parser().parse_args(argv)
-    check_seconds("--duration", args.duration, _MIN_S)
-    check_seconds("--delay", args.delay, 0.0)
-    if not 0 < args.false_gates <= DAY_S:
-        msg = f"--false-gates {args.false_gates:g}: must be above 0, and 86400 a day at most"
-        raise UsageError(msg)
+    check_limits(args, duration=(_MIN_S, LONGEST_S), delay=(0, LONGEST_S))
+    check_limits(args, false_gates=(1e-9, DAY_S))
     config = listening_config(args)
     if args.out is None and config.sensor.kind in {"sim", "replay"}:
-        msg = "--out FILE: needed here; only a real radar's calibration is kept as its own"
-        raise UsageError(msg)
+        raise UsageError("--out FILE: needed; only a real radar's calibration is kept as its own")
     path = args.out or for_service(config, calibration_file(config))
     if path.exists():
         # Else it is somebody's recording, or configuration.
@@ -49,10 +46,8 @@ def run(argv: Sequence[str]) -> int:
         survey = _surveyed(listening, config, args)
         survey.check_empty(takes_machines=args.with_machines)
         stream, classifier = listening.pipeline.stream, listening.pipeline.classifier
-        calibration = survey.calibration(
-            origin_of(stream, classifier, config.sensor.port or ""),
-            false_gates_per_day=args.false_gates,
-        )
+        origin = origin_of(stream, classifier, config.sensor.port or "")
+        calibration = survey.calibration(origin, false_gates_per_day=args.false_gates)
     # What was saved is what will hold, so the report is made of the same.
     calibration.save(path)
     if args.json:
@@ -90,24 +85,19 @@ def report(calibration: Calibration, path: Path, *, is_own: bool) -> Iterator[st
 def _surveyed(listening: Listening, config: Config, args: argparse.Namespace) -> RoomSurvey:
     survey = RoomSurvey(config.gate, listening.pipeline.shape.hop_s)
     line = StatusLine(sys.stderr)
-    begun_s = None
     for item in listening.dwells(args.duration, skip_s=args.delay):
         if isinstance(item, Notice):
             raise RadardError(f"the stream broke off ({item.reason}): calibrate again")
         moves = survey.add(item)
-        begun_s = item.t_s if begun_s is None else begun_s
         told = f"{survey.n_dwells} windows" + (", something moves" if moves else "")
-        line.show(f"[{bar((item.t_s - begun_s) / args.duration)}] {told}")
+        share = survey.n_dwells * config.decision.hop_s / args.duration
+        line.show(f"[{bar(share)}] {told}")
     line.clear()
     return survey
 
 
 def make_parser() -> Parser:
-    parser = new_parser(
-        "radard calibrate",
-        "Listen to the empty room: its noise over range, and thresholds that suit it.",
-        _EXAMPLES,
-    )
+    parser = new_parser("radard calibrate", _ABOUT, _EXAMPLES)
     add_options(parser, *LISTENING)
     add = parser.add_argument
     add("--duration", type=float, default=60.0, metavar="S", help="seconds to listen (60)")

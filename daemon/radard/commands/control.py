@@ -118,8 +118,7 @@ def asked(config: Config, sensor: str, command: str) -> Mapping[str, Any]:
         try:
             answer = ask(path, command)
         except PermissionError as err:
-            msg = f"{path}: belongs to another user; try sudo radard {command}"
-            raise NotAllowed(msg) from err
+            raise NotAllowed(f"{path} is another user's; try sudo radard {command}") from err
         except FileNotFoundError:
             continue
         except (OSError, ValueError, TypeError) as err:

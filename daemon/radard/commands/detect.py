@@ -10,12 +10,12 @@ import json
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from datetime import timedelta
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from radard.config.options import JUDGING, add_options, judging_config
+from radard.config.options import JUDGING, add_options, check_limits, judging_config
+from radard.config.quiet_hours import recorded_clock
 from radard.errors import OutputError, RadardError, UsageError
 from radard.judge.bundle import PROBABILITIES
 from radard.outputs.records import Record
@@ -25,8 +25,9 @@ from x2radar.atomic import whole_file
 from x2radar.command import Parser, StatusLine, bar, legible, new_parser
 from x2radar.extras import needed
 from x2radar.recording.registry import check_no_recording
-from x2radar.wall_clock import parse_utc, utc_text
+from x2radar.wall_clock import utc_text
 
+_ABOUT = "Judge recordings as radard --port replay:FILE does, and write a table."
 _EXAMPLES = """\
 examples:
   radard detect night.h5                        decisions as CSV, on stdout
@@ -34,37 +35,27 @@ examples:
   radard detect /data/* --rows events --out alarms.csv
   radard detect a.h5 b.h5 --to jsonl --model mine.onnx | jq .label
 """
-_MAX_JOBS = 1024  # beyond the cores of any machine that this runs on
 FORMATS = ("csv", "parquet", "jsonl")
 COLUMNS = {
-    "decisions": {
-        "file": "string",
-        "seq": "int64",
-        "t_s": "float64",
-        "time": "string",
-        "gate": "string",
-        **dict.fromkeys(("power_db", "noise_floor_db", "threshold_db", *PROBABILITIES), "float64"),
-        "label": "string",
-        "alarm": "bool_",
-        "range_m": "float64",
-        **dict.fromkeys(("n_tracks", "frames", "dropped"), "int64"),
-    },
-    "events": {
-        **dict.fromkeys(("file", "id", "phase", "kind"), "string"),
-        "t_s": "float64",
-        "time": "string",
-        **dict.fromkeys(("start_t_s", "end_t_s", "peak"), "float64"),
-        "reason": "string",
-    },
-}  # of a table by its rows; types as pyarrow names them
+    "decisions": (
+        *("file", "seq", "t_s", "time", "gate", "power_db", "noise_floor_db", "threshold_db"),
+        *(*PROBABILITIES, "label", "alarm", "range_m", "n_tracks", "frames", "dropped"),
+    ),
+    "events": (
+        *("file", "id", "phase", "kind", "t_s", "time", "start_t_s", "end_t_s", "peak", "reason"),
+    ),
+}  # of a table by its rows
+_TYPES = {
+    **dict.fromkeys(("file", "time", "gate", "label", "id", "phase", "kind", "reason"), "string"),
+    **dict.fromkeys(("seq", "n_tracks", "frames", "dropped"), "int64"),
+    "alarm": "bool_",
+}  # of a column, as pyarrow names them; of all others float64
 _BATCH = 4096  # rows of a Parquet row group: about a megabyte
 
 
 def run(argv: Sequence[str]) -> int:
-    parser = make_parser()
-    args = parser.parse_args(argv)
-    if args.jobs is not None and not 1 <= args.jobs <= _MAX_JOBS:
-        parser.error(f"--jobs {args.jobs}: must be 1 to {_MAX_JOBS}")
+    args = make_parser().parse_args(argv)
+    check_limits(args, jobs=(1, 1024))  # beyond the cores of any machine that this runs on
     kind = _format(args.to, args.out)
     config = judging_config(args, "recordings")
     # Else every recording would say that it cannot be had.
@@ -104,11 +95,7 @@ def run(argv: Sequence[str]) -> int:
 
 
 def make_parser() -> Parser:
-    parser = new_parser(
-        "radard detect",
-        "Judge recordings as radard --port replay:FILE does, and write a table.",
-        _EXAMPLES,
-    )
+    parser = new_parser("radard detect", _ABOUT, _EXAMPLES)
     add = parser.add_argument
     add("files", nargs="+", type=Path, metavar="FILE", help="recording, or folder of its parts")
     add("--to", choices=FORMATS, help="format (by the suffix of --out, else csv)")
@@ -123,8 +110,7 @@ def _format(to: str | None, out: Path | None) -> str:
     by_name = out.suffix.removeprefix(".").lower() if out is not None else ""
     kind = to or by_name or "csv"
     if kind not in FORMATS:
-        msg = f"--out {out}: no format is called {by_name}; --to is {', '.join(FORMATS)}"
-        raise UsageError(msg)
+        raise UsageError(f"--out {out}: no format called {by_name}; --to is {', '.join(FORMATS)}")
     if kind == "parquet" and out is None:
         raise UsageError("--to parquet: a table like that needs --out FILE")
     return kind
@@ -165,7 +151,8 @@ def _writer(
     if kind == "parquet":
         pa: Any = needed("pyarrow", what="Parquet files")
         parquet: Any = needed("pyarrow.parquet", what="Parquet files")
-        schema = pa.schema([(name, getattr(pa, t)()) for name, t in COLUMNS[rows].items()])
+        types = {name: getattr(pa, _TYPES.get(name, "float64"))() for name in COLUMNS[rows]}
+        schema = pa.schema(types.items())
         assert part is not None  # noqa: S101 - a table of its own
         # Opened here: pyarrow takes no name that is not UTF-8.
         whole = opened.enter_context(part.open("wb"))
@@ -177,7 +164,7 @@ def _writer(
     if kind == "jsonl":
         encode = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode
         return lambda batch: file.writelines(f"{encode(record)}\n" for record in batch)
-    lines = csv.DictWriter(file, list(COLUMNS[rows]), lineterminator="\n")
+    lines = csv.DictWriter(file, COLUMNS[rows], lineterminator="\n")
     lines.writeheader()
     if rows == "events":
         return lines.writerows
@@ -188,28 +175,19 @@ def _writer(
 
 def _records(judged: Judged, rows: str) -> Iterator[Record]:
     """Yield what is told of a recording: the columns of `rows`, or all there is without."""
+    clock = recorded_clock(judged.started_utc)
     for record in judged.read():
         told = {"file": legible(judged.path), **record}
         told.pop("time", None)
         told.pop("latency_ms", None)
         if "t_s" in record:
-            told["time"] = time_of(judged.started_utc, record["t_s"])
+            at = clock(record["t_s"])
+            told["time"] = utc_text(at) if at else None
         if not rows:
             yield told
         elif record["type"] == rows.removesuffix("s"):
             told["n_tracks"] = len(record.get("tracks", ()))
             yield {name: told[name] for name in COLUMNS[rows]}
-
-
-def time_of(started_utc: str, t_s: float) -> str | None:
-    """Return a moment of a recording in ISO 8601; None if its start is not known.
-
-    >>> time_of("2026-03-01T12:30:00.250Z", 61.5)
-    '2026-03-01T12:31:01.750Z'
-    >>> time_of("", 61.5)
-    """
-    started = parse_utc(started_utc)
-    return utc_text(started + timedelta(seconds=t_s)) if started else None
 
 
 def _error(faulty: Sequence[Judged], n: int) -> RadardError:

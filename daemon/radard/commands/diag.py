@@ -26,6 +26,7 @@ from radard.commands.config import shown
 from radard.config.config import Config, found_file, load_with_origins
 from radard.config.credentials import MASK, redact, redact_value
 from radard.config.directories import calibration_file, state_dir, status_dirs
+from radard.config.sections import path_at_home
 from radard.config.sources import ENV_PREFIX
 from radard.detect.calibration import load_calibration
 from radard.errors import RadardError
@@ -61,7 +62,6 @@ _LIMITS = ("NOFILE", "MEMLOCK", "AS", "CORE", "NPROC", "RTPRIO")
 _CGROUP = ("memory.max", "memory.high", "memory.current", "cpu.max", "pids.max")
 _WATCHED = ("ModemManager", "brltty", "gpsd", "mosquitto", "radard")
 _LAST = 200  # decisions, states and events: some minutes
-_MAX_ADDED_BYTES = 500e6  # all clips that a daemon keeps
 _MIN_SECRET = 4  # characters: shorter ones would blacken half of the report
 _USERINFO = re.compile(r"//[^/@:\s]*:([^/@\s]+)@")
 
@@ -97,9 +97,6 @@ def _write_bundle(path: Path, parts: Mapping[str, str], added: Sequence[Path]) -
     try:
         if len({file.name for file in added}) < len(added):
             raise RadardError("--add: two files of one name; the bundle can hold one of them")
-        total = sum(file.stat().st_size for file in added)
-        if total > _MAX_ADDED_BYTES:
-            raise RadardError(f"--add: {total / 1e6:.0f} MB are too much; 500 MB fit")
         with path.open("xb") as out, tarfile.open(fileobj=out, mode="w:gz") as tar:
             # Private: what is redacted is still about somebody's home.
             path.chmod(0o600)
@@ -148,10 +145,9 @@ def scrub(text: str, secrets: Sequence[str] = ()) -> str:
     """Return a text without secrets, known ones and what looks like one, and the user's name."""
     for secret in secrets:
         text = text.replace(secret, MASK)
-    # A user who is a number alone has no home.
-    with suppress(RuntimeError):
-        if len(home := str(Path.home())) > 1:
-            text = text.replace(home, "~")
+    # It stays as it is where a user who is a number alone has no home.
+    if len(home := str(path_at_home("~"))) > 1:
+        text = text.replace(home, "~")
     # Line by line, because a whole line may be an output such as webhook:URL.
     return "\n".join(redact(line) for line in text.split("\n"))
 
@@ -226,12 +222,10 @@ def _limits(config: Config) -> dict[str, Any]:
     folder = state_dir(config)
     known = next((p for p in (folder, *folder.parents) if p.exists()), Path("/"))
     free_mb = shutil.disk_usage(known).free // 10**6
+    codes = ((n, getattr(resource, f"RLIMIT_{n}")) for n in _LIMITS)
     running = {_first_line(each / "comm") for each in Path("/proc").glob("[0-9]*")}
     return {
-        **{
-            f"ulimit {n.lower()}": resource.getrlimit(getattr(resource, f"RLIMIT_{n}"))
-            for n in _LIMITS
-        },
+        **{f"ulimit {n.lower()}": resource.getrlimit(code) for n, code in codes},
         **{f"cgroup {n}": _first_line(Path("/sys/fs/cgroup") / n) or None for n in _CGROUP},
         "cores": len(os.sched_getaffinity(0)),
         "load": os.getloadavg(),

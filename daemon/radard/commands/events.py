@@ -1,18 +1,21 @@
 """`radard events`: list alarms, faults and tampering from a store."""
 
 import json
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
 from radard.config.config import load_config
 from radard.config.directories import log_path
+from radard.config.options import check_limits
 from radard.config.sink_table import KINDS, named_file
 from radard.errors import UsageError
 from radard.log_file import StoredEvent, newest_events, parse_since, read_events
 from x2radar import wall_clock
 from x2radar.command import Parser, new_parser
 
+_ABOUT = "List the events that the log, or -o store:FILE, has kept."
 _EXAMPLES = """\
 examples:
   radard events                        from the store, or the daemon's log
@@ -23,25 +26,21 @@ examples:
 
 def run(argv: Sequence[str]) -> int:
     args = make_parser().parse_args(argv)
-    if args.limit is not None and args.limit < 1:
-        raise UsageError(f"--limit {args.limit}: must be above 0")
+    check_limits(args, limit=(1, math.inf))
     path = args.store or _configured(args.config)
     since_s = parse_since(args.since, wall_clock.now_s()) if args.since else None
-    kinds = args.kind or ()
-    events = newest_events(read_events(path), since_s=since_s, kinds=kinds, limit=args.limit)
+    events = newest_events(read_events(path), since_s=since_s, kinds=args.kind, limit=args.limit)
     for line in (json.dumps(asdict(e)) for e in events) if args.json else _table(events):
         print(line)
     return 0
 
 
 def make_parser() -> Parser:
-    parser = new_parser(
-        "radard events", "List the events that the log, or -o store:FILE, has kept.", _EXAMPLES
-    )
+    parser = new_parser("radard events", _ABOUT, _EXAMPLES)
     add = parser.add_argument
     add("--store", type=Path, metavar="FILE", help="the file of -o store:FILE")
     add("--since", metavar="WHEN", help="30min, 24h, 7d, or a date; all without it")
-    add("--kind", action="append", choices=KINDS, help="only this kind; repeatable")
+    add("--kind", action="append", default=[], choices=KINDS, help="only this kind; repeatable")
     add("--limit", type=int, metavar="N", help="the newest N only")
     add("--json", action="store_true", help="one JSON object an event")
     add("--config", type=Path, metavar="FILE", help="whose outputs name the store")

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 
 from radard.alarm.sensitivity import SENSITIVITIES, alarm_policy
 from radard.config.config import Config, load_config
-from radard.config.options import add_options, config_options, tell_taken
+from radard.config.options import add_options, check_limits, config_options, tell_taken
 from radard.config.profiles import USUAL_HZ, Profile, front
 from radard.config.sections import AUTO_MODEL, DecisionSection, GateSection
 from radard.judge.bundle import Bundle, Card, Three, load_bundle, read_card
@@ -14,12 +14,14 @@ from radard.judge.model_choice import OF_ONE_MODULE, hop_warning, model_for
 from x2radar.command import Parser, new_parser
 from x2radar.ports import parse_port
 
+_ABOUT = "Say what becomes of verdicts, and how often that is wrong, by the model's card."
 _EXAMPLES = """\
 examples:
   radard explain                         the configuration that holds
   radard explain --sensitivity low
   radard explain --model mine.onnx --pass-time 8
 """
+BASIS = "{0} simulated people and {0} visits of pets before an X2"  # of errors
 _SHARE = "share without alarm, "
 _PEOPLE = ("human", "person", "people", "adult", "child", "walker")
 
@@ -51,28 +53,19 @@ def profile_lines(config: Config, bundle: Bundle) -> Iterator[str]:
     dearest, much = front().profiles[-1], "as much as any profile takes"
     if profile != dearest:
         much = f"{100 * profile.cpu_open:.0f} % of what '{dearest.name}' takes"
-    yield (
-        f"profile {profile.name}: CPU {much} with an open gate, "
-        f"{100 * profile.cpu_closed:.0f} % in an empty room;"
-    )
-    yield f"  people missed {percent(profile.missed)},"
-    yield f"  pets' visits with an alarm {percent(profile.pets)},"
+    closed = f"{100 * profile.cpu_closed:.0f} % in an empty room"
+    yield f"profile {profile.name}: CPU {much} with an open gate, {closed};"
+    yield f"  people missed {estimate(profile.missed)},"
+    yield f"  pets' visits with an alarm {estimate(profile.pets)},"
     yield f"  alarm after {profile.half_s:.1f} s (half), {profile.slow_s:.1f} s (90 %)"
-    yield f"  of {basis(profile.passages)}"
+    yield f"  of {BASIS.format(profile.passages)}"
     if front().bundles.get(bundle.name, bundle.judges_as) != bundle.judges_as:
         yield f"  (measured with an earlier '{bundle.name}')"
 
 
-def basis(n: int) -> str:
-    """Return on what errors were measured."""
-    return f"{n} simulated people and {n} visits of pets before an X2"
-
-
 def run(argv: Sequence[str]) -> int:
-    parser = make_parser()
-    args = parser.parse_args(argv)
-    if not 1 <= args.pass_time <= 120:
-        parser.error(f"--pass-time {args.pass_time:g}: must be 1 to 120 s")
+    args = make_parser().parse_args(argv)
+    check_limits(args, pass_time=(1, 120))
     config = tell_taken(load_config(args.config, options=config_options(args)))
     if args.sensor or not config.sensors:
         config = config.of_sensor(args.sensor)
@@ -81,11 +74,7 @@ def run(argv: Sequence[str]) -> int:
 
 
 def make_parser() -> Parser:
-    parser = new_parser(
-        "radard explain",
-        "Say what becomes of verdicts, and how often that is wrong, by the model's card.",
-        _EXAMPLES,
-    )
+    parser = new_parser("radard explain", _ABOUT, _EXAMPLES)
     add_options(parser)
     parser.add_argument("--sensor", metavar="NAME", help="one of the configuration's sensors")
     text = "how long a body is in sight (5)"
@@ -146,15 +135,13 @@ def _passage_rates(config: Config, bundle: Bundle, card: Card) -> Iterator[str]:
         mark = ">" if level == config.alarm.sensitivity else ""
         times = (made.half_alarmed_after_s, made.nine_in_ten_alarmed_after_s)
         after = ", ".join("never" if s is None else f"{s + delay_s:.1f} s" for s, _, _ in times)
-        pets, alarms = percent(made.visits_with_alarm), _estimate(made.alarms_per_pet_hour)
-        yield row(mark, level, percent(made.missed), after, pets, alarms)
+        pets, alarms = estimate(made.visits_with_alarm), estimate(made.alarms_per_pet_hour, 1, "")
+        yield row(mark, level, estimate(made.missed), after, pets, alarms)
     yield ""
     if of := next(iter(card.sensitivities.values()), None):
         visit_s = 3600 * of.pet_hours / max(of.pet_visits, 1)
-        yield (
-            f"{of.intrusions} people come in, {of.pet_visits} visits of pets of "
-            f"{visit_s:.0f} s; none of them real"
-        )
+        visits = f"{of.pet_visits} visits of pets of {visit_s:.0f} s"
+        yield f"{of.intrusions} people come in, {visits}; none of them real"
     if delay_s:
         yield f"times with the entry delay of {delay_s:g} s"
     if given := _given(config, bundle, card):
@@ -178,13 +165,8 @@ def _given(config: Config, bundle: Bundle, card: Card) -> list[str]:
     return [name for name, is_other in differs.items() if is_other]
 
 
-def percent(three: Three) -> str:
-    """Return a share and its interval."""
-    return _estimate(three, 100, " %")
-
-
-def _estimate(three: Three, times: float = 1, unit: str = "") -> str:
-    """Return a figure and its interval; what is not known is a question mark."""
+def estimate(three: Three, times: float = 100, unit: str = " %") -> str:
+    """Return a share, or another figure, and its interval; a question mark is not known."""
     value, low, high = ("?" if v is None else f"{times * v:.2g}" for v in three)
     return f"{value}{unit} ({low} to {high})"
 

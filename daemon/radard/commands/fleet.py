@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from radard.config.config import Config, load_config
+from radard.config.options import LONGEST_S, check_limits
 from radard.errors import OutputError, UsageError
 from x2radar.command import Parser, new_parser
 
@@ -32,7 +33,6 @@ class Fleet:
     def __init__(self, prefix: str) -> None:
         self._prefix = prefix
         self._told: dict[str, dict[str, Any]] = {}
-        self._stated_s: dict[str, float] = {}
 
     def take(self, topic: str, payload: bytes, now_s: float) -> None:
         """Take a message that came at a monotonic time; what is none of ours is left out."""
@@ -50,16 +50,14 @@ class Fleet:
             content = None
         if not isinstance(content, str if kind == "availability" else dict):
             return
-        self._told.setdefault(name, {})[kind] = content
-        if kind == "state":
-            self._stated_s[name] = now_s
+        self._told.setdefault(name, {}).update({kind: content, f"{kind}_at_s": now_s})
 
     def rows(self, now_s: float) -> list[dict[str, Any]]:
         """Return a row for each radar: alarms first, then those in trouble, then by name."""
         rows = [self._row(name, told, now_s) for name, told in self._told.items()]
 
         def rank(row: dict[str, Any]) -> tuple[int, str]:
-            is_bad = not _is_well(row) or row["tamper"] or row["fault"]
+            is_bad = row["state"] != "online" or row["tamper"] or row["fault"]
             return 0 if row["alarm"] else 1 if is_bad else 2, row["sensor"]
 
         return sorted(rows, key=rank)
@@ -78,7 +76,7 @@ class Fleet:
             "fault": _plain(health.get("fault")) or None,
             "tamper": _plain(health.get("tamper")) or None,
             "reason": _plain(health.get("reason")),
-            "age_s": round(now_s - self._stated_s[name], 1) if "state" in told else None,
+            "age_s": round(now_s - told["state_at_s"], 1) if "state" in told else None,
         }
 
 
@@ -87,10 +85,8 @@ def run(argv: Sequence[str]) -> int:
     config = load_config(args.config)
     url = args.url or config.named_output("mqtt", "mqtts")
     if url is None:
-        msg = "no broker: give mqtt://HOST, or an output mqtt://HOST in the configuration"
-        raise UsageError(msg)
-    if not args.wait > 0:
-        raise UsageError(f"--wait {args.wait:g}: must be above 0, in seconds")
+        raise UsageError("no broker: give mqtt://HOST, or an output mqtt: in the configuration")
+    check_limits(args, wait=(0.001, LONGEST_S))
     with closing(_looks(url, config, args.wait)) as looks:
         while True:
             rows = next(looks)
@@ -100,7 +96,7 @@ def run(argv: Sequence[str]) -> int:
                 print("\x1b[H\x1b[2J", end="")
             print(*lines, sep="\n", flush=True)
             if args.once:
-                return 0 if rows and all(_is_well(row) for row in rows) else 1
+                return 0 if rows and all(row["state"] == "online" for row in rows) else 1
 
 
 def make_parser() -> Parser:
@@ -122,7 +118,7 @@ def make_parser() -> Parser:
 def table(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     """Yield the lines of a table for people."""
     n_alarms = sum(row["alarm"] for row in rows)
-    n_well = sum(_is_well(row) for row in rows)
+    n_well = sum(row["state"] == "online" for row in rows)
     yield f"{len(rows)} radars, {n_well} online, {n_alarms} with an alarm"
     if not rows:
         return
@@ -133,7 +129,7 @@ def table(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
         age = "-" if row["age_s"] is None else f"{row['age_s']:.0f} s"
         sees = "ALARM" if row["alarm"] else row["sees"] or "-"
         remarks = [f"{kind}: {row[kind]}" for kind in ("tamper", "fault") if row[kind]]
-        if not remarks and not _is_well(row):
+        if not remarks and row["state"] != "online":
             remarks = [row["reason"] or "no connection"]
         text = "; ".join(remarks)[:_MAX_SHOWN]
         line = f"{row['sensor']:<{width}}  {row['state']:<8}  {armed:<8}  {sees:<8}  {age:>5}"
@@ -189,7 +185,3 @@ def _plain(value: object) -> str:
     """Return a stranger's value as a text that steers no terminal; empty for none."""
     text = "" if value is None else str(value)
     return "".join(letter if letter.isprintable() else "?" for letter in text)
-
-
-def _is_well(row: Mapping[str, Any]) -> bool:
-    return bool(row["state"] == "online")

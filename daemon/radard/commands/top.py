@@ -46,11 +46,8 @@ def run(argv: Sequence[str]) -> int:
     if args.once or not console.is_terminal:
         console.print(view.shown())
         return 0
-    with (
-        contextlib.suppress(KeyboardInterrupt),
-        Live(view.shown(), console=console, screen=True, auto_refresh=False) as screen,
-        _keys() as is_pressed,
-    ):
+    live = Live(view.shown(), console=console, screen=True, auto_refresh=False)
+    with contextlib.suppress(KeyboardInterrupt), live as screen, _keys() as is_pressed:
         while not is_pressed("q"):
             view.look()
             screen.update(view.shown(), refresh=True)
@@ -106,8 +103,7 @@ class View:
             if new and max(new) < max(self._columns, default=0):
                 # The stream has begun again.
                 self._columns.clear()
-            kept = sorted({**self._columns, **new}.items())[-_MAX_COLUMNS:]
-            self._columns = dict(kept)
+            self._columns = dict(sorted({**self._columns, **new}.items())[-_MAX_COLUMNS:])
 
     def shown(self) -> RenderableType:
         """Return what is drawn: all of one sensor, a line for each of several."""
@@ -120,13 +116,10 @@ class View:
             line = self._faults.get(name) or _line(answer)
             waiting = sum(each["n_waiting"] for each in answer["outputs"])
             is_well = all(each["status"] == "ok" for each in answer["outputs"])
-            table.add_row(
-                name,
-                _sees(last),
-                *(_bar(last.get(key), 10) for key in _FUSED),
-                f"{waiting} wait" if waiting else "ok" if is_well else "in trouble",
-                _styled(line, no_wrap=True, overflow="ellipsis"),
-            )
+            outputs = f"{waiting} wait" if waiting else "ok" if is_well else "in trouble"
+            bars = (_bar(last.get(key), 10) for key in _FUSED)
+            state = _styled(line, no_wrap=True, overflow="ellipsis")
+            table.add_row(name, _sees(last), *bars, outputs, state)
         return table
 
     def _one(self, name: str) -> Iterator[RenderableType]:

@@ -18,13 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radard.config.directories import calibration_file, for_service, saved_file
-from radard.config.options import (
-    LISTENING,
-    LONGEST_S,
-    add_options,
-    check_seconds,
-    listening_config,
-)
+from radard.config.options import LISTENING, LONGEST_S, add_options, check_limits, listening_config
 from radard.config.saved import change
 from radard.errors import RadardError, UsageError
 from radard.judge.decision import Decision
@@ -33,6 +27,7 @@ from radard.run.components import Listening, listen, use_calibration
 from radard.stream.ring import Notice
 from x2radar.command import Parser, StatusLine, bar, new_parser
 
+_ABOUT = "Log what the radar sees while somebody walks; report it by range at the end."
 _EXAMPLES = """\
 examples:
   radard walktest --port /dev/ttyACM0          Ctrl-C ends it with the report
@@ -48,7 +43,7 @@ MIN_SEEN = 0.9  # of a stretch's windows: a tenth of them is the end of a way, w
 MIN_HUMAN = 0.5  # taken for a person: then a body that stays for two raises the alarm
 MIN_CELLS = 3  # that a walk needs, to speak for more than the place where somebody stood
 _SAME_M = 0.5  # a body so near to the strongest echo is its source
-_FULL_DB = 30.0  # of a full bar: a walker near the radar
+_FULL_DB = 30.0  # over the floor of the room, of a full bar: a walker near the radar
 _MIN_ECHOES = 5  # decisions that a level needs: a walk there and back
 _LEVEL = (
     "Level: {0:.1f} dB at 1 m. If an adult walked, mount.level_db: {0:.1f} in the configuration "
@@ -92,7 +87,7 @@ class RangeCell:
 
 def run(argv: Sequence[str]) -> int:
     args = make_parser().parse_args(argv)
-    check_seconds("--duration", args.duration, 1.0)
+    check_limits(args, duration=(1, LONGEST_S))
     config = listening_config(args)
     kept = None
     if args.adult:
@@ -117,8 +112,7 @@ def run(argv: Sequence[str]) -> int:
     if kept is None:
         return 0
     if level_db is None:
-        msg = f"--adult: seen in fewer than {_MIN_ECHOES} windows, which tells no level"
-        raise RadardError(msg)
+        raise RadardError(f"--adult: seen in under {_MIN_ECHOES} windows, which tells no level")
     try:
         change(kept, "settings", {"mount": {"level_db": level_db}})
     except ValueError as err:
@@ -128,11 +122,7 @@ def run(argv: Sequence[str]) -> int:
 
 
 def make_parser() -> Parser:
-    parser = new_parser(
-        "radard walktest",
-        "Log what the radar sees while somebody walks; report it by range at the end.",
-        _EXAMPLES,
-    )
+    parser = new_parser("radard walktest", _ABOUT, _EXAMPLES)
     add_options(parser, *LISTENING)
     add = parser.add_argument
     add("--duration", type=float, default=LONGEST_S, metavar="S", help="seconds (till Ctrl-C)")
@@ -145,17 +135,13 @@ def line_of(step: WalkDecision) -> str:
     """Return the line of the log for one decision."""
     if step.over_floor_db is None:
         return f"{step.t_s:7.1f} s  window invalid: too many frames missing"
-    head = f"{step.t_s:7.1f} s  {step.over_floor_db:+6.1f} dB  {_bar(step, 20)}"
+    over_db = step.over_floor_db
+    head = f"{step.t_s:7.1f} s  {over_db:+6.1f} dB  {bar(over_db / _FULL_DB, 20)}"
     if step.range_m is None:
         return f"{head}  nothing"
     p_human = "" if step.p_human is None else f" {step.p_human:.2f}"
     alarm = "  ALARM" if step.alarm else ""
     return f"{head}  {step.range_m:4.1f} m  {step.label or 'moves'}{p_human}{alarm}"
-
-
-def _bar(step: WalkDecision, width: int) -> str:
-    """Return a bar that is empty at the floor of the room."""
-    return bar((step.over_floor_db or 0.0) / _FULL_DB, width)
 
 
 def _walked(
@@ -180,7 +166,8 @@ def _walked(
             if not args.json:
                 print(line_of(step), flush=True)
             seen = "nothing" if step.range_m is None else f"{step.range_m:.1f} m"
-            line.show(f"[{_bar(step, 30)}] {seen}; Ctrl-C ends the walk")
+            share = (step.over_floor_db or 0.0) / _FULL_DB
+            line.show(f"[{bar(share)}] {seen}; Ctrl-C ends the walk")
     except KeyboardInterrupt:
         pass  # the way to end a walk: now comes the report
     finally:
@@ -193,11 +180,9 @@ def step_of(decision: Decision) -> WalkDecision:
     reading = decision.reading
     range_m = None
     if reading is not None and decision.gate == "open":
-        range_m = reading.range_m
-        bodies_m = [track.range_m for track in decision.tracks]
-        near_m = min(bodies_m, key=lambda m: abs(m - reading.range_m), default=math.inf)
-        if abs(near_m - range_m) <= _SAME_M:
-            range_m = near_m
+        echo_m = reading.range_m
+        near_m = [t.range_m for t in decision.tracks if abs(t.range_m - echo_m) <= _SAME_M]
+        range_m = min(near_m, key=lambda m: abs(m - echo_m), default=echo_m)
     return WalkDecision(
         t_s=decision.t_s,
         range_m=range_m,
@@ -268,20 +253,17 @@ def report(steps: Sequence[WalkDecision], cells: Sequence[RangeCell]) -> Iterato
     if not seen:
         yield f"nothing was seen in {len(steps)} windows"
         return
-    first, first_alarm_s = seen[0], next((step.t_s for step in steps if step.alarm), None)
+    first, alarm_s = seen[0], next((step.t_s for step in steps if step.alarm), None)
     waited_s = first.t_s - steps[0].t_s
     yield f"first seen {waited_s:.1f} s after the first window, at {first.range_m:.1f} m"
-    late = "" if first_alarm_s is None else f"{first_alarm_s - first.t_s:.1f} s after that"
-    yield f"first alarm {late}" if late else "no alarm"
+    yield "no alarm" if alarm_s is None else f"first alarm {alarm_s - first.t_s:.1f} s after that"
     yield ""
     yield "range           seen      alarms   visits  missed  first seen after"
     for cell in cells:
         after = "-" if cell.first_seen_s is None else f"{cell.first_seen_s:.1f} s"
         share = f"{100 * cell.seen / cell.windows:.0f} %"
-        yield (
-            f"{cell.near_m:4.1f} to {cell.far_m:4.1f} m {share:>6} of {cell.windows:<3}"
-            f"{cell.alarms:>7}{cell.visits:>9}{cell.missed:>8}  {after}"
-        )
+        stretch = f"{cell.near_m:4.1f} to {cell.far_m:4.1f} m {share:>6} of {cell.windows:<3}"
+        yield f"{stretch}{cell.alarms:>7}{cell.visits:>9}{cell.missed:>8}  {after}"
     yield ""
     yield verdict(cells)
 

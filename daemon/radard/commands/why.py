@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from radard.config.options import JUDGING, add_options, judging_config
+from radard.config.options import JUDGING, add_options, check_limits, judging_config
 from radard.errors import UsageError
 from radard.judge.bundle import PROBABILITIES
 from radard.judge.occlusion import MapView, Part, effects, map_views, occluded
@@ -15,6 +15,7 @@ from x2radar.atomic import write_picture
 from x2radar.command import Parser, legible, new_parser
 from x2radar.extras import needed
 
+_ABOUT = "Say why a recording was judged as it was at one moment, and what moved the verdict."
 _EXAMPLES = """\
 examples:
   radard why night.h5 --at 3605.5                    in words
@@ -33,8 +34,7 @@ def run(argv: Sequence[str]) -> int:
         if out.suffix not in _SUFFIXES:
             raise UsageError(f"--out {out}: must end in {', '.join(_SUFFIXES)}")
         needed("matplotlib", what="pictures")
-    if not 0 <= args.at < 1e9:
-        raise UsageError(f"--at {args.at:g}: must be 0 or more, in seconds")
+    check_limits(args, at=(0, 1e9))
     moment = moment_of(args.file, args.at, judging_config(args, args.file))
     parts = []
     limit = moment.hello["pet_limit"]
@@ -48,11 +48,7 @@ def run(argv: Sequence[str]) -> int:
 
 
 def make_parser() -> Parser:
-    parser = new_parser(
-        "radard why",
-        "Say why a recording was judged as it was at one moment, and what moved the verdict.",
-        _EXAMPLES,
-    )
+    parser = new_parser("radard why", _ABOUT, _EXAMPLES)
     add = parser.add_argument
     add("file", type=Path, metavar="FILE", help="recording, or folder of its parts")
     add("--at", type=float, required=True, metavar="S", help="seconds of the recording")
@@ -106,36 +102,30 @@ def _told_parts(moment: Moment, parts: Sequence[Part]) -> Iterator[str]:
 def place(part: Part) -> str:
     """Return where a part lies, in the units of its map."""
     view = part.view
-    spans = (
-        f"{values[0]:.4g} to {values[-1]:.4g} {unit}".replace("-", "\N{MINUS SIGN}")
-        for values, unit in (
-            (view.rows[part.rows], view.row_unit),
-            (view.columns[part.columns], view.column_unit),
-        )
-        if unit
-    )
-    return f"{view.name}, {', '.join(spans)}"
+    rows, columns = view.rows[part.rows], view.columns[part.columns]
+    sides = (rows, view.row_unit), (columns, view.column_unit)
+    spans = ", ".join(f"{side[0]:.4g} to {side[-1]:.4g} {unit}" for side, unit in sides if unit)
+    return f"{view.name}, " + spans.replace("-", "\N{MINUS SIGN}")
 
 
 def figure(moment: Moment, parts: Sequence[Part]) -> Any:
     """Return a matplotlib figure: maps, what their parts stood for, and evidence over time."""
     plt: Any = needed("matplotlib.pyplot", what="pictures")
-    views = list(map_views(moment.settings, moment.seen)) if moment.seen is not None else []
+    seen, views = moment.seen, []
+    if seen is not None:
+        views = [(v, v.of(seen.features[v.feature])) for v in map_views(moment.settings, seen)]
     n = max(1, len(views))
     fig = plt.figure(figsize=(3.4 * n + 1, 9), layout="constrained")
     name, t_s = legible(moment.path.name), moment.record["t_s"]
     fig.suptitle(f"{name}, {t_s:.2f} s: {moment.told['headline']}", parse_math=False)
     grid = fig.add_gridspec(3, n, height_ratios=(3, 3, 2))
     most = max((abs(part.effect) for part in parts), default=0.0) or 1.0
-    for k, view in enumerate(views):
-        assert moment.seen is not None  # noqa: S101 - there are views of it
-        values = view.of(moment.seen.features[view.feature])
+    for k, (view, values) in enumerate(views):
         shown = fig.add_subplot(grid[0, k])
         _image(shown, values, view, cmap="magma")
         shown.set_title(view.name, fontsize=9)
         moved = fig.add_subplot(grid[1, k])
-        moves = effects(parts, view)
-        image = _image(moved, moves, view, cmap="RdBu_r", vmin=-most, vmax=most)
+        image = _image(moved, effects(parts, view), view, cmap="RdBu_r", vmin=-most, vmax=most)
         moved.set_title("red speaks for a person", fontsize=8)
         if k == n - 1:
             fig.colorbar(image, ax=moved, label="log-odds of a person (nats)")

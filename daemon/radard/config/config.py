@@ -41,10 +41,9 @@ class Config(SinkOptions, RadarSections):
     @classmethod
     def _fill_entries(cls, tree: Any) -> Any:
         """Complete the sections of every entry of `sensors` by the common ones."""
-        if not (isinstance(tree, Mapping) and isinstance(tree.get("sensors"), Mapping)):
+        if not (isinstance(tree, Mapping) and (entries := _section(tree, "sensors"))):
             return tree
-        filled = {name: _filled(entry, tree) for name, entry in tree["sensors"].items()}
-        return {**tree, "sensors": filled}
+        return {**tree, "sensors": {name: _filled(each, tree) for name, each in entries.items()}}
 
     @model_validator(mode="after")
     def _check_sensors(self) -> "Config":
@@ -112,7 +111,7 @@ def load_config(file: Path | None = None, **given: Any) -> Config:
 def load_with_origins(
     file: Path | None = None,
     *,
-    environ: Mapping[str, str] | None = None,
+    environ: Mapping[str, str] = os.environ,
     options: Mapping[str, Any] | None = None,
     port: str | None = None,
 ) -> tuple[Config, Places]:
@@ -122,10 +121,12 @@ def load_with_origins(
     to key to value; `port` is listened to instead of the configured port. Raises ConfigError with
     every fault, each with its place.
     """
-    environ = os.environ if environ is None else environ
     path = file or found_file()
     tree, places = read_yaml(path) if path else ({}, {})
-    profiles.lay_over_all(tree, places)
+    _lay_profile(tree, places)
+    for name, entry in _section(tree, "sensors").items():
+        if isinstance(entry, dict):
+            _lay_profile(entry, places, ("sensors", name))
     environment = sorted(read_environment(environ, Config), key=lambda e: e[0] != _PROFILE)
     given = [
         ((section, key), value, "command line")
@@ -142,22 +143,29 @@ def load_with_origins(
         if isinstance(value, Mapping):
             places.update({(*where, str(inner)): place for inner in value})
         if where == _PROFILE:
-            profiles.lay_over(tree, places)
+            _lay_profile(tree, places)
     if places.get(("sensor", "port")) == "command line":
         # One radar was asked for by hand: that is the whole run.
         tree.pop("sensors", None)
     config = _checked(tree, places)
     at = partial(saved_file, environ=environ, port=port)
-    is_changed = lay_over(partial(at, config), tree, places)
+    lay_over(partial(at, config), tree, places)
     for name in config.sensors:
-        own: Places = {}
         radar = tree["sensors"][name] = dict(tree["sensors"][name])
-        is_changed |= lay_over(partial(at, config.of_sensor(name)), radar, own)
-        places.update({("sensors", name, *where): place for where, place in own.items()})
-    if is_changed:
-        config = _checked(tree, places)
+        lay_over(partial(at, config.of_sensor(name)), radar, places, ("sensors", name))
+    config = _checked(tree, places)
     config._taken = _taken(config, places, path if file is None else None)
     return config, places
+
+
+def _lay_profile(tree: dict[str, Any], places: Places, at: Where = ()) -> None:
+    """Put what a radar's profile sets into its sections, over what is there."""
+    profile = profiles.front().named(_section(tree, "model").get("profile"))
+    if profile is not None:
+        settings = ("name", profile.model), ("hop_s", profile.hop_s), ("bodies", profile.bodies)
+        for section, (key, value) in zip(("model", "decision", "decision"), settings, strict=True):
+            put(tree, section, key, value)
+            places[*at, section, key] = f"profile {profile.name}"
 
 
 def _taken(config: Config, places: Places, found: Path | None) -> tuple[str, ...]:
@@ -196,12 +204,12 @@ def _filled(entry: Any, tree: Mapping[str, Any]) -> Any:
     """Return an entry of `sensors` whose own sections have the common one's further keys."""
     if not isinstance(entry, Mapping):
         return entry
-    sections = {
-        name: {**common, **own}
-        for name in OWN_SECTIONS
-        if isinstance(own := entry.get(name), Mapping)
-        and isinstance(common := tree.get(name, {}), Mapping)
-    }
-    sensor = tree.get("sensor")
-    speed = sensor.get("speed") if isinstance(sensor, Mapping) else None
+    own = [name for name in OWN_SECTIONS if isinstance(entry.get(name), Mapping)]
+    sections = {name: {**_section(tree, name), **entry[name]} for name in own}
+    speed = _section(tree, "sensor").get("speed")
     return {**({} if speed is None else {"speed": speed}), **entry, **sections}
+
+
+def _section(tree: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    found = tree.get(name)
+    return found if isinstance(found, Mapping) else {}

@@ -28,17 +28,18 @@ if TYPE_CHECKING:
 SYSTEM_RUNTIME_DIR = Path("/run/radard")  # RuntimeDirectory= of the unit in deploy/systemd
 SYSTEM_STATE_DIR = Path("/var/lib/radard")  # StateDirectory= of the same
 log = logging.getLogger("radard")
+Environ = Mapping[str, str]
 _OTHER = "another radard uses this state directory"
 _held: dict[Path, int] = {}  # folders that this process has locked
 
 
-def named_state_dir(config: "Config", environ: Mapping[str, str] = os.environ) -> Path | None:
+def named_state_dir(config: "Config", environ: Environ = os.environ) -> Path | None:
     """Return the folder that configuration or systemd names for state, if any."""
     given = environ.get("STATE_DIRECTORY", "").partition(":")[0]
     return config.service.state_dir or (Path(given) if given else None)
 
 
-def state_dir(config: "Config", environ: Mapping[str, str] = os.environ) -> Path:
+def state_dir(config: "Config", environ: Environ = os.environ) -> Path:
     """Return the folder of what outlives a restart; ConfigError if others could write it."""
     if (folder := named_state_dir(config, environ)) is not None:
         return folder
@@ -66,11 +67,7 @@ def own_folder() -> Path:
 
 
 def saved_file(
-    config: "Config",
-    kind: Kind,
-    environ: Mapping[str, str] = os.environ,
-    *,
-    port: str | None = None,
+    config: "Config", kind: Kind, environ: Environ = os.environ, *, port: str | None = None
 ) -> Path:
     """Return where the dashboard keeps the sensor's 'zones' or 'settings'."""
     sensor = config.sensor
@@ -105,7 +102,7 @@ def kept_calibration(config: "Config") -> Path:
     return folder / f"{config.sensor.name}.sim.calibration.json"
 
 
-def clip_dir(config: "Config", environ: Mapping[str, str] = os.environ) -> Path | None:
+def clip_dir(config: "Config", environ: Environ = os.environ) -> Path | None:
     """Return the folder of a sensor's clips; None when there shall be none."""
     if not config.clips.enabled:
         return None
@@ -114,7 +111,7 @@ def clip_dir(config: "Config", environ: Mapping[str, str] = os.environ) -> Path 
     return folder / config.sensor.name if folder and config.is_one_of_several else folder
 
 
-def log_path(config: "Config", environ: Mapping[str, str] = os.environ) -> Path | None:
+def log_path(config: "Config", environ: Environ = os.environ) -> Path | None:
     """Return the file of the event log; None with replays, or a sensor simulated by hand."""
     kinds = {each.sensor.kind for each in config.each()}
     if kinds == {"replay"}:
@@ -124,25 +121,24 @@ def log_path(config: "Config", environ: Mapping[str, str] = os.environ) -> Path 
     return folder / "log.db" if folder is not None else None
 
 
-def status_dirs(config: "Config", environ: Mapping[str, str] = os.environ) -> tuple[Path, ...]:
+def status_dirs(config: "Config", environ: Environ = os.environ) -> tuple[Path, ...]:
     """Return where a status file may lie, as seen by another user than the daemon's."""
     own = runtime_dir(config, environ)
     is_named = config.service.runtime_dir is not None or "RUNTIME_DIRECTORY" in environ
     return (own,) if is_named else (SYSTEM_RUNTIME_DIR, own)
 
 
-def runtime_dir(config: "Config", environ: Mapping[str, str] = os.environ) -> Path:
+def runtime_dir(config: "Config", environ: Environ = os.environ) -> Path:
     """Return the folder of the status file, to which nobody else may write."""
-    if config.service.runtime_dir is not None:
-        return config.service.runtime_dir
-    if given := environ.get("RUNTIME_DIRECTORY"):
-        return Path(given.partition(":")[0])
+    given = config.service.runtime_dir or environ.get("RUNTIME_DIRECTORY", "").partition(":")[0]
+    if given:
+        return Path(given)
     if (own := Path(environ.get("XDG_RUNTIME_DIR", ""))).is_absolute():
         return own / "radard"
     return _temporary_dir() or state_dir(config, environ) / "run"
 
 
-def demo_state(config: "Config", environ: Mapping[str, str] = os.environ) -> "Config":
+def demo_state(config: "Config", environ: Environ = os.environ) -> "Config":
     """Return the configuration, with a passing state folder if only simulations are shown."""
     is_sim = {each.sensor.kind for each in config.each()} == {"sim"}
     has_page = any(output.startswith("http:") for output in config.output)
@@ -166,7 +162,7 @@ def _temporary_dir() -> Path | None:
 
 
 @contextlib.contextmanager
-def state_lock(config: "Config", environ: Mapping[str, str] = os.environ) -> Iterator[None]:
+def state_lock(config: "Config", environ: Environ = os.environ) -> Iterator[None]:
     """Hold the state directory, if one is used; ConfigError while another daemon does."""
     path = log_path(config, environ)
     if path is None:

@@ -55,10 +55,13 @@ def config_options(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def check_seconds(name: str, value: float, least: float) -> None:
-    """Raise UsageError unless an option in seconds is between `least` and a day."""
-    if not least <= value <= LONGEST_S:
-        raise UsageError(f"{name} {value:g}: must be {least:g} to {LONGEST_S:g}, in seconds")
+def check_limits(args: argparse.Namespace, **limits: tuple[float, float]) -> None:
+    """Raise UsageError unless the options of these names, where given, lie within their limits."""
+    for name, (least, most) in limits.items():
+        value = getattr(args, name)
+        if value is not None and not least <= value <= most:
+            option = name.replace("_", "-")
+            raise UsageError(f"--{option} {value:g}: must be {least:g} to {most:g}")
 
 
 def listening_config(args: argparse.Namespace, default_port: str | None = None) -> Config:

@@ -4,11 +4,10 @@
 tells of them.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
-from typing import Any, Literal
+from typing import Literal
 
 from radard.config.json_file import STRICT, parse_json
 from x2radar.errors import PortUrlError, SettingsError
@@ -17,8 +16,6 @@ from x2radar.ports import parse_port
 USUAL_HZ = 60.0  # frames a second where nobody asks for another rate
 Three = tuple[float, float, float]
 Bodies = Literal["apart", "together", "unfollowed"]  # made of several, from most to least
-_Where = tuple[str, ...]
-_Places = dict[_Where, str]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,36 +79,11 @@ def check_profile(name: str | None) -> str | None:
     return name
 
 
-def lay_over(tree: dict[str, Any], places: _Places, at: _Where = ()) -> None:
-    """Put what a radar's profile sets into its sections, over what is there."""
-    name = _section(tree, "model").get("profile")
-    profile = front().named(name if isinstance(name, str) else None)
-    if profile is None:
-        return
-    decision = {"hop_s": profile.hop_s, "bodies": profile.bodies}
-    for section, settings in (("model", {"name": profile.model}), ("decision", decision)):
-        tree[section] = {**_section(tree, section), **settings}
-        places.update({(*at, section, key): f"profile {profile.name}" for key in settings})
-
-
-def lay_over_all(tree: dict[str, Any], places: _Places) -> None:
-    """Do so for the common sections and for every entry of `sensors`, in place."""
-    lay_over(tree, places)
-    for name, entry in _section(tree, "sensors").items():
-        if isinstance(entry, dict):
-            lay_over(entry, places, ("sensors", name))
-
-
 def rated(port: str | None, name: str | None) -> str | None:
     """Return a radar's port, asked for the frame rate of a profile."""
     profile = front().named(name)
     rate_hz = profile.rate_hz if profile else None
     return port if port is None or rate_hz is None else with_rate(port, rate_hz)
-
-
-def _section(tree: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-    found = tree.get(name)
-    return found if isinstance(found, Mapping) else {}
 
 
 def with_rate(port: str, rate_hz: float) -> str:

@@ -14,8 +14,8 @@ from typing import Any, Literal
 from pydantic import ValidationError, model_validator
 
 from radard.config.sections import AlarmChoices, MountSection, Section, Span, ZonesSection
-from radard.config.sources import ENV_PREFIX, Places, explain, put, read_yaml, texts_of
-from radard.errors import ConfigError, OutputError
+from radard.config.sources import ENV_PREFIX, Places, Where, explain, put, read_yaml, texts_of
+from radard.errors import ConfigError
 from x2radar import wall_clock
 from x2radar.atomic import write_atomically
 
@@ -60,18 +60,17 @@ class SavedSettings(Section):
 KINDS: dict[Kind, type[Section]] = {"zones": SavedZones, "settings": SavedSettings}
 
 
-def lay_over(path_of: Callable[[Kind], Path], tree: dict[str, Any], places: Places) -> bool:
-    """Put what was saved into sections and places; return whether that changed them."""
-    is_changed = False
+def lay_over(
+    path_of: Callable[[Kind], Path], tree: dict[str, Any], places: Places, at: Where = ()
+) -> None:
+    """Put what was saved into a radar's sections, which stand `at` these keys, and into places."""
     for kind in KINDS:
         saved, lines = _read(path_of(kind), kind)
         for section, values in saved.items():
             for key, value in values.items():
-                if not places.get((section, key), "").startswith(_STRONGER):
+                if not places.get((*at, section, key), "").startswith(_STRONGER):
                     put(tree, section, key, value)
-                    places[section, key] = f"{lines[section, key]}{SAVED}"
-                    is_changed = True
-    return is_changed
+                    places[*at, section, key] = f"{lines[section, key]}{SAVED}"
 
 
 def check_saved(kind: Kind, sections: Sections) -> dict[str, dict[str, Any]]:
@@ -84,7 +83,7 @@ def check_saved(kind: Kind, sections: Sections) -> dict[str, dict[str, Any]]:
 
 
 def change(path: Path, kind: Kind, sections: Sections) -> None:
-    """Lay sections over what a file holds; ValueError, ConfigError or OutputError if not."""
+    """Lay sections over what a file holds; ValueError, ConfigError or OSError if not."""
     # JSON is YAML: what was sent is read as a file is, where `true` is no number.
     given = check_saved(kind, texts_of(json.dumps(sections)))
     now = wall_clock.utc_text()
@@ -94,20 +93,14 @@ def change(path: Path, kind: Kind, sections: Sections) -> None:
         for name in {**tree, **given}:
             values = {**tree.get(name, {}), **given.get(name, {})}
             lines += [f"{name}:", *(f"  {key}: {_text(value)}" for key, value in values.items())]
-        try:
-            write_atomically(path, "\n".join(lines) + "\n")
-        except OSError as err:
-            raise OutputError(f"{path}: cannot be kept: {err.strerror or err}") from err
+        write_atomically(path, "\n".join(lines) + "\n")
 
 
 def forget(path: Path) -> None:
-    """Delete what was saved; raises OutputError if that cannot be done."""
-    try:
-        # Not while another page saves: it would write again what it has read before.
-        with _lock:
-            path.unlink(missing_ok=True)
-    except OSError as err:
-        raise OutputError(f"{path}: cannot be taken away: {err.strerror or err}") from err
+    """Delete what was saved; raises OSError if that cannot be done."""
+    # Not while another page saves: it would write again what it has read before.
+    with _lock:
+        path.unlink(missing_ok=True)
 
 
 def _text(value: Any) -> str:

@@ -28,6 +28,7 @@ _PLAIN = {
 """What pydantic says with names of Python's."""
 Where = tuple[str, ...]
 Places = dict[Where, str]
+Given = tuple[tuple[str, str | None], Any, str]  # section and key (None: all of it), value, place
 
 
 def put(tree: dict[str, Any], section: str, key: str | None, value: Any) -> None:
@@ -57,27 +58,21 @@ def read_yaml(path: Path) -> tuple[dict[str, Any], Places]:
     return raw, dict(_places(node, path))
 
 
-def read_environment(
-    environ: Mapping[str, str], root: type[BaseModel]
-) -> Iterator[tuple[tuple[str, str | None], Any, str]]:
+def read_environment(environ: Mapping[str, str], root: type[BaseModel]) -> Iterator[Given]:
     """Yield ((section, key), value, name) of RADARD_SECTION__KEY; ConfigError if twice.
 
     One without `__` that names no section is another program's, as the RADARD_PORT of a container
     platform, and left out with a warning.
     """
     names: dict[str, str] = {}
-    for name in sorted(environ):
-        if not name.startswith(ENV_PREFIX):
-            continue
+    for name in sorted(name for name in environ if name.startswith(ENV_PREFIX)):
         if (other := names.setdefault(name.lower(), name)) != name:
             raise ConfigError(f"{other} and {name} are the same key; give one")
         section, double, key = name[len(ENV_PREFIX) :].lower().partition("__")
-        field = root.model_fields.get(section)
-        if field is None and not (double and section):
+        if section not in root.model_fields and not (double and section):
             log.warning("%s: left out: the configuration has no section '%s'", name, section)
             continue
-        text = environ[name]
-        value = text
+        value = text = environ[name]
         if not double or (text[:1] in {"[", "{"} and not _is_text((section, key), root)):
             with contextlib.suppress(YamlError):
                 value = texts_of(text)
@@ -98,8 +93,6 @@ def explain(fault: Any, places: Mapping[Where, str], root: type[BaseModel]) -> s
             return message
         got = redact_value(where[-1], fault["input"])
         return f"{head}{'.'.join(where)}: {message} (got {_SHORT.repr(got)})"
-    if where == ("outbox",):
-        return f"{head}outbox: is the section 'log' now"
     known = _section_of(where, root).model_fields
     close = difflib.get_close_matches(where[-1], known, 1, 0.4)
     hint = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(known)}"

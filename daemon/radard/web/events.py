@@ -1,7 +1,6 @@
 """Events for a page: listed, exported, labelled, with their clips and pictures."""
 
 import base64
-import contextlib
 import csv
 import io
 import json
@@ -25,7 +24,7 @@ from radard.errors import RadardError
 from radard.log_file import MARKS, StoredEvent, newest_events, parse_since
 from radard.web.guard import Guard, Refusal, attached, query_number
 from radard.web.labels import LABELS, add_label, read_labels
-from radard.web.pictures.clip_view import ClipTimeoutError, read_clip
+from radard.web.pictures.clip_view import read_clip
 from radard.web.view import View
 from x2radar import wall_clock
 
@@ -83,7 +82,7 @@ class EventRoutes:
             async with self._painting:
                 data = await read_clip(path)
         except (RadardError, OSError) as err:
-            code = 504 if isinstance(err, ClipTimeoutError) else 422
+            code = 504 if isinstance(err, TimeoutError) else 422
             raise Refusal(code, f"the clip cannot be shown: {' '.join(str(err).split())}") from err
         return Response(data, media_type="application/octet-stream")
 
@@ -174,13 +173,12 @@ def _filter(request: Request) -> dict[str, Any]:
 
 def _copied(clip: Path) -> tuple[IO[bytes], int]:
     """Return a nameless copy of a clip, and its length; the clip may yet grow, shrink or go."""
-    with clip.open("rb") as file, contextlib.ExitStack() as failed:
-        copy = failed.enter_context(TemporaryFile())
+    copy = TemporaryFile()  # noqa: SIM115 - it is closed when it has been sent
+    with clip.open("rb") as file:
         copyfileobj(file, copy)
-        size = copy.tell()
-        copy.seek(0)
-        failed.pop_all()
-        return copy, size
+    size = copy.tell()
+    copy.seek(0)
+    return copy, size
 
 
 def _sent(file: IO[bytes]) -> Iterator[bytes]:

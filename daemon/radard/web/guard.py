@@ -20,13 +20,14 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from radard.errors import ConfigError, OutputError
+from radard.errors import ConfigError
 from radard.web.auth import AccessControl, RateLimit
 from x2radar.keys import unrepeated
 
 MAX_BODY = 4096  # bytes: 32 zones fit
 _BODY_S = 10.0  # for a body that comes over a slow line
 T = TypeVar("T")
+Endpoint = Callable[[Request], Awaitable[Response]]
 Handler = Callable[[dict[str, Any]], Awaitable[Response]]
 _OWN_HEADER = "x-radard"
 _ABSOLUTE = re.compile(rb"https?://([^/@]+)", re.IGNORECASE)
@@ -114,15 +115,15 @@ class Guard:
         """Return what a call that waits for a disk returns, made in a thread."""
         return await to_thread.run_sync(call, *arguments, limiter=self._reading)
 
-    def viewing(self, path: str, endpoint: Callable[[Request], Awaitable[Response]]) -> Route:
-        """Return a GET route for viewers."""
+    def viewing(self, path: str, endpoint: Endpoint, method: str = "GET") -> Route:
+        """Return a route for viewers."""
 
         async def guarded(request: Request) -> Response:
             if self.access.role(request) == "nobody":
                 raise Refusal(401, "show a token")
             return await endpoint(request)
 
-        return Route(path, guarded)
+        return Route(path, guarded, methods=[method])
 
     def reading(self, path: str, call: Callable[[], Any]) -> Route:
         """Return a GET route for viewers of what a call that may wait for a disk returns."""
@@ -136,24 +137,22 @@ class Guard:
         """Return a POST route for operators, of a JSON object."""
 
         async def guarded(request: Request) -> Response:
-            role = self.access.role(request)
-            if role == "nobody":
-                raise Refusal(401, "show a token")
-            if role != "operator":
+            if self.access.role(request) != "operator":
                 raise Refusal(403, "only an operator may do this")
             if not self._rate_limit.take():
                 raise Refusal(429, "too much at once; wait a moment")
             body = await json_body(request)
             try:
                 return await handler(body)
-            except OverflowError as err:
-                raise Refusal(400, "a number is too large") from err
-            except ValueError as err:
+            except (ValueError, OverflowError) as err:
                 raise Refusal(400, str(err)) from err
-            except (OutputError, ConfigError) as err:
+            except ConfigError as err:
                 raise Refusal(507, str(err)) from err
+            except OSError as err:
+                told = f"{err.filename}: {err.strerror}" if err.filename else str(err)
+                raise Refusal(507, told) from err
 
-        return Route(path, guarded, methods=["POST"])
+        return self.viewing(path, guarded, "POST")
 
 
 def _to_origin_form(scope: Scope) -> None:

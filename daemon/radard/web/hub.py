@@ -22,6 +22,7 @@ from radard.web.auth import AccessControl, RateLimit
 MAX_TEXTS = 400  # minutes of records
 MAX_IN_FLIGHT = 64  # pictures: what a page gets at its opening, and some seconds more
 _BACKLOG = 512  # messages: a minute of pictures for a page that opens
+_dump = json.JSONEncoder(separators=(",", ":")).encode
 _MAX_PER_S = 20.0  # messages of a page, which reports pictures four times a second
 _CLOSE_POLICY, _CLOSE_BUSY, _CLOSE_SLOW = 1008, 1013, 4008  # RFC 6455 and IANA; 4000 on are ours
 
@@ -141,10 +142,6 @@ class Hub:
             self._want_pictures(is_wanted)
 
 
-def _dump(message: Mapping[str, Any]) -> str:
-    return json.dumps(message, separators=(",", ":"))
-
-
 async def serve(
     socket: WebSocket, access: AccessControl, hub: Hub, most_viewers: int, welcome: dict[str, Any]
 ) -> None:
@@ -160,8 +157,8 @@ async def serve(
     viewer = Viewer()
     viewer.put_text(json.dumps(welcome))
     hub.add(viewer)
-    both = _send(socket, viewer), _listen(socket, viewer, hub)
-    tasks = [asyncio.create_task(each) for each in both]
+    tasks = [asyncio.create_task(_send(socket, viewer))]
+    tasks.append(asyncio.create_task(_listen(socket, viewer, hub)))
     try:
         await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
     finally:
@@ -186,8 +183,7 @@ async def _listen(socket: WebSocket, viewer: Viewer, hub: Hub) -> None:
     rate_limit = RateLimit(_MAX_PER_S, _MAX_PER_S)
     while True:
         try:
-            text = await socket.receive_text()
-            message = json.loads(text)
+            message = json.loads(await socket.receive_text())
         except (WebSocketDisconnect, KeyError, ValueError):
             return
         if not rate_limit.take() or not isinstance(message, dict):

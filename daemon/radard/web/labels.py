@@ -11,8 +11,6 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from radard.errors import OutputError
-
 LABELS = ("human", "pet", "other", "wrong")
 FORMAT, VERSION = "radard-label", 1
 
@@ -36,19 +34,17 @@ def read_labels(path: Path) -> dict[str, str]:
 
 
 def add_label(path: Path, line: Mapping[str, Any]) -> None:
-    """Add a line with the keys of the module's example; raises OutputError if it cannot."""
+    """Add a line with the keys of the module's example; raises OSError if it cannot."""
     full = {"format": FORMAT, "format_version": VERSION, **line}
+    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    size = path.stat().st_size if path.exists() else 0
+    # What a power cut has left of a line must not take this one along.
+    begin = b"\n" if size and path.read_bytes()[-1:] != b"\n" else b""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        size = path.stat().st_size if path.exists() else 0
-        # What a power cut has left of a line must not take this one along.
-        begin = b"\n" if size and path.read_bytes()[-1:] != b"\n" else b""
-        try:
-            with path.open("ab") as file:
-                file.write(begin + json.dumps(full).encode() + b"\n")
-        except OSError:
-            with contextlib.suppress(OSError):
-                os.truncate(path, size)
-            raise
+        with path.open("ab") as file:
+            file.write(begin + json.dumps(full).encode() + b"\n")
     except OSError as err:
-        raise OutputError(f"{path}: cannot keep the label: {err.strerror or err}") from err
+        err.filename = str(path)
+        with contextlib.suppress(OSError):
+            os.truncate(path, size)
+        raise

@@ -10,6 +10,7 @@ import resource
 import threading
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
+from math import inf
 from pathlib import Path
 
 from radard.config.sink_table import KINDS
@@ -18,20 +19,20 @@ from x2radar import wall_clock
 
 _BUCKETS = {
     # Latencies lie at 5 to 30 ms (docs/reference/outputs.md); late is up to a hop, 1 s.
-    "radard_decision_latency_seconds": (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5),
-    "radard_human_score": (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0),
+    "radard_decision_latency_seconds": (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, inf),
+    "radard_human_score": (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, inf),
 }
 _STATES = ("starting", "online", "degraded", "offline")
-_DRIVER: Mapping[str, tuple[str, Mapping[str, str]]] = {
-    "frames": ("radard_frames_total", {}),
-    "lost": ("radard_frames_dropped_total", {"reason": "lost"}),
-    "repeated": ("radard_frames_dropped_total", {"reason": "repeated"}),
-    "restarts": ("radard_restarts_total", {}),
-    "damaged": ("radard_wire_errors_total", {}),
-    "retries": ("radard_command_retries_total", {}),
-    "reconnects": ("radard_reconnects_total", {}),
+_DRIVER = {
+    "frames": "radard_frames_total",
+    "lost": "radard_frames_dropped_total",
+    "repeated": "radard_frames_dropped_total",
+    "restarts": "radard_restarts_total",
+    "damaged": "radard_wire_errors_total",
+    "retries": "radard_command_retries_total",
+    "reconnects": "radard_reconnects_total",
 }
-"""Metric and labels of each field of `x2radar.RadarStats`."""
+"""Metric of each field of `x2radar.RadarStats`; dropped frames have it as their reason."""
 _GAUGES = {
     "power_db": "radard_residual_power_db",
     "noise_floor_db": "radard_noise_floor_db",
@@ -52,11 +53,8 @@ class Metrics:
         self._own = {"sensor": sensor} if sensor else {}
         self._lock = threading.Lock()
         self._values: dict[tuple[str, tuple[tuple[str, str], ...]], float] = {}
-        for name, limits in _BUCKETS.items():
-            for limit in (*(f"{each:g}" for each in limits), "+Inf"):
-                self._set(f"{name}_bucket", 0, le=limit)
-            self._set(f"{name}_sum", 0)
-            self._set(f"{name}_count", 0)
+        for name in _BUCKETS:
+            self._observe(name, 0, n=0)
         for kind in KINDS:
             self._set("radard_event_active", 0, kind=kind)
 
@@ -85,8 +83,8 @@ class Metrics:
             self._set("radard_armed", panel is None or panel.armed)
             for what, n in host.driver().items():
                 if what in _DRIVER:
-                    name, labels = _DRIVER[what]
-                    self._set(name, n, **labels)
+                    labels = {"reason": what} if what in {"lost", "repeated"} else {}
+                    self._set(_DRIVER[what], n, **labels)
             if panel is not None and (drift := panel.clock_drift) is not None:
                 self._set("radard_module_clock_drift_ratio", drift.ratio)
                 self._set("radard_module_clock_drift_uncertainty_ratio", drift.uncertainty)
@@ -103,22 +101,20 @@ class Metrics:
         key = (name, (*self._own.items(), *labels.items()))
         self._values[key] = self._values.get(key, 0) + value
 
-    def _observe(self, name: str, value: float | None) -> None:
-        if value is None:
-            return
+    def _observe(self, name: str, value: float, n: int = 1) -> None:
         for limit in _BUCKETS[name]:
-            self._add(f"{name}_bucket", value <= limit, le=f"{limit:g}")
-        self._add(f"{name}_bucket", le="+Inf")
-        self._add(f"{name}_sum", value)
-        self._add(f"{name}_count")
+            label = "+Inf" if limit == inf else f"{limit:g}"
+            self._add(f"{name}_bucket", n * (value <= limit), le=label)
+        self._add(f"{name}_sum", n * value)
+        self._add(f"{name}_count", n)
 
     def _on_decision(self, record: Record) -> None:
         label = record["label"] or "unknown"
         self._add("radard_decisions_total", gate=record["gate"], label=label)
-        latency_ms = record["latency_ms"]
-        latency_s = None if latency_ms is None else latency_ms / 1e3
-        self._observe("radard_decision_latency_seconds", latency_s)
-        self._observe("radard_human_score", record["fused_p_human"])
+        if (latency_ms := record["latency_ms"]) is not None:
+            self._observe("radard_decision_latency_seconds", latency_ms / 1e3)
+        if (score := record["fused_p_human"]) is not None:
+            self._observe("radard_human_score", score)
         for key, name in _GAUGES.items():
             if record[key] is not None:
                 self._set(name, record[key])

@@ -3,6 +3,7 @@
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -67,14 +68,14 @@ class History:
             known = [d for d, _ in self._decisions if not before_seq or d["seq"] < before_seq]
         return known[-limit:] if limit else []
 
-    def around(self, seq: int) -> list[Held]:
+    def around(self, seq: str) -> list[Held]:
         """Return a decision and `N_BEFORE` before it, oldest first; empty when it is not known."""
         with self._lock:
             known, causes = list(self._decisions), list(self._causes.values())
-        at = next((i for i, (record, _) in enumerate(known) if record["seq"] == seq), None)
+        at = next((i for i, (record, _) in enumerate(known) if str(record["seq"]) == seq), None)
         if at is not None:
             return known[max(0, at - N_BEFORE) : at + 1]
-        return next((found for found in causes if found[-1][0]["seq"] == seq), [])
+        return next((found for found in causes if str(found[-1][0]["seq"]) == seq), [])
 
     def cause(self, event_id: str) -> int | None:
         """Return the number of the decision that an alarm began with; None if not known."""
@@ -99,11 +100,8 @@ class View:
         self.section, self.log, self.host, self.sensor = section, log, host, sensor
         self.history, self.metrics = History(), Metrics(sensor)
         self.hub = Hub(lambda is_wanted: self.picture_thread.want(is_wanted=is_wanted))
-        self.picture_thread = PictureThread(
-            host.ring,
-            lambda axes: post(self.hub.announce, axes),
-            lambda data: post(self.hub.show, data),
-        )
+        announce, show = partial(post, self.hub.announce), partial(post, self.hub.show)
+        self.picture_thread = PictureThread(host.ring, announce, show)
         self._post = post
         self._last: Mapping[str, Any] = {}
 
@@ -143,8 +141,3 @@ class View:
             "settings": settings.model_dump(),
             "playback": playback.state if playback is not None else None,
         }
-
-    def refreshed_metrics(self) -> Metrics:
-        """Return the counters, with what holds at this moment."""
-        self.metrics.refresh(self.host)
-        return self.metrics

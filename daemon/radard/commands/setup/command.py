@@ -11,7 +11,6 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import fields
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any
@@ -20,6 +19,7 @@ from pydantic import AfterValidator, BaseModel
 
 from radard.commands.setup import files
 from radard.commands.setup.coverage import CoverageOptions, coverage_table
+from radard.config.options import check_limits
 from radard.errors import ConfigError, NotAllowed, RadardError, UsageError
 from x2radar.command import Parser, new_parser
 from x2radar.errors import MissingExtra
@@ -61,12 +61,17 @@ def run(argv: Sequence[str]) -> int:
     elif args.what is None:
         lines = _install(Path(args.root).resolve(), args.exec, args.port, args.name)
     elif args.what == "coverage":
-        mount = CoverageOptions(**{f.name: getattr(args, f.name) for f in fields(CoverageOptions)})
-        lines = iter(coverage_table(mount))
+        check_limits(args, height=(0.05, 10), tilt=(-90, 90), width=(5, 175))
+        check_limits(args, limit=(-40, 80), rcs=(1e-6, 100))
+        mount = CoverageOptions(args.height, args.tilt, args.width, args.limit, args.rcs)
+        lines = coverage_table(mount)
     else:
         lines = _one(args)
-    for line in lines:
-        print(line, flush=True)
+    try:
+        for line in lines:
+            print(line, flush=True)
+    except PermissionError as err:
+        raise NotAllowed(f"{err.filename or args.root}: only root may write it; use sudo") from err
     return 0
 
 
@@ -121,9 +126,13 @@ def make_parser() -> Parser:
         add("--install", action="store_true", default=absent, help="write it, as root")
         add("--root", default=absent, metavar="DIR", help="instead of /")
     coverage = _sub(whats, "coverage", "signal over noise of a body, by height and range")
-    for f in fields(CoverageOptions):
-        told = {"default": f.default, "metavar": f.metadata["unit"], "help": f.metadata["help"]}
-        coverage.add_argument(f.metadata["option"], dest=f.name, type=float, **told)
+    add = coverage.add_argument
+    add("--height", type=float, metavar="M", help="of the radar over the floor (1.5)")
+    add("--tilt", type=float, metavar="DEG", help="down from level (0)")
+    add("--width", type=float, metavar="DEG", help="beam, full at half power (65)")
+    add("--limit", type=float, metavar="DB", help="least that is seen (10)")
+    add("--rcs", type=float, metavar="M2", help="cross section (0.01: a shank)")
+    coverage.set_defaults(height=1.5, tilt=0.0, width=65.0, limit=10.0, rcs=0.01)
     return parser
 
 
@@ -188,18 +197,17 @@ def _install(root: Path, program: Path, port: str, name: str | None) -> Iterator
         del texts[files.UNIT_FILE]
     config = files.CONFIG_FOLDER / f"{name or 'config'}.yaml"
     try:
-        with _refusals(root):
-            yield from _put(root, record, files.USER_FILE, files.shipped("radard.sysusers"))
-            yield from _make_user(root, left)
-            for path, text in texts.items():
-                yield from _put(root, record, path, text)
-            if (root / config).exists():
-                yield f"{root / config}: stays as it is"
-            else:
-                yield from _put(root, record, config, files.first_config(name, port))
-            yield from _make_state(root, record, name)
-            yield from _put_commands(root, record, program)
-            yield from _switch_on(root, record, name, left)
+        yield from _put(root, record, files.USER_FILE, files.shipped("radard.sysusers"))
+        yield from _make_user(root, left)
+        for path, text in texts.items():
+            yield from _put(root, record, path, text)
+        if (root / config).exists():
+            yield f"{root / config}: stays as it is"
+        else:
+            yield from _put(root, record, config, files.first_config(name, port))
+        yield from _make_state(root, record, name)
+        yield from _put_commands(root, record, program)
+        yield from _switch_on(root, record, name, left)
     finally:
         with contextlib.suppress(OSError):
             (root / files.CONFIG_FOLDER).mkdir(parents=True, exist_ok=True)
@@ -213,32 +221,29 @@ def _install(root: Path, program: Path, port: str, name: str | None) -> Iterator
 def _uninstall(root: Path, *, purge: bool) -> Iterator[str]:
     """Take away what `_install` wrote; UsageError if nothing is recorded there."""
     if not (root / RECORD_FILE).exists():
-        msg = f"{root / RECORD_FILE}: not there: nothing that radard setup --install has made"
-        raise UsageError(msg)
+        raise UsageError(f"below {root} is nothing that radard setup --install has made")
     record = Record.read(root)
     is_live = _is_live(root)
-    with _refusals(root):
-        for unit in record.units:
-            now = ("--now",) if is_live else ()
-            yield from _ran([*_systemctl(root), "disable", *now, unit], needed=False)
-        yield from _remove_files(root, record, purge=purge)
-        if purge:
-            yield from _remove_state(root, record)
-        (root / RECORD_FILE).unlink()
-        for folder in reversed(record.folders):
-            with contextlib.suppress(OSError):  # somebody else's files are in it
-                (root / folder).rmdir()
-        if is_live:
-            yield from _ran(["systemctl", "daemon-reload"], needed=False)
-            yield from _ran(["udevadm", "control", "--reload"], needed=False)
+    for unit in record.units:
+        now = ("--now",) if is_live else ()
+        yield from _ran([*_systemctl(root), "disable", *now, unit], needed=False)
+    yield from _remove_files(root, record, purge=purge)
+    if purge:
+        yield from _remove_state(root, record)
+    (root / RECORD_FILE).unlink()
+    for folder in reversed(record.folders):
+        with contextlib.suppress(OSError):  # somebody else's files are in it
+            (root / folder).rmdir()
+    if is_live:
+        yield from _ran(["systemctl", "daemon-reload"], needed=False)
+        yield from _ran(["udevadm", "control", "--reload"], needed=False)
     if not purge:
         yield f"{root / files.STATE_FOLDER}, the user radard: kept; --purge takes them away"
 
 
 def _check(root: Path, program: Path, port: str, name: str | None) -> None:
     if (root / _PACKAGED).exists():
-        msg = f"{root / _PACKAGED}: radard is installed as a package; nothing is left to do"
-        raise UsageError(msg)
+        raise UsageError(f"{root / _PACKAGED}: radard is installed as a package; nothing to do")
     # Refuse them before anything is written.
     files.systemd_unit(program, port)
     files.first_config(name, port)
@@ -248,10 +253,8 @@ def _check(root: Path, program: Path, port: str, name: str | None) -> None:
     own = [here.resolve(), Path(sys.executable).resolve()] if root == Path("/") else []
     for path in (program, *own):
         if any(path.is_relative_to(home) for home in _CLOSED_HOMES):
-            msg = (
-                "a service does not see home folders; install radard below /opt (docs/install.md)"
-            )
-            raise UsageError(f"{path}: {msg}")
+            cure = "install radard below /opt (docs/install.md)"
+            raise UsageError(f"{path}: a service does not see home folders; {cure}")
 
 
 def _put(root: Path, record: Record, path: Path, text: str) -> Iterator[str]:
@@ -263,30 +266,18 @@ def _put(root: Path, record: Record, path: Path, text: str) -> Iterator[str]:
 
 def _write(path: Path, text: str, *, keep: bool = True) -> Iterator[str]:
     """Write a file of the system, and yield what was done; an older one is kept beside it."""
-    with _refusals(path):
-        old = path.read_text(encoding="utf-8") if path.exists() else None
-        if old == text:
-            yield f"{path}: is there already"
-            return
-        if old is not None and keep:
-            kept = path.with_name(path.name + ".old")
-            path.replace(kept)
-            yield f"{kept}: the file that was there"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
-        path.chmod(0o644)
+    old = path.read_text(encoding="utf-8") if path.exists() else None
+    if old == text:
+        yield f"{path}: is there already"
+        return
+    if old is not None and keep:
+        kept = path.with_name(path.name + ".old")
+        path.replace(kept)
+        yield f"{kept}: the file that was there"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+    path.chmod(0o644)
     yield f"{path}: written"
-
-
-@contextlib.contextmanager
-def _refusals(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except PermissionError as err:
-        raise NotAllowed(f"{err.filename or path}: only root may write it; use sudo") from err
-    except OSError as err:
-        msg = f"{err.filename or path}: cannot be written: {err.strerror or err}"
-        raise RadardError(msg) from err
 
 
 def _make_folder(root: Path, record: Record, folder: Path, mode: int = 0o755) -> None:

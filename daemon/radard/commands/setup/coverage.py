@@ -1,13 +1,11 @@
 """What a mount would see: the simulator's beam and link budget over height and range."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, fields
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
 from radard.dsp.velocity import CPI_S
-from radard.errors import UsageError
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS, RadarSettings
 from x2radar.sim.bodies.thesis_bodies import SEED_GAIN
 from x2radar.sim.place.antenna import Antenna
@@ -19,38 +17,24 @@ DISTANCES_M = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
 ANGLES_DEG = (0, 20, 40, 60, 80)
 
 
-def _option(default: float, option: str, unit: str, text: str, *limits: float) -> Any:
-    """Return a field with its option; beyond the limits it is a slip of the pen."""
-    about = {"option": option, "unit": unit, "help": text, "limits": limits}
-    return field(default=default, metadata=about)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class CoverageOptions:
-    """A mount; raises UsageError if a value makes no sense."""
+    """A mount, and what is to be seen from there."""
 
-    height_m: float = _option(1.5, "--height", "M", "of the radar over the floor (1.5)", 0.05, 10)
-    tilt_deg: float = _option(0.0, "--tilt", "DEG", "down from level (0)", -90, 90)
-    width_deg: float = _option(65.0, "--width", "DEG", "beam, full at half power (65)", 5, 175)
-    limit_db: float = _option(10.0, "--limit", "DB", "least that is seen (10)", -40, 80)
-    rcs_m2: float = _option(0.01, "--rcs", "M2", "cross section (0.01: a shank)", 1e-6, 100)
-
-    def __post_init__(self) -> None:
-        """Check every value."""
-        for each in fields(self):
-            value, (least, most) = getattr(self, each.name), each.metadata["limits"]
-            if not least <= value <= most:
-                option = each.metadata["option"]
-                raise UsageError(f"{option} {value:g}: must be {least:g} to {most:g}")
+    height_m: float  # of the radar over the floor
+    tilt_deg: float  # down from level
+    width_deg: float  # of the beam, full at half power
+    limit_db: float  # least that is seen
+    rcs_m2: float  # cross section
 
 
-def snr_db(options: CoverageOptions, x_m: float, y_m: float, z_m: float) -> float | None:
+def snr_db(mount: CoverageOptions, x_m: float, y_m: float, z_m: float) -> float | None:
     """Return the echo over noise at x_m right, y_m ahead, z_m up; None outside the swath."""
     axis = RadarSettings().axis
-    budget, width_deg = LinkBudget(), options.width_deg
+    budget, width_deg = LinkBudget(), mount.width_deg
     antenna = Antenna(
-        height_m=options.height_m,
-        tilt_deg=options.tilt_deg,
+        height_m=mount.height_m,
+        tilt_deg=mount.tilt_deg,
         azimuth_width_deg=width_deg,
         elevation_width_deg=width_deg,
     )
@@ -58,45 +42,39 @@ def snr_db(options: CoverageOptions, x_m: float, y_m: float, z_m: float) -> floa
     range_m = float(np.linalg.norm(towards_m))
     if not axis.range_m[0] <= range_m <= axis.range_m[-1]:
         return None
-    amplitude = budget.amplitude(np.array([range_m]), np.array([options.rcs_m2 * SEED_GAIN]), axis)
+    amplitude = budget.amplitude(np.array([range_m]), np.array([mount.rcs_m2 * SEED_GAIN]), axis)
     # The pattern counts once for the amplitude: out and back.
     amplitude *= antenna.gain(towards_m)
     noise = baseband_noise_power(axis, budget.noise_sigma)
     return float(10 * np.log10(amplitude[0] ** 2 / noise))
 
 
-def coverage_table(options: CoverageOptions) -> Iterator[str]:
+def coverage_table(mount: CoverageOptions) -> Iterator[str]:
     """Yield the lines for a mount: ahead by height and distance, then to the side."""
     axis = RadarSettings().axis
-    yield (
-        f"radar {options.height_m:g} m over the floor, tilted {options.tilt_deg:g} degrees down, "
-        f"beam {options.width_deg:g} degrees;"
-    )
-    yield (
-        f"dB over the noise of one frame, for {options.rcs_m2:g} m2; below {options.limit_db:g}: ."
-    )
+    down = f"tilted {mount.tilt_deg:g} degrees down, beam {mount.width_deg:g} degrees"
+    yield f"radar {mount.height_m:g} m over the floor, {down};"
+    yield f"dB over the noise of one frame, for {mount.rcs_m2:g} m2; below {mount.limit_db:g}: ."
     yield f"-: outside the swath, {axis.range_m[0]:.1f} to {axis.range_m[-1]:.1f} m from the radar"
     yield ""
     yield "straight ahead".ljust(16) + "".join(f"{y:6.1f} m" for y in DISTANCES_M)
     for z_m in reversed(HEIGHTS_M):
-        cells = (_cell(options, 0.0, y_m, z_m) for y_m in DISTANCES_M)
+        cells = (_cell(mount, 0.0, y_m, z_m) for y_m in DISTANCES_M)
         yield f"{z_m:.1f} m high".ljust(16) + "".join(cells)
     yield ""
     yield f"{HEIGHTS_M[2]:g} m high, off to the side"
     for angle_deg in ANGLES_DEG:
         angle = np.deg2rad(angle_deg)
-        cells = (
-            _cell(options, d * float(np.sin(angle)), d * float(np.cos(angle)), HEIGHTS_M[2])
-            for d in DISTANCES_M
-        )
+        right, ahead = float(np.sin(angle)), float(np.cos(angle))
+        cells = (_cell(mount, d * right, d * ahead, HEIGHTS_M[2]) for d in DISTANCES_M)
         yield f"{angle_deg} degrees".ljust(16) + "".join(cells)
     yield ""
     slowest = SPEED_OF_LIGHT_MPS / axis.carrier_hz / 2 / CPI_S
     yield f"slower than {100 * slowest:.0f} cm/s towards or away from the radar counts as standing"
 
 
-def _cell(options: CoverageOptions, x_m: float, y_m: float, z_m: float) -> str:
-    level_db = snr_db(options, x_m, y_m, z_m)
+def _cell(mount: CoverageOptions, x_m: float, y_m: float, z_m: float) -> str:
+    level_db = snr_db(mount, x_m, y_m, z_m)
     if level_db is None:
         return f"{'-':>8}"
-    return f"{'.':>8}" if level_db < options.limit_db else f"{level_db:8.0f}"
+    return f"{'.':>8}" if level_db < mount.limit_db else f"{level_db:8.0f}"

@@ -26,8 +26,7 @@ def udev_rules(usb_id: str | None = None, serial: str | None = None) -> str:
     if usb_id is None and serial is None:
         return text
     if usb_id is None or serial is None:
-        msg = "--usb and --serial belong together: adapters of one kind carry other things too"
-        raise UsageError(msg)
+        raise UsageError("--usb and --serial belong together: an adapter may carry another thing")
     if not _USB_ID.fullmatch(usb_id.lower()):
         raise UsageError(f"--usb '{usb_id}': must be two hexadecimal numbers, as in 0403:6001")
     if not _SERIAL.fullmatch(serial):

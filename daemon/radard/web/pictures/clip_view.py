@@ -34,12 +34,8 @@ _NICE = 10  # decisions come first
 _KEYS = ("t_s", "seq", "gate", "label", "alarm", "fused_p_human", "fused_p_pet", "range_m")
 
 
-class ClipTimeoutError(RadardError):
-    """A clip was not read within `DEADLINE_S`."""
-
-
 async def read_clip(path: Path) -> bytes:
-    """Return `clip_view` of a clip, made in another process; RadardError, ClipTimeoutError."""
+    """Return `clip_view` of a clip, made in another process; RadardError, TimeoutError."""
     environ = {
         "PYTHONPATH": os.pathsep.join(part for part in sys.path if part),
         # Others' stacks would count as memory, and decisions need the processor.
@@ -59,7 +55,7 @@ async def read_clip(path: Path) -> bytes:
             data, complaint = await process.communicate()
     except TimeoutError as err:
         msg = f"it took longer than {DEADLINE_S:g} s; the file may be damaged"
-        raise ClipTimeoutError(msg) from err
+        raise TimeoutError(msg) from err
     finally:
         if process.returncode is None:
             with contextlib.suppress(ProcessLookupError):
@@ -92,16 +88,14 @@ def _decisions(path: Path) -> list[dict[str, Any]]:
     """Return what was decided on the clip, on its own clock; nothing for a bare recording."""
     try:
         with contextlib.closing(Hdf5File(path)) as file:
-            sets = {key: file.data_set(f"decisions/{key}") for key in _KEYS}
-            if any(each is None or each.ndim != 1 for each in sets.values()):
+            sets = [file.data_set(f"decisions/{key}") for key in _KEYS]
+            if any(each is None or each.ndim != 1 for each in sets):
                 return []
-            columns = {key: file.read(each, slice(_MAX_DECISIONS)) for key, each in sets.items()}
+            columns = [file.read(each, slice(_MAX_DECISIONS)) for each in sets]
     except (RecordingError, OSError):
         return []
-    return [
-        {key: _plain(values[i]) for key, values in columns.items()}
-        for i in range(min(map(len, columns.values())))
-    ]
+    rows = zip(*columns, strict=False)
+    return [dict(zip(_KEYS, map(_plain, row), strict=True)) for row in rows]
 
 
 def _plain(value: Any) -> Any:

@@ -35,9 +35,11 @@ class PictureThread:
     emit: Callable[[bytes], None]
 
     def __post_init__(self) -> None:
-        self._changed = threading.Condition()
-        self._n_wishes = self._wish = self._shown_wish = 0
-        self._is_ended = self._is_told = False
+        self._changed = threading.Event()
+        # Each wish is another object: who opens the page again begins again.
+        self._wish: object | None = None
+        self._shown_wish: object | None = None
+        self._is_ended = False
         self._thread = threading.Thread(target=self._run, name="pictures", daemon=True)
         self._shown_ring: FrameRing | None = None
         self._spectrograms: Spectrograms | None = None
@@ -52,27 +54,22 @@ class PictureThread:
 
     def want(self, *, is_wanted: bool) -> None:
         """Start or stop to make pictures; returns at once."""
-        with self._changed:
-            self._n_wishes += is_wanted
-            self._wish = self._n_wishes if is_wanted else 0
-            self._is_told = True
-            self._changed.notify()
+        self._wish = object() if is_wanted else None
+        self._changed.set()
 
     def close(self) -> None:
         """End the thread, soon."""
-        with self._changed:
-            self._is_ended = self._is_told = True
-            self._changed.notify()
+        self._is_ended = True
+        self._changed.set()
 
     def _run(self) -> None:
-        wish, pause_s = 0, 0.0
+        pause_s = 0.0
         while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._is_told, pause_s)
-                self._is_told = False
-                if self._is_ended:
-                    return
-                wish = self._wish
+            self._changed.wait(pause_s)
+            self._changed.clear()
+            if self._is_ended:
+                return
+            wish = self._wish
             begun_s = time.monotonic()
             try:
                 self._look(wish)
@@ -86,7 +83,7 @@ class PictureThread:
             every_s = 0.0 if self._waiting else _EVERY_S if wish else _KEEP_EVERY_S
             pause_s = max(every_s - spent_s, spent_s * (1 - _MAX_BUSY) / _MAX_BUSY, 0.01)
 
-    def _look(self, wish: int) -> None:
+    def _look(self, wish: object | None) -> None:
         """Keep what has come since; of what a page is still to see, show the next part."""
         ring = self.ring()
         if ring is None:
@@ -94,36 +91,35 @@ class PictureThread:
         if ring is not self._shown_ring:
             self._shown_ring, self._end = ring, 0
             self._kept.clear()
-            self._shown_wish = 0
-        if wish != self._shown_wish:
+            self._shown_wish = None
+        if wish is not self._shown_wish:
             self._waiting.clear()
         if not self._waiting:
-            recent = ring.recent(self._end, is_live=wish > 0)
+            recent = ring.recent(self._end, is_live=wish is not None)
             self._end = recent.end_frame
             if len(recent.frames):
                 self._kept.append(recent)
                 self._waiting.append(recent)
             while self._kept and self._kept[0].t_s < recent.t_s - _KEPT_S:
                 self._kept.popleft()
-        if not wish:
+        if wish is None:
             self._waiting.clear()
-        elif wish != self._shown_wish or self._spectrograms is None:
+        elif wish is not self._shown_wish or self._spectrograms is None:
             self._spectrograms = Spectrograms(ring.axis, ring.frame_rate_hz)
             self._waiting = deque(self._kept)
             self._shown_to, self._begun_at = 0, -1
             self.announce(axes(self._spectrograms))
         self._shown_wish = wish
         if self._waiting and self._spectrograms is not None:
-            self._show(self._spectrograms, self._waiting.popleft())
+            self._show(self._spectrograms, self._waiting.popleft(), ring.frame_rate_hz)
 
-    def _show(self, spectrograms: Spectrograms, recent: Recent) -> None:
+    def _show(self, spectrograms: Spectrograms, recent: Recent, rate_hz: float) -> None:
         n = len(recent.frames)
         if recent.begun_at != self._begun_at or recent.end_frame - n > self._shown_to:
             spectrograms.restart()
             self._begun_at = recent.begun_at
             self._epoch, self._first = self._epoch + 1, 0
         self._shown_to = recent.end_frame
-        rate_hz = self._shown_ring.frame_rate_hz if self._shown_ring else 1.0
         for at in range(0, n, spectrograms.longest_push):
             until = min(n, at + spectrograms.longest_push)
             t_s = recent.t_s - (n - until) / rate_hz

@@ -44,5 +44,4 @@ def encode_columns(columns: Columns, *, first: int, epoch: int, column_s: float)
 def encode_gait(picture: Bytes, *, epoch: int, step_hz: float, t_s: float) -> bytes:
     """Return the message of a gait picture."""
     n_rows, n = picture.shape
-    head = _HEAD.pack(GAIT, 0, n, n_rows, epoch, step_hz, t_s)
-    return head + picture.T.tobytes()
+    return _HEAD.pack(GAIT, 0, n, n_rows, epoch, step_hz, t_s) + picture.T.tobytes()
