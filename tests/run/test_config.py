@@ -105,6 +105,7 @@ def test_order_file_environment_options():
         ("sensors: {a: {port: x}}\nsensor: {port: y}", "one radar or several"),
         ("sensors: {a: 3}", "sensors.a"),
         ("sensors: {a: {port: x, alarm: {confirm_n: 2}}}\nalarm: {confirm_k: 3}", "confirm_k"),
+        ("outbox:\n  attempts: 3\n", "config.yaml:1: outbox: is the section 'log' now"),
         # All at once.
         ("gate: {false_alarm_per_day: 1}\nmodle: {}\n", "gate.false_alarm_per_day"),
         ("gate: {false_alarm_per_day: 1}\nmodle: {}\n", "unknown key 'modle'"),

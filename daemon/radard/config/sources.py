@@ -93,6 +93,8 @@ def explain(fault: Any, places: Mapping[Where, str], root: type[BaseModel]) -> s
             return message
         got = redact_value(where[-1], fault["input"])
         return f"{head}{'.'.join(where)}: {message} (got {_SHORT.repr(got)})"
+    if where == ("outbox",):
+        return f"{head}outbox: is the section 'log' now"
     known = _section_of(where, root).model_fields
     close = difflib.get_close_matches(where[-1], known, 1, 0.4)
     hint = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(known)}"
