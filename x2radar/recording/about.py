@@ -75,7 +75,7 @@ def kind_of(path: object, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Row:
     """Return kind and n_range of samples; raise RecordingError if they are no frames."""
     if dtype.kind not in "ciuf":
         raise refuse(path, f"no frames: samples are {dtype}")
-    if len(shape) != 2 or not 0 < shape[1] <= MAX_BINS:
+    if len(shape) != 2 or shape[0] < 0 or not 0 < shape[1] <= MAX_BINS:
         raise refuse(path, f"samples have the shape {shape}, not (n, n_range)")
     if shape[0] == 0:
         raise refuse(path, "no frames in it")

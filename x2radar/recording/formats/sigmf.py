@@ -119,10 +119,7 @@ class Reader(BlockReader):
 def _read_meta(meta: Path) -> tuple[_Object, list[_Object], list[_Object]]:
     """Return the global object, capture segments and annotations."""
     with meta.open("rb") as file:
-        text = file.read(_MAX_META_BYTES + 1)
-    if len(text) > _MAX_META_BYTES:
-        raise refuse(meta, "too long for a SigMF meta file")
-    root = json.loads(text, object_pairs_hook=unrepeated)
+        root = json.loads(file.read(_MAX_META_BYTES), object_pairs_hook=unrepeated)
     captures, annotations = root.get("captures", []), root.get("annotations", [])
     return dict(root["global"]), [dict(s) for s in captures], [dict(a) for a in annotations]
 
