@@ -28,11 +28,9 @@ from x2radar.wall_clock import parse_utc, utc_text
 
 def existing_parts(path: Path) -> list[Path]:
     """Return the parts of the recording `path` that are there, in order."""
-    name = re.compile(rf"{re.escape(path.stem)}_(\d{{3,}}){re.escape(path.suffix or '.h5')}")
-    if not path.parent.is_dir():
-        return []
-    found = [(m, p) for p in path.parent.iterdir() if (m := name.fullmatch(p.name))]
-    return [p for m, p in sorted(found, key=lambda pair: int(pair[0][1]))]
+    name = re.compile(rf"{re.escape(path.stem)}_\d{{3,}}{re.escape(path.suffix or '.h5')}")
+    found = [each for each in path.parent.glob("*") if name.fullmatch(each.name)]
+    return sorted(found, key=lambda each: (len(each.name), each.name))
 
 
 class RotatingWriter(Closing):
@@ -151,34 +149,35 @@ class PartsReader(BlockReader):
     """Read the parts of a recording as one, by their numbers, else in the order of `paths`."""
 
     def __init__(self, paths: Sequence[Path], overrides: Overrides = NO_OVERRIDES) -> None:
-        left_out: list[str] = []
+        if not paths:
+            raise RecordingError("no parts of a recording are named")
+        super().__init__(paths[0].parent, overrides)
+        faults: list[str] = []
         with contextlib.ExitStack() as opened:
-            parts = []
+            parts: list[RecordingReader] = []
             for path in paths:
                 try:
                     parts.append(opened.enter_context(RecordingReader(path, overrides)))
                 except RecordingError as err:
                     # Killed before its first second was over: the other parts are good.
-                    left_out.append(f"left out: {err}")
+                    faults.append(str(err))
             if not parts:
-                said = "; ".join(left_out).replace("left out: ", "")
-                raise RecordingError(said or "no parts of a recording are named")
+                raise RecordingError("; ".join(faults))
+            self._warnings += [f"left out: {fault}" for fault in faults]
+            self._warnings += [part.warning for part in parts if part.warning]
             numbers = [part.attribute("part") for part in parts]
             if None not in numbers:
                 parts.sort(key=lambda part: int(part.attribute("part")))
-                numbers.sort()
+                if sorted(numbers) != list(range(len(numbers))):
+                    self._warn("parts are missing")
             _check_same(parts)
             self._parts = parts
             opened.pop_all()
-        first = self._parts[0]
-        super().__init__(first.path.parent, overrides)
-        self.paths = [part.path for part in self._parts]
+        first = parts[0]
+        self.paths = [part.path for part in parts]
         self.stream, self.started_utc = first.stream, first.started_utc
         self.device, self.settings = first.device, first.settings
-        self.n_frames = sum(part.n_frames for part in self._parts)
-        self._warnings += left_out + [part.warning for part in self._parts if part.warning]
-        if None not in numbers and numbers != list(range(len(numbers))):
-            self._warnings.append(f"{first.path.parent}: parts are missing")
+        self.n_frames = sum(part.n_frames for part in parts)
         self._first = np.cumsum([0, *(part.n_frames for part in self._parts)]).tolist()
         self._start_s = self._starts()
 
