@@ -29,8 +29,9 @@ Row = tuple[Kind, int]
 MAX_BINS = 1 << 14  # above these a file is damaged: ten times the bins of any module
 
 BOUNDS = {"frame_rate_hz": (1e-3, 1e6), "bin_length_m": (1e-6, 1e3), "carrier_hz": (1.0, 1e15)}
-"""What must be above 0; beyond these a file is damaged, likewise."""
-NUMBERS = (*BOUNDS, "sample_rate_hz", "range_offset_m", "bandwidth_hz", "phase_sign")
+BOUNDS |= {"range_offset_m": (-1e6, 1e6)}
+"""Beyond these a file is damaged, likewise."""
+NUMBERS = (*BOUNDS, "sample_rate_hz", "bandwidth_hz", "phase_sign")
 ATTRIBUTES = ("format_version", *NUMBERS, "kind", "started_utc", "device", "settings", "run_id")
 """What a recording says about itself, beside its format."""
 

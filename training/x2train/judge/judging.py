@@ -298,5 +298,4 @@ def _decided(path: Path, model: str, policy: str) -> tuple[list[Decision], float
         config, classifier = with_policy(Config(), policy), Classifier(bundle)
         pipeline = Pipeline(reader.stream, config, classifier, judges_tracks=False)
         made = list(replayed(reader, pipeline))
-        *_, last = reader.blocks(samples=False)
-        return made, float(last.t_s[-1]) + 1 / reader.stream.frame_rate_hz
+        return made, float(reader.lists()[1][-1]) + 1 / reader.stream.frame_rate_hz

@@ -167,7 +167,7 @@ def _read_meta(file: Path, bit: int) -> tuple[NDArray[np.int64], dict[str, Any]]
     magic, _version, start_ms = struct.unpack_from("<IIQ", data)
     if magic != _MAGIC:
         raise refuse(file, "not a XeThru meta file")
-    at = _HEAD
+    at, n = _HEAD, 0
     for _ in ("session", "header"):
         (n,) = struct.unpack_from("<I", data, at)
         at += 4 + n
