@@ -179,7 +179,7 @@ class PartsReader(BlockReader):
         self.device, self.settings = first.device, first.settings
         self.n_frames = sum(part.n_frames for part in parts)
         self._first = np.cumsum([0, *(part.n_frames for part in self._parts)]).tolist()
-        self._start_s = self._starts()
+        self._find_starts()
 
     def read_labels(self) -> list[Label]:
         return [
@@ -192,18 +192,15 @@ class PartsReader(BlockReader):
         for part in self._parts:
             part.close()
 
-    def _starts(self) -> list[float]:
-        """Return when each part begins, from its own word or from the counters."""
-        said = [part.attribute("part_start_s") for part in self._parts]
-        if None not in said and not self._overrides.frame_rate_hz:
-            start_s = np.asarray(said, np.float64)
-            return [float(s) for s in start_s - start_s[0]]
-        self._start_s = [0.0] * len(self._parts)
-        starts = []
-        for first, _, _, steps, _ in self._walk():
-            if first in self._first[:-1]:
-                starts.append(float(steps[0][2]) / self.stream.frame_rate_hz)
-        return starts
+    def _find_starts(self) -> None:
+        """Find when each part begins, by its own word or by the counters."""
+        self._start_s = [part.attribute("part_start_s") for part in self._parts]
+        if None in self._start_s or self._overrides.frame_rate_hz:
+            self._start_s = [0.0] * len(self._parts)
+            rate_hz = self.stream.frame_rate_hz
+            begun = [(first, steps[0][2]) for first, _, _, steps, _ in self._walk()]
+            self._start_s = [index / rate_hz for first, index in begun if first in self._first]
+        self._start_s = [float(start_s - self._start_s[0]) for start_s in self._start_s]
 
     def ranges(self) -> Iterator[tuple[int, int]]:
         # A block lies in one part.

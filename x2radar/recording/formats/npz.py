@@ -43,12 +43,9 @@ class Reader(BlockReader):
             shape, is_fortran, self._dtype, self._begin = _read_header(self._file)
             frames = kind_of(path, shape, self._dtype)
             self.n_frames, self._n_range = n, _ = shape
-            if is_fortran:
-                self._rows = self._load(_SAMPLES, _MAX_WHOLE_BYTES)
-            elif self._bytes(n) > self._zip.getinfo(f"{_SAMPLES}.npy").file_size:
+            if self._bytes(n) > self._zip.getinfo(f"{_SAMPLES}.npy").file_size:
                 raise refuse(path, "samples are cut off")
-            else:
-                self._rows = None
+            self._rows = self._load(_SAMPLES, _MAX_WHOLE_BYTES) if is_fortran else None
             small = {name: self._load(name, _MAX_SMALL_BYTES) for name in ATTRIBUTES}
             # An array of 8 bytes a frame and its header; numpy itself writes no longer one.
             column_bytes = 8 * n + _MAX_HEADER_BYTES
