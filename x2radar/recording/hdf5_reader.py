@@ -268,14 +268,13 @@ class RecordingReader(Hdf5File, BlockReader):
                 raise refuse(self.path, "labels of more text than those of any recording")
             yield t0_s, t1_s, text
 
-    def ranges(self) -> Iterator[tuple[int, int]]:
+    @property
+    def _n_block(self) -> int:
         # Whole chunks: every one is unpacked once.
-        n_block = self._n_block
-        chunks = self._sets["samples"].chunks
+        n_block, chunks = super()._n_block, self._sets["samples"].chunks
         if chunks and chunks[0] * BLOCK_BYTES < n_block * MAX_CHUNK_BYTES:
             n_block = max(1, n_block // chunks[0]) * chunks[0]
-        for first in range(0, self.n_frames, n_block):
-            yield first, min(first + n_block, self.n_frames)
+        return n_block
 
     def read_counters(self, first: int, last: int) -> NDArray[Any]:
         return self._column("counter", first, last)

@@ -177,6 +177,7 @@ class PartsReader(BlockReader):
         self.paths = [part.path for part in parts]
         self.stream, self.started_utc = first.stream, first.started_utc
         self.device, self.settings = first.device, first.settings
+        self.compression = first.compression
         self.n_frames = sum(part.n_frames for part in parts)
         self._first = np.cumsum([0, *(part.n_frames for part in self._parts)]).tolist()
         self._find_starts()

@@ -99,7 +99,7 @@ def _elements(order: str, data: memoryview) -> Iterator[tuple[int, memoryview]]:
             # Small data: the count stands beside the type, the data in place of the count.
             kind, n = kind & 0xFFFF, kind >> 16
             begin, step = at + 4, 8
-        if begin + n > len(data):
+        if begin + n > min(at + step, len(data)):
             raise EOFError("cut off")
         yield kind, data[begin : begin + n]
         at += step if kind == _COMPRESSED else -(-step // 8) * 8

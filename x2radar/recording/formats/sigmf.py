@@ -135,19 +135,16 @@ def write(path: Path, source: BlockReader) -> list[str]:
     axis, rate_hz = source.stream.axis, source.stream.frame_rate_hz
     digest = hashlib.sha512()
     segments: list[_Object] = []
-    tracker, n = CounterTracker(), 0
     dtype, datatype = ("<c8", "cf32_le") if axis.kind == "baseband" else ("<f4", "rf32_le")
     with data.open("wb") as file:
         for block in source.blocks():
             rows = np.ascontiguousarray(block.samples, dtype)
             file.write(rows.data)
             digest.update(rows.data)
-            for k, number in enumerate(block.counter.tolist(), n):
-                if tracker.update(number)[0] is not Step.NEXT:
-                    segments.append({"core:sample_start": k, "x2radar:counter": number})
-            n += len(block.counter)
-    for segment in segments:
-        segment["core:frequency"] = axis.carrier_hz
+    tracker, about = CounterTracker(), {"core:frequency": axis.carrier_hz}
+    for k, number in enumerate(source.lists()[0].tolist()):
+        if tracker.update(number)[0] is not Step.NEXT:
+            segments.append({"core:sample_start": k, "x2radar:counter": number, **about})
     if source.started_utc:
         segments[0]["core:datetime"] = source.started_utc
     root = {
@@ -166,7 +163,7 @@ def write(path: Path, source: BlockReader) -> list[str]:
             "x2radar:settings": dict(source.settings),
         },
         "captures": segments,
-        "annotations": [_annotation(label, rate_hz, n) for label in source.labels],
+        "annotations": [_annotation(label, rate_hz, source.n_frames) for label in source.labels],
     }
     meta.write_text(json.dumps(root, indent=1, default=str) + "\n", "utf-8")
     return ["times (t_s) are counted with the frame rate when it is read"]

@@ -203,13 +203,9 @@ def write(path: Path, source: BlockReader) -> list[str]:
         "labels": source.labels,
     }
     header = json.dumps({"x2radar": ours}, default=str).encode()
-    dtype = _record_dtype("baseband_iq", axis.n_range)
+    dtype, bit = _record_dtype("baseband_iq", axis.n_range), _BITS["baseband_iq"]
     path.mkdir()
-    total = last_ms = 0
-    with (path / name).open("wb") as data, (path / META).open("wb") as meta:
-        meta.write(bytes(_HEAD))
-        for text in (_SESSION, header):
-            meta.write(struct.pack("<I", len(text)) + text)
+    with (path / name).open("wb") as data:
         for block in source.blocks():
             records = np.zeros(len(block.counter), dtype)
             records["counter"], records["n"] = block.counter, axis.n_range
@@ -217,24 +213,22 @@ def write(path: Path, source: BlockReader) -> list[str]:
                 records[stored] = getattr(axis, field)
             records["a"], records["b"] = block.samples.real, block.samples.imag
             data.write(records.view(np.uint8).data)
-            entries = np.zeros(len(records), _ENTRY)
-            start = total + dtype.itemsize * np.arange(len(records), dtype=np.uint64)
-            entries["kind"], entries["type"] = _RECORD, _BITS["baseband_iq"]
-            entries["size"], entries["start"] = dtype.itemsize, start
-            entries["end"] = start + np.uint64(dtype.itemsize)
-            entries["ms"] = np.rint(block.t_s * 1e3).astype(np.int64) & 0xFFFFFFFF
-            meta.write(entries.view(np.uint8).data)
-            total, last_ms = total + records.nbytes, int(entries["ms"][-1])
-        end = (_END_OF_FILE, _BITS["baseband_iq"], 0, total, total, last_ms)
-        meta.write(np.array([end], _ENTRY).tobytes())
-        list_at, text = meta.tell(), name.encode() + b"\0"
-        meta.write(struct.pack("<BII", _FILE_LIST, 1, len(text)) + text)
-        meta.seek(0)
-        start_ms = round(started.timestamp() * 1e3)
-        meta.write(
-            struct.pack("<IIQBI", _MAGIC, _VERSION, start_ms, 1, last_ms)
-            + struct.pack("<QQIq", total, list_at - 4, _BITS["baseband_iq"], -1)
-            + struct.pack("<II", dtype.itemsize, 0)
-            + b"\xcd" * 28
-        )
+    t_s = source.lists()[1]
+    entries = np.zeros(len(t_s) + 1, _ENTRY)
+    entries["kind"], entries["type"], entries["size"] = _RECORD, bit, dtype.itemsize
+    entries["start"] = dtype.itemsize * np.arange(len(entries), dtype=np.uint64)
+    entries["end"][:-1] = entries["start"][1:]
+    entries["ms"][:-1] = np.rint(t_s * 1e3).astype(np.int64) & 0xFFFFFFFF
+    total, last_ms = int(entries["start"][-1]), int(entries["ms"][-2])
+    entries[-1] = (_END_OF_FILE, bit, 0, total, total, last_ms)
+    texts = b"".join(struct.pack("<I", len(text)) + text for text in (_SESSION, header))
+    parts = [
+        struct.pack("<IIQBI", _MAGIC, _VERSION, round(started.timestamp() * 1e3), 1, last_ms),
+        struct.pack("<QQIq", total, _HEAD + len(texts) + entries.nbytes - 4, bit, -1),
+        struct.pack("<II28s", dtype.itemsize, 0, b"\xcd" * 28),
+        texts,
+        entries.tobytes(),
+        struct.pack("<BII", _FILE_LIST, 1, len(name) + 1) + name.encode() + b"\0",
+    ]
+    (path / META).write_bytes(b"".join(parts))
     return ["times (t_s) are counted with the frame rate when it is read"]
