@@ -61,8 +61,11 @@ def decode_command(data: PacketData) -> msg.Message:
             return msg.SetOutput(ref, value)
     if data[:2] == _X4_SET and len(data) >= 6:
         (setting,) = _COUNT.unpack_from(data, 2)
+        for form in X4_FORMATS.get(setting, ()):
+            if struct.calcsize("<" + form) == len(data) - 6:
+                return msg.X4Set(setting, struct.unpack_from("<" + form, data, 6))
         if setting in X4_FORMATS:
-            return _decode_x4_set(data, setting)
+            raise MessageError(f"X4Set of {setting:#x} has {len(data) - 6} bytes")
     return _decode(data, _COMMANDS, COMMAND_NAMES)
 
 
@@ -157,13 +160,6 @@ def _pack(row: Layout, message: msg.Message) -> bytes:
             raise ValueError(f"arrays of unequal length {sorted(sizes)}")
         values.insert(row.count, sizes.pop())
     return b"".join([row.prefix, struct.pack("<" + row.head, *values), *bodies])
-
-
-def _decode_x4_set(data: PacketData, setting: int) -> msg.X4Set:
-    for form in X4_FORMATS[setting]:
-        if struct.calcsize("<" + form) == len(data) - 6:
-            return msg.X4Set(setting, struct.unpack_from("<" + form, data, 6))
-    raise MessageError(f"X4Set of {setting:#x} has {len(data) - 6} bytes")
 
 
 def _elements(values: Any, dtype: str) -> bytes:
