@@ -238,10 +238,9 @@ class BlockReader(Closing):
 
     def _falling(self, rows: NDArray[Any]) -> Samples:
         """Return rows of the file as read-only samples whose phase falls with range."""
-        dtype = SAMPLE_DTYPES[self.stream.axis.kind]
+        dtype: Any = SAMPLE_DTYPES[self.stream.axis.kind]
         with np.errstate(over="ignore"):
             # What is beyond single precision is infinite: no sample, as the gate judges it.
-            samples: Any = np.ascontiguousarray(rows.conj() if self._is_rising else rows, dtype)
+            samples = np.ascontiguousarray(rows.conj() if self._is_rising else rows, dtype)
         samples.flags.writeable = False
-        fallen: Samples = samples
-        return fallen
+        return samples

@@ -79,19 +79,15 @@ class Hdf5File:
             self.file: h5py.File = self._patient(lambda: self._open(head))
 
     def _open(self, head: bytes | None) -> h5py.File:
-        if head is None:
-            return h5py.File(self.path, "r")
         with contextlib.ExitStack() as opened:
-            view = opened.enter_context(_Unflagged(self.path, head))
+            view = opened.enter_context(_Unflagged(self.path, head)) if head else self.path
             file: h5py.File = opened.enter_context(h5py.File(view, "r"))
             # HDF5 closes what is open when the process ends, and then no Python answers any more.
             self._end = weakref.finalize(self, opened.pop_all().close)
             return file
 
     def close(self) -> None:
-        if self.is_unclosed:
-            self._end()
-        self.file.close()
+        self._end()
 
     def _patient(self, work: Callable[[], _T]) -> _T:
         """Return what `work` does, tried several times if the file may be being written."""
@@ -212,22 +208,13 @@ def lookup3(data: bytes) -> int:
     words = struct.unpack(f"<{3 * n_blocks}I", data.ljust(12 * n_blocks, b"\0"))
     for k in range(0, len(words), 3):
         a, b, c = (a + words[k]) & _U32, (b + words[k + 1]) & _U32, (c + words[k + 2]) & _U32
-        if k + 3 < len(words):
-            a, b, c = _mix(a, b, c)
-    for turns in ((14, 11, 25), (16, 4, 14)):
-        c = ((c ^ b) - _turned(b, turns[0])) & _U32
-        a = ((a ^ c) - _turned(c, turns[1])) & _U32
-        b = ((b ^ a) - _turned(a, turns[2])) & _U32
-    return ((c ^ b) - _turned(b, 24)) & _U32
-
-
-def _mix(a: int, b: int, c: int) -> tuple[int, int, int]:
-    for turn in (4, 6, 8, 16, 19, 4):
-        # One step of lookup3's mix(), whose six steps differ by names and turns alone.
-        a = ((a - c) & _U32) ^ _turned(c, turn)
-        c = (c + b) & _U32
-        a, b, c = b, c, a
-    return a, b, c
+        # The steps of lookup3's mix() and final() differ by names and turns alone.
+        for turn in (4, 6, 8, 16, 19, 4) if k + 3 < len(words) else ():
+            a = ((a - c) & _U32) ^ _turned(c, turn)
+            a, b, c = b, (c + b) & _U32, a
+    for turn in (14, 11, 25, 16, 4, 14, 24):
+        a, b, c = b, ((c ^ b) - _turned(b, turn)) & _U32, a
+    return b
 
 
 def _turned(x: int, k: int) -> int:
