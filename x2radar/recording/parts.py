@@ -170,7 +170,14 @@ class PartsReader(BlockReader):
                 parts.sort(key=lambda part: int(part.attribute("part")))
                 if sorted(numbers) != list(range(len(numbers))):
                     self._warn("parts are missing")
-            _check_same(parts)
+            kinds = {
+                (part.attribute("recording_id"), part.stream.axis, part.stream.frame_rate_hz): part
+                for part in parts
+            }
+            if len(kinds) > 1:
+                one, other, *_ = kinds.values()
+                why = f"and {other.path.name} are different recordings; name one of them"
+                raise refuse(one.path, why)
             self._parts = parts
             opened.pop_all()
         first = parts[0]
@@ -178,8 +185,8 @@ class PartsReader(BlockReader):
         self.stream, self.started_utc = first.stream, first.started_utc
         self.device, self.settings = first.device, first.settings
         self.compression = first.compression
-        self.n_frames = sum(part.n_frames for part in parts)
-        self._first = np.cumsum([0, *(part.n_frames for part in self._parts)]).tolist()
+        self._first = np.cumsum([0, *(part.n_frames for part in parts)]).tolist()
+        self.n_frames = self._first[-1]
         self._find_starts()
 
     def read_labels(self) -> list[Label]:
@@ -224,12 +231,3 @@ class PartsReader(BlockReader):
     def read_samples(self, first: int, last: int) -> Samples:
         part, offset, _ = self._part(first)
         return part.read_samples(first - offset, last - offset)
-
-
-def _check_same(parts: list[RecordingReader]) -> None:
-    """Raise RecordingError if the parts are of different recordings."""
-    own = [(p.attribute("recording_id"), p.stream.axis, p.stream.frame_rate_hz) for p in parts]
-    for part, about in zip(parts, own, strict=True):
-        if about != own[0]:
-            why = f"and {part.path.name} are different recordings; name one of them"
-            raise refuse(parts[0].path, why)
