@@ -23,15 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.frame import Samples
-from x2radar.recording.about import (
-    ATTRIBUTES,
-    FORMAT,
-    NO_OVERRIDES,
-    Overrides,
-    Row,
-    kind_of,
-    plain,
-)
+from x2radar.recording import about
+from x2radar.recording.about import NO_OVERRIDES, Overrides, plain
 from x2radar.recording.blocks import BLOCK_BYTES, BlockReader, Label
 from x2radar.recording.faults import refuse, unreadable
 
@@ -279,9 +272,9 @@ class RecordingReader(Hdf5File, BlockReader):
         return self.read(item, (0, rows) if is_row else rows).ravel()
 
     def _check(self) -> None:
-        said = {name: self.attribute(name) for name in ("format", *ATTRIBUTES)}
-        if said["format"] != FORMAT:
-            raise refuse(self.path, f"no recording (attribute 'format' is not '{FORMAT}')")
+        said = {name: self.attribute(name) for name in ("format", *about.ATTRIBUTES)}
+        if said["format"] != about.FORMAT:
+            raise refuse(self.path, f"no recording (attribute 'format' is not '{about.FORMAT}')")
         for name, value in said.items():
             if value is None and name not in _OPTIONAL:
                 raise refuse(self.path, f"attribute '{name}' is missing")
@@ -291,7 +284,7 @@ class RecordingReader(Hdf5File, BlockReader):
         self.compression = f"shuffle+{packed}" if samples.shuffle else str(packed)
         self.has_decisions = "decisions" in self.file
 
-    def _check_sets(self) -> Row:
+    def _check_sets(self) -> about.Row:
         """Find the data sets and how long they are; return kind and bins of the samples."""
         self._sets: dict[str, Any] = {}
         for name in ("samples", "counter", "t_s"):
@@ -299,7 +292,7 @@ class RecordingReader(Hdf5File, BlockReader):
             if item is None:
                 raise refuse(self.path, f"data set '/frames/{name}' is missing")
         samples, *lists = self._sets.values()
-        frames = kind_of(self.path, samples.shape, samples.dtype)
+        frames = about.kind_of(self.path, samples.shape, samples.dtype)
         for item in lists:
             is_list = item.size == max(item.shape, default=0) and item.ndim <= 2
             if not is_list or item.dtype.kind not in "iuf":

@@ -37,8 +37,6 @@ _X2 = 2
 _DAC_LEVELS = 8192
 _MAX_PULSES = 1 << 16  # of a sweep that is unknown: finer than float32 resolves
 
-_MAX_U32 = (1 << 32) - 1
-
 
 class _Sweep(NamedTuple):
     iterations: int
@@ -162,7 +160,7 @@ def write(path: Path, source: BlockReader) -> list[str]:
         file.write(source.lists()[1].astype("<f8").tobytes())
         for block in source.blocks():
             counter = sweep.counter(block.samples)
-            if not (counter.min(initial=0) >= 0 and counter.max(initial=0) <= _MAX_U32):
+            if not (counter.min(initial=0) >= 0 and counter.max(initial=0) < 1 << 32):
                 msg = (
                     f"{path.name}: samples outside 0 to 100, the X2's unit, cannot be raw counters"
                 )
