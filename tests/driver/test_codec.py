@@ -278,8 +278,8 @@ def test_fields_that_do_not_fit_raise_message_error(message: msg.Message) -> Non
         ("a0 12 00 00 00 00 07 00 00 00 00 00 00 00 01", "too many"),
         ("a0 12 00 00 00 00 07 00 00 00 ff ff ff ff 00", "cut short"),
         ("50 0c 00 00 00 09 00 00 00 ff ff ff ff" + "00" * 16, "cut short"),
-        ("11 12 00 00 00 00 07 00 00 00 ff ff ff ff 00", "has 1 bytes for"),
-        ("11 12 00 00 00 00 07 00 00 00 00 00 00 00 04 04", "has 2 bytes for 0"),
+        ("11 12 00 00 00 00 07 00 00 00 ff ff ff ff 00", "cut short"),
+        ("11 12 00 00 00 00 07 00 00 00 00 00 00 00 04 04", "too many"),
         *(
             (f"{head} {'00 ' * 8} 01 00 {more}", "cut short")
             for head in ("a0 12", "11 12")

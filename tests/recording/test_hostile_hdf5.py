@@ -281,7 +281,7 @@ NUMBERS = {
         ({"samples": GOOD, "counter": bytes(1 << 28)}, "too much"),
         ({"samples": GOOD, "device": bytes(1 << 28)}, "too much"),
         ({"samples": GOOD, "t_s": npy((1 << 40,), "<f8")}, "which is not read"),
-        ({"samples": b"\x93NUMPY\2\0" + b"\xff" * 4 + bytes(1 << 27)}, "header of"),
+        ({"samples": b"\x93NUMPY\2\0" + b"\xff" * 4 + bytes(1 << 27)}, "array header"),
         ({"samples": GOOD, "labels_t0_s": npy((1 << 50,), "<f8")}, "which is not read"),
     ],
 )

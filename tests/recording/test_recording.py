@@ -355,6 +355,7 @@ def test_record_in_parts_with_a_capture(capsys, tmp_path):
     code, out, _ = run(capsys, "info", tmp_path / "w.h5", "--json")
     facts = json.loads(out)
     assert (facts["n_frames"], len(facts["parts"]), facts["lost"]) == (180, 3, 0)
+    assert facts["compression"] == "shuffle+gzip"
     code, _, err = run(capsys, *argv, "--rotate-size", "1")
     assert (code, "w_000.h5: exists already" in err) == (66, True)
 

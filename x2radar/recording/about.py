@@ -29,8 +29,9 @@ Row = tuple[Kind, int]
 MAX_BINS = 1 << 14  # above these a file is damaged: ten times the bins of any module
 
 BOUNDS = {"frame_rate_hz": (1e-3, 1e6), "bin_length_m": (1e-6, 1e3), "carrier_hz": (1.0, 1e15)}
-"""What must be above 0; beyond these a file is damaged, likewise."""
-NUMBERS = (*BOUNDS, "sample_rate_hz", "range_offset_m", "bandwidth_hz", "phase_sign")
+BOUNDS |= {"range_offset_m": (-1e6, 1e6)}
+"""Beyond these a file is damaged, likewise."""
+NUMBERS = (*BOUNDS, "sample_rate_hz", "bandwidth_hz", "phase_sign")
 ATTRIBUTES = ("format_version", *NUMBERS, "kind", "started_utc", "device", "settings", "run_id")
 """What a recording says about itself, beside its format."""
 
@@ -75,7 +76,7 @@ def kind_of(path: object, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Row:
     """Return kind and n_range of samples; raise RecordingError if they are no frames."""
     if dtype.kind not in "ciuf":
         raise refuse(path, f"no frames: samples are {dtype}")
-    if len(shape) != 2 or not 0 < shape[1] <= MAX_BINS:
+    if len(shape) != 2 or shape[0] < 0 or not 0 < shape[1] <= MAX_BINS:
         raise refuse(path, f"samples have the shape {shape}, not (n, n_range)")
     if shape[0] == 0:
         raise refuse(path, "no frames in it")

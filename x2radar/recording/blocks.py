@@ -7,7 +7,7 @@ same whatever file they come from. No more than one block of samples is held.
 
 import hashlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -101,18 +101,12 @@ class BlockReader(Closing):
         run_id = str(said.get("run_id") or "")[:64]  # twice what a run gets
         name = str(module.get("name", device))
         self.stream = stream = self._overrides.apply(StreamInfo(axis, rate_hz, name, run_id))
-        known = {"frame_rate_hz": stream.frame_rate_hz} | {
-            name: getattr(stream.axis, name)
-            for name in ("bin_length_m", "carrier_hz", "range_offset_m")
-        }
-        if missing := [name for name in about.BOUNDS if not known[name] > 0]:
-            names = ", ".join(f"'{name}'" for name in missing)
-            options = ", ".join(map(about.option_of, missing))
-            raise refuse(path, f"{names} is 0 or missing; convert it with {options}")
-        for name, value in known.items():
-            least, most = about.BOUNDS.get(name, (-1e6, 1e6))
-            if not least <= value <= most:
-                raise refuse(path, f"'{name}' is {value:g}, which no radar has")
+        known = {"frame_rate_hz": stream.frame_rate_hz, **asdict(stream.axis)}
+        bounds = about.BOUNDS.items()
+        if wrong := [name for name, (low, high) in bounds if not low <= known[name] <= high]:
+            values = ", ".join(f"'{name}' is {known[name] or '0 or missing'}" for name in wrong)
+            options = ", ".join(map(about.option_of, wrong))
+            raise refuse(path, f"{values}; convert it with {options}")
         self.started_utc = str(said.get("started_utc") or "")
         self.device = module or {"name": stream.device}
         self.settings = about.mapping(said.get("settings"))
@@ -160,24 +154,18 @@ class BlockReader(Closing):
         """Let go of the file."""
         self._rows = None
 
-    def blocks(self, *, samples: bool = True) -> Iterator[Block]:
-        """Yield the recording block by block, repeated frames included; raises RecordingError.
-
-        `samples` False leaves the samples out, shape (n, 0), for a look at the counters.
-        """
+    def blocks(self) -> Iterator[Block]:
+        """Yield the recording block by block, repeated frames included; raises RecordingError."""
         for first, last, counter, _, t_s in self._walk():
             with unreadable(self.path):
-                if samples:
-                    rows = self.read_samples(first, last)
-                else:
-                    rows = self._falling(np.empty((last - first, 0)))
-            yield Block(rows, counter.astype(np.uint32), t_s)
+                samples = self.read_samples(first, last)
+            yield Block(samples, counter.astype(np.uint32), t_s)
 
     def lists(self) -> tuple[NDArray[np.uint32], NDArray[np.float64]]:
         """Return the counters and times of all frames; raises as `blocks`."""
-        blocks = list(self.blocks(samples=False))
-        counters, times = [b.counter for b in blocks], [b.t_s for b in blocks]
-        return np.concatenate(counters), np.concatenate(times)
+        walked = [(counter, t_s) for _, _, counter, _, t_s in self._walk()]
+        counters, times = map(np.concatenate, zip(*walked, strict=True))
+        return counters.astype(np.uint32), times
 
     def frames(self, start_s: float = 0.0) -> Iterator[Frame]:
         """Yield the frames in order, from the first at or behind `start_s` seconds of the file.
@@ -250,10 +238,9 @@ class BlockReader(Closing):
 
     def _falling(self, rows: NDArray[Any]) -> Samples:
         """Return rows of the file as read-only samples whose phase falls with range."""
-        dtype = SAMPLE_DTYPES[self.stream.axis.kind]
+        dtype: Any = SAMPLE_DTYPES[self.stream.axis.kind]
         with np.errstate(over="ignore"):
             # What is beyond single precision is infinite: no sample, as the gate judges it.
-            samples: Any = np.ascontiguousarray(rows.conj() if self._is_rising else rows, dtype)
+            samples = np.ascontiguousarray(rows.conj() if self._is_rising else rows, dtype)
         samples.flags.writeable = False
-        fallen: Samples = samples
-        return fallen
+        return samples

@@ -186,53 +186,45 @@ class Reader(BlockReader):
             self._warnings.append(
                 f"{path}: settings that are not known ({err}); an X2's are assumed"
             )
-        self._n_damaged = 0
         host = PacketDecoder()
         # Where the host starts a stream, what came before is not its own.
-        self._is_started = any(_starts(host, chunk) for chunk in self._capture.chunks())
-        counters: list[int] = []
-        first: Frame | None = None
-        for frame in self._decoded():
-            first = first or frame
-            if frame.axis.n_range != first.axis.n_range or frame.axis.kind != first.axis.kind:
-                raise refuse(path, "its frames change their shape on the way")
-            counters.append(frame.counter)
-        if first is None:
+        starts = (k for k, chunk in enumerate(self._capture.chunks()) if _starts(host, chunk))
+        self._first_chunk = next(starts, 0)
+        found = [(frame.counter, frame.axis) for frame in self._decoded()]
+        if not found:
             raise refuse(path, "no frames in it")
-        self._counter = np.array(counters, np.uint32)
-        self.n_frames = len(counters)
-        known = {"frame_rate_hz": self._module.frame_rate_hz, **asdict(first.axis)}
+        axis = found[0][1]
+        if {(each.kind, each.n_range) for _, each in found} != {(axis.kind, axis.n_range)}:
+            raise refuse(path, "its frames change their shape on the way")
+        self._counter = np.array([counter for counter, _ in found], np.uint32)
+        self.n_frames = len(found)
+        known = {"frame_rate_hz": self._module.frame_rate_hz, **asdict(axis)}
         known |= {"started_utc": about.get("started_utc"), "settings": said}
-        device = str(about.get("port") or path.name)
-        self._keep((first.axis.kind, first.axis.n_range), known, device)
+        self._keep((axis.kind, axis.n_range), known, str(about.get("port") or path.name))
         self._warnings += [self._capture.warning] if self._capture.warning else []
         if self._n_damaged:
             self._warn(f"{self._n_damaged} damaged stretches")
-        self._at = -1
-        self._rest: Iterator[Frame] = iter(())
+        self._at, self._rest = self.n_frames, self._decoded()
 
     def read_samples(self, first: int, last: int) -> Samples:
         # Block after block is one pass.
-        if self._at < 0 or first < self._at:
+        if first < self._at:
             self._rest, self._at = self._decoded(), 0
         wanted = list(islice(self._rest, first - self._at, last - self._at))
         self._at = last
         return self._falling(np.stack([f.samples for f in wanted]))
 
     def _decoded(self) -> Iterator[Frame]:
-        module, host = PacketDecoder(), PacketDecoder()
-        assembler = None if self._is_started else FrameAssembler(self._module)
+        module, assembler = PacketDecoder(), FrameAssembler(self._module)
         self._n_damaged = 0
-        for chunk in self._capture.chunks():
-            if assembler is None and _starts(host, chunk):
-                assembler = FrameAssembler(self._module)
+        for k, chunk in enumerate(self._capture.chunks()):
             if chunk.kind == OPENED:
                 module = PacketDecoder()
             messages = read_messages(module, chunk.data) if chunk.kind == FROM_MODULE else ()
             for message in messages:
                 if message is None:
                     self._n_damaged += 1
-                elif assembler is not None and (frame := assembler.frame(message, chunk.t_s)):
+                elif k >= self._first_chunk and (frame := assembler.frame(message, chunk.t_s)):
                     yield frame
 
 

@@ -10,7 +10,6 @@ import contextlib
 import io
 import math
 import mmap
-import os
 import re
 import struct
 import time
@@ -24,22 +23,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.frame import Samples
-from x2radar.recording.about import (
-    ATTRIBUTES,
-    FORMAT,
-    NO_OVERRIDES,
-    Overrides,
-    Row,
-    kind_of,
-    plain,
-)
+from x2radar.recording import about
+from x2radar.recording.about import NO_OVERRIDES, Overrides, plain
 from x2radar.recording.blocks import BLOCK_BYTES, BlockReader, Label
 from x2radar.recording.faults import refuse, unreadable
 
 _T = TypeVar("_T")
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
-_SUPERBLOCK = struct.Struct("<8s4B4QI")  # of version 2 and 3 (HDF5 Specification 3.0, II.A)
+_SUPERBLOCK_BYTES = 48  # of version 2 and 3; the last 4 are its checksum (Specification, II.A)
 _OPEN_FOR_WRITE = 0b101  # consistency flags of a superblock: bit 0 write access, bit 2 SWMR
 _HEAP, _MIN_HEAP = b"GCOL\x01", 4096
 _HEAP_OBJECT = struct.Struct("<HHIQ")
@@ -73,26 +65,22 @@ class Hdf5File:
     def __init__(self, path: Path) -> None:
         self.path = path
         with unreadable(path):
-            head = _unflagged_head(path)
-            _check(path)
-            self.is_unclosed = head is not None
+            checked = _checked_head(path)
             self._n_bytes = path.stat().st_size
+            head = _unflagged(checked, self._n_bytes)
+            self.is_unclosed = head is not None
             self.file: h5py.File = self._patient(lambda: self._open(head))
 
     def _open(self, head: bytes | None) -> h5py.File:
-        if head is None:
-            return h5py.File(self.path, "r")
         with contextlib.ExitStack() as opened:
-            view = opened.enter_context(_Unflagged(self.path, head))
+            view = opened.enter_context(_Unflagged(self.path, head)) if head else self.path
             file: h5py.File = opened.enter_context(h5py.File(view, "r"))
             # HDF5 closes what is open when the process ends, and then no Python answers any more.
             self._end = weakref.finalize(self, opened.pop_all().close)
             return file
 
     def close(self) -> None:
-        if self.is_unclosed:
-            self._end()
-        self.file.close()
+        self._end()
 
     def _patient(self, work: Callable[[], _T]) -> _T:
         """Return what `work` does, tried several times if the file may be being written."""
@@ -127,10 +115,10 @@ class Hdf5File:
             item = self._patient(lambda item=item, part=part: item[part])  # type: ignore[misc]
         if not isinstance(item, h5py.Dataset):
             return None
-        self._check(name, item)
+        self._check_size(name, item)
         return item
 
-    def _check(self, name: str, item: h5py.Dataset) -> None:
+    def _check_size(self, name: str, item: h5py.Dataset) -> None:
         """Refuse a data set that lies elsewhere, or is larger than this file can hold."""
         if item.external or item.is_virtual:
             raise refuse(self.path, f"/{name} lies in other files, which are not read")
@@ -154,13 +142,14 @@ class Hdf5File:
         return self._patient(lambda: np.asarray(item[at]))
 
 
-def _check(path: Path) -> None:
+def _checked_head(path: Path) -> bytes:
     """Refuse what is no HDF5 file, or has a global heap (where texts lie) that does not add up.
 
     HDF5 2.0 goes in a circle there, and holds the GIL. HDF5 File Format Specification 3.0, III.E.
+    Return the superblock, of version 2 or 3.
     """
     with path.open("rb") as file:
-        head = file.read(16)
+        head = file.read(_SUPERBLOCK_BYTES)
         # Sizes of 8 bytes, as all programs write them, at the places of both kinds of superblock.
         sizes = head[9:11] if head[8:9] > b"\x01" else head[13:15]
         if head[:8] != _SIGNATURE or sizes != b"\x08\x08":
@@ -172,6 +161,7 @@ def _check(path: Path) -> None:
                 # By chance these bytes stand anywhere, and then no such size behind them.
                 if _MIN_HEAP <= size <= len(data) - begin and not _is_filled(data, begin, size):
                     raise refuse(path, "damaged: a heap of texts that does not add up")
+    return head
 
 
 def _is_filled(data: mmap.mmap, begin: int, size: int) -> bool:
@@ -186,23 +176,16 @@ def _is_filled(data: mmap.mmap, begin: int, size: int) -> bool:
     return True
 
 
-def _unflagged_head(path: Path) -> bytes | None:
+def _unflagged(head: bytes, n_bytes: int) -> bytes | None:
     """Return the superblock that a file should have; None where its own will do."""
-    with path.open("rb") as file:
-        head = file.read(_SUPERBLOCK.size)
-        n_bytes = os.fstat(file.fileno()).st_size
-    if len(head) < _SUPERBLOCK.size or head[:8] != _SIGNATURE:
+    version, flags = head[8], head[11]
+    is_sound = version in {2, 3} and head[44:] == lookup3(head[:44]).to_bytes(4, "little")
+    if not (is_sound and flags & _OPEN_FOR_WRITE):
         return None
-    signature, version, offsets, lengths, flags, *addresses, checksum = _SUPERBLOCK.unpack(head)
-    is_known = version in {2, 3} and offsets == 8
-    if not (is_known and flags & _OPEN_FOR_WRITE) or lookup3(head[:-4]) != checksum:
-        return None
-    # Base, extension, end of the file, root group: the end is what it was at some flush.
-    addresses[2] = n_bytes
-    out = _SUPERBLOCK.pack(
-        signature, version, offsets, lengths, flags & ~_OPEN_FOR_WRITE, *addresses, 0
-    )[:-4]
-    return out + struct.pack("<I", lookup3(out))
+    # The end of the file stands there as it was at some flush.
+    end = n_bytes.to_bytes(8, "little")
+    out = head[:11] + bytes([flags & ~_OPEN_FOR_WRITE]) + head[12:28] + end + head[36:44]
+    return out + lookup3(out).to_bytes(4, "little")
 
 
 def lookup3(data: bytes) -> int:
@@ -218,22 +201,13 @@ def lookup3(data: bytes) -> int:
     words = struct.unpack(f"<{3 * n_blocks}I", data.ljust(12 * n_blocks, b"\0"))
     for k in range(0, len(words), 3):
         a, b, c = (a + words[k]) & _U32, (b + words[k + 1]) & _U32, (c + words[k + 2]) & _U32
-        if k + 3 < len(words):
-            a, b, c = _mix(a, b, c)
-    for turns in ((14, 11, 25), (16, 4, 14)):
-        c = ((c ^ b) - _turned(b, turns[0])) & _U32
-        a = ((a ^ c) - _turned(c, turns[1])) & _U32
-        b = ((b ^ a) - _turned(a, turns[2])) & _U32
-    return ((c ^ b) - _turned(b, 24)) & _U32
-
-
-def _mix(a: int, b: int, c: int) -> tuple[int, int, int]:
-    for turn in (4, 6, 8, 16, 19, 4):
-        # One step of lookup3's mix(), whose six steps differ by names and turns alone.
-        a = ((a - c) & _U32) ^ _turned(c, turn)
-        c = (c + b) & _U32
-        a, b, c = b, c, a
-    return a, b, c
+        # The steps of lookup3's mix() and final() differ by names and turns alone.
+        for turn in (4, 6, 8, 16, 19, 4) if k + 3 < len(words) else ():
+            a = ((a - c) & _U32) ^ _turned(c, turn)
+            a, b, c = b, (c + b) & _U32, a
+    for turn in (14, 11, 25, 16, 4, 14, 24):
+        a, b, c = b, ((c ^ b) - _turned(b, turn)) & _U32, a
+    return b
 
 
 def _turned(x: int, k: int) -> int:
@@ -245,22 +219,19 @@ _MAX_LABELS = 10_000  # a label every few seconds for a night
 _MAX_LABEL_CHARACTERS = 1 << 22  # of all labels together, some hundred each
 
 
-class RecordingReader(BlockReader):
+class RecordingReader(Hdf5File, BlockReader):
     """Read a recording, which may still be written to, with `axis.phase_sign` -1."""
 
     def __init__(self, path: Path | str, overrides: Overrides = NO_OVERRIDES) -> None:
-        super().__init__(Path(path), overrides)
-        self._file = Hdf5File(self.path)
+        BlockReader.__init__(self, Path(path), overrides)
+        Hdf5File.__init__(self, self.path)
         with unreadable(path):
             self._check()
 
-    def close(self) -> None:
-        self._file.close()
-
     def read_labels(self) -> Iterator[Label]:
-        if "labels" not in self._file.file:
+        if "labels" not in self.file:
             return
-        found = [self._file.data_set(f"labels/{name}") for name in ("t0_s", "t1_s", "label")]
+        found = [self.data_set(f"labels/{name}") for name in ("t0_s", "t1_s", "label")]
         sets = [item for item in found if item is not None and item.ndim == 1]
         n = min(map(len, sets), default=0)
         if len(sets) < len(found) or n < max(map(len, sets)):
@@ -270,25 +241,20 @@ class RecordingReader(BlockReader):
         n_left = _MAX_LABEL_CHARACTERS
         for k in range(n):
             # One by one: many labels of a hostile file may share one long text.
-            t0_s, t1_s, label = (plain(self._file.read(item, slice(k, k + 1))) for item in sets)
+            t0_s, t1_s, label = (plain(self.read(item, slice(k, k + 1))) for item in sets)
             text = str(label)
             n_left -= len(text)
             if n_left < 0:
                 raise refuse(self.path, "labels of more text than those of any recording")
             yield t0_s, t1_s, text
 
-    def attribute(self, name: str) -> Any:
-        """Return a root attribute, text or a number; None if there is none."""
-        return self._file.attribute(name)
-
-    def ranges(self) -> Iterator[tuple[int, int]]:
+    @property
+    def _n_block(self) -> int:
         # Whole chunks: every one is unpacked once.
-        n_block = self._n_block
-        chunks = self._sets["samples"].chunks
+        n_block, chunks = super()._n_block, self._sets["samples"].chunks
         if chunks and chunks[0] * BLOCK_BYTES < n_block * MAX_CHUNK_BYTES:
             n_block = max(1, n_block // chunks[0]) * chunks[0]
-        for first in range(0, self.n_frames, n_block):
-            yield first, min(first + n_block, self.n_frames)
+        return n_block
 
     def read_counters(self, first: int, last: int) -> NDArray[Any]:
         return self._column("counter", first, last)
@@ -297,18 +263,18 @@ class RecordingReader(BlockReader):
         return self._column("t_s", first, last).astype(np.float64, copy=False)
 
     def read_samples(self, first: int, last: int) -> Samples:
-        return self._falling(self._file.read(self._sets["samples"], slice(first, last)))
+        return self._falling(self.read(self._sets["samples"], slice(first, last)))
 
     def _column(self, name: str, first: int, last: int) -> NDArray[Any]:
         """Return numbers of a list, which may be a column or a row of a matrix."""
         item, rows = self._sets[name], slice(first, last)
         is_row = item.ndim == 2 and len(item) == 1
-        return self._file.read(item, (0, rows) if is_row else rows).ravel()
+        return self.read(item, (0, rows) if is_row else rows).ravel()
 
     def _check(self) -> None:
-        said = {name: self._file.attribute(name) for name in ("format", *ATTRIBUTES)}
-        if said["format"] != FORMAT:
-            raise refuse(self.path, f"no recording (attribute 'format' is not '{FORMAT}')")
+        said = {name: self.attribute(name) for name in ("format", *about.ATTRIBUTES)}
+        if said["format"] != about.FORMAT:
+            raise refuse(self.path, f"no recording (attribute 'format' is not '{about.FORMAT}')")
         for name, value in said.items():
             if value is None and name not in _OPTIONAL:
                 raise refuse(self.path, f"attribute '{name}' is missing")
@@ -316,17 +282,17 @@ class RecordingReader(BlockReader):
         samples = self._sets["samples"]
         packed = samples.compression or "none"
         self.compression = f"shuffle+{packed}" if samples.shuffle else str(packed)
-        self.has_decisions = "decisions" in self._file.file
+        self.has_decisions = "decisions" in self.file
 
-    def _check_sets(self) -> Row:
+    def _check_sets(self) -> about.Row:
         """Find the data sets and how long they are; return kind and bins of the samples."""
         self._sets: dict[str, Any] = {}
         for name in ("samples", "counter", "t_s"):
-            self._sets[name] = item = self._file.data_set(f"frames/{name}")
+            self._sets[name] = item = self.data_set(f"frames/{name}")
             if item is None:
                 raise refuse(self.path, f"data set '/frames/{name}' is missing")
         samples, *lists = self._sets.values()
-        frames = kind_of(self.path, samples.shape, samples.dtype)
+        frames = about.kind_of(self.path, samples.shape, samples.dtype)
         for item in lists:
             is_list = item.size == max(item.shape, default=0) and item.ndim <= 2
             if not is_list or item.dtype.kind not in "iuf":
@@ -338,7 +304,7 @@ class RecordingReader(BlockReader):
         self.n_frames = min(lengths)
         if self.n_frames == 0:
             raise refuse(self.path, "no frames in it")
-        if self._file.is_unclosed or len(lengths) > 1:
-            still = "is being written, or " if self._file.is_unclosed else ""
+        if self.is_unclosed or len(lengths) > 1:
+            still = "is being written, or " if self.is_unclosed else ""
             self._warn(f"the recording {still}was cut off; {self.n_frames} whole frames are read")
         return frames

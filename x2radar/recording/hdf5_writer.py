@@ -20,7 +20,7 @@ from x2radar.errors import RecordingError, WriteError
 from x2radar.frame import Closing, Frame, StreamInfo
 from x2radar.recording.about import SAMPLE_DTYPES, root_attributes
 from x2radar.recording.blocks import Block, Label
-from x2radar.recording.faults import refuse
+from x2radar.recording.faults import refuse, refuse_taken
 from x2radar.wall_clock import utc_text
 
 
@@ -52,9 +52,8 @@ class RecordingWriter(Closing):
         self._fsync = fsync
         self.n_frames = 0
         self._made_as = path.with_name(f".{path.name}.{os.getpid()}.new")
+        refuse_taken(path)
         try:
-            if path.exists():
-                raise FileExistsError
             self._file = h5py.File(self._made_as, "x", libver="latest")
         except OSError as err:
             raise self._cannot_make(err) from err

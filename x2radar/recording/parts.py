@@ -28,11 +28,9 @@ from x2radar.wall_clock import parse_utc, utc_text
 
 def existing_parts(path: Path) -> list[Path]:
     """Return the parts of the recording `path` that are there, in order."""
-    name = re.compile(rf"{re.escape(path.stem)}_(\d{{3,}}){re.escape(path.suffix or '.h5')}")
-    if not path.parent.is_dir():
-        return []
-    found = [(m, p) for p in path.parent.iterdir() if (m := name.fullmatch(p.name))]
-    return [p for m, p in sorted(found, key=lambda pair: int(pair[0][1]))]
+    name = re.compile(rf"{re.escape(path.stem)}_\d{{3,}}{re.escape(path.suffix or '.h5')}")
+    found = [each for each in path.parent.glob("*") if name.fullmatch(each.name)]
+    return sorted(found, key=lambda each: (len(each.name), each.name))
 
 
 class RotatingWriter(Closing):
@@ -151,36 +149,45 @@ class PartsReader(BlockReader):
     """Read the parts of a recording as one, by their numbers, else in the order of `paths`."""
 
     def __init__(self, paths: Sequence[Path], overrides: Overrides = NO_OVERRIDES) -> None:
-        left_out: list[str] = []
+        if not paths:
+            raise RecordingError("no parts of a recording are named")
+        super().__init__(paths[0].parent, overrides)
+        faults: list[str] = []
         with contextlib.ExitStack() as opened:
-            parts = []
+            parts: list[RecordingReader] = []
             for path in paths:
                 try:
                     parts.append(opened.enter_context(RecordingReader(path, overrides)))
                 except RecordingError as err:
                     # Killed before its first second was over: the other parts are good.
-                    left_out.append(f"left out: {err}")
+                    faults.append(str(err))
             if not parts:
-                said = "; ".join(left_out).replace("left out: ", "")
-                raise RecordingError(said or "no parts of a recording are named")
+                raise RecordingError("; ".join(faults))
+            self._warnings += [f"left out: {fault}" for fault in faults]
+            self._warnings += [part.warning for part in parts if part.warning]
             numbers = [part.attribute("part") for part in parts]
             if None not in numbers:
                 parts.sort(key=lambda part: int(part.attribute("part")))
-                numbers.sort()
-            _check_same(parts)
+                if sorted(numbers) != list(range(len(numbers))):
+                    self._warn("parts are missing")
+            kinds = {
+                (part.attribute("recording_id"), part.stream.axis, part.stream.frame_rate_hz): part
+                for part in parts
+            }
+            if len(kinds) > 1:
+                one, other, *_ = kinds.values()
+                why = f"and {other.path.name} are different recordings; name one of them"
+                raise refuse(one.path, why)
             self._parts = parts
             opened.pop_all()
-        first = self._parts[0]
-        super().__init__(first.path.parent, overrides)
-        self.paths = [part.path for part in self._parts]
+        first = parts[0]
+        self.paths = [part.path for part in parts]
         self.stream, self.started_utc = first.stream, first.started_utc
         self.device, self.settings = first.device, first.settings
-        self.n_frames = sum(part.n_frames for part in self._parts)
-        self._warnings += left_out + [part.warning for part in self._parts if part.warning]
-        if None not in numbers and numbers != list(range(len(numbers))):
-            self._warnings.append(f"{first.path.parent}: parts are missing")
-        self._first = np.cumsum([0, *(part.n_frames for part in self._parts)]).tolist()
-        self._start_s = self._starts()
+        self.compression = first.compression
+        self._first = np.cumsum([0, *(part.n_frames for part in parts)]).tolist()
+        self.n_frames = self._first[-1]
+        self._find_starts()
 
     def read_labels(self) -> list[Label]:
         return [
@@ -193,18 +200,15 @@ class PartsReader(BlockReader):
         for part in self._parts:
             part.close()
 
-    def _starts(self) -> list[float]:
-        """Return when each part begins, from its own word or from the counters."""
-        said = [part.attribute("part_start_s") for part in self._parts]
-        if None not in said and not self._overrides.frame_rate_hz:
-            start_s = np.asarray(said, np.float64)
-            return [float(s) for s in start_s - start_s[0]]
-        self._start_s = [0.0] * len(self._parts)
-        starts = []
-        for first, _, _, steps, _ in self._walk():
-            if first in self._first[:-1]:
-                starts.append(float(steps[0][2]) / self.stream.frame_rate_hz)
-        return starts
+    def _find_starts(self) -> None:
+        """Find when each part begins, by its own word or by the counters."""
+        self._start_s = [part.attribute("part_start_s") for part in self._parts]
+        if None in self._start_s or self._overrides.frame_rate_hz:
+            self._start_s = [0.0] * len(self._parts)
+            rate_hz = self.stream.frame_rate_hz
+            begun = [(first, steps[0][2]) for first, _, _, steps, _ in self._walk()]
+            self._start_s = [index / rate_hz for first, index in begun if first in self._first]
+        self._start_s = [float(start_s - self._start_s[0]) for start_s in self._start_s]
 
     def ranges(self) -> Iterator[tuple[int, int]]:
         # A block lies in one part.
@@ -227,12 +231,3 @@ class PartsReader(BlockReader):
     def read_samples(self, first: int, last: int) -> Samples:
         part, offset, _ = self._part(first)
         return part.read_samples(first - offset, last - offset)
-
-
-def _check_same(parts: list[RecordingReader]) -> None:
-    """Raise RecordingError if the parts are of different recordings."""
-    own = [(p.attribute("recording_id"), p.stream.axis, p.stream.frame_rate_hz) for p in parts]
-    for part, about in zip(parts, own, strict=True):
-        if about != own[0]:
-            why = f"and {part.path.name} are different recordings; name one of them"
-            raise refuse(parts[0].path, why)

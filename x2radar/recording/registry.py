@@ -1,6 +1,6 @@
 """Recordings of any known format, opened by what they are; `FORMATS` has a row each.
 
-Their modules are imported when one is opened, because h5py and scipy take a while.
+Their modules are imported when one is opened, because h5py takes a while.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

@@ -29,9 +29,9 @@ _APP_SETINT = b"\x90\x71"
 _X4_SET = b"\x50\x10"
 _HEAD = struct.Struct("<BBII")
 _COUNT = struct.Struct("<I")
-_DATA_TYPES: dict[int, str] = {DataType.FLOAT: "<f4", DataType.BYTE: "u1", DataType.INT: "<i4"}
-_REPLY_SIZES = {DataType.BYTE: 1, DataType.INT: 4, DataType.FLOAT: 4, DataType.STRING: 1}
-_REPLY_CODES = {DataType.BYTE: "B", DataType.INT: "i", DataType.FLOAT: "f"}
+_DATA, _REPLY = 0xA0, 0x11
+_ELEMENTS: dict[int, str] = {DataType.BYTE: "u1", DataType.INT: "<i4", DataType.FLOAT: "<f4"}
+_ELEMENTS[DataType.STRING] = "u1"  # in REPLY alone
 
 
 def encode(message: msg.Message) -> bytes:
@@ -43,10 +43,8 @@ def encode(message: msg.Message) -> bytes:
             case msg.X4Set(setting, values):
                 body = struct.pack("<" + X4_FORMATS[setting][0], *values)
                 return _X4_SET + _COUNT.pack(setting) + body
-            case msg.Data():
-                return _encode_data(message)
-            case msg.Reply():
-                return _encode_reply(message)
+            case msg.Data() | msg.Reply():
+                return _encode_list(message)
             case msg.Unknown(data):
                 return data
             case _:
@@ -63,20 +61,22 @@ def decode_command(data: PacketData) -> msg.Message:
             return msg.SetOutput(ref, value)
     if data[:2] == _X4_SET and len(data) >= 6:
         (setting,) = _COUNT.unpack_from(data, 2)
+        for form in X4_FORMATS.get(setting, ()):
+            if struct.calcsize("<" + form) == len(data) - 6:
+                return msg.X4Set(setting, struct.unpack_from("<" + form, data, 6))
         if setting in X4_FORMATS:
-            return _decode_x4_set(data, setting)
+            raise MessageError(f"X4Set of {setting:#x} has {len(data) - 6} bytes")
     return _decode(data, _COMMANDS, COMMAND_NAMES)
 
 
 def decode_response(data: PacketData) -> msg.Message:
     """Read a packet of a module, `Unknown` without a row; MessageError if lengths differ."""
-    first, kind = data[:1], data[1] if len(data) > 1 else None
-    if first == b"\x20" and len(data) == 2:
+    first, kind = data[0] if data else None, data[1] if len(data) > 1 else None
+    if first == 0x20 and len(data) == 2:
         return msg.ErrorReply(data[1])
-    if first == b"\xa0" and (kind is None or kind in _DATA_TYPES):
-        return _decode_data(data)
-    if first == b"\x11" and (kind is None or kind in _REPLY_SIZES):
-        return _decode_reply(data)
+    is_list = first == _REPLY or (first == _DATA and kind != DataType.STRING)
+    if is_list and (kind is None or kind in _ELEMENTS):
+        return _decode_list(data)
     return _decode(data, _RESPONSES, RESPONSE_NAMES)
 
 
@@ -162,71 +162,52 @@ def _pack(row: Layout, message: msg.Message) -> bytes:
     return b"".join([row.prefix, struct.pack("<" + row.head, *values), *bodies])
 
 
-def _decode_x4_set(data: PacketData, setting: int) -> msg.X4Set:
-    for form in X4_FORMATS[setting]:
-        if struct.calcsize("<" + form) == len(data) - 6:
-            return msg.X4Set(setting, struct.unpack_from("<" + form, data, 6))
-    raise MessageError(f"X4Set of {setting:#x} has {len(data) - 6} bytes")
-
-
 def _elements(values: Any, dtype: str) -> bytes:
     """Return an array's bytes on the wire; ValueError or ArithmeticError if they do not fit."""
-    array = np.asarray(values)
     with np.errstate(over="raise"):
-        return array.astype(dtype).tobytes()
+        return np.asarray(values, dtype).tobytes()
 
 
-def _encode_data(message: msg.Data) -> bytes:
-    values: Any = message.values
-    kinds = {np.dtype(np.uint8): DataType.BYTE, np.dtype(np.int32): DataType.INT}
-    kind = kinds.get(values.dtype, DataType.FLOAT)
-    head = _HEAD.pack(0xA0, kind, message.content_id, message.info)
-    counted = _COUNT.pack(values.size) + _elements(values, _DATA_TYPES[kind])
-    return head + counted if values.size else head
-
-
-def _decode_data(data: PacketData) -> msg.Data:
-    """Read DATA: A0, type, content id, info, [count, elements]."""
-    try:
-        _, kind, content_id, info = _HEAD.unpack_from(data)
-        n, at = (_COUNT.unpack_from(data, 10)[0], 14) if len(data) > 10 else (0, 10)
-        values: Any = np.frombuffer(data, _DATA_TYPES[kind], n, at)
-    except (struct.error, ValueError) as err:
-        raise MessageError(f"Data cut short: {len(data)} bytes ({err})") from err
-    if at + values.nbytes != len(data):
-        raise MessageError(f"Data has {len(data) - at - values.nbytes} bytes too many")
-    values.flags.writeable = False
-    return msg.Data(content_id, info, values)
-
-
-def _decode_reply(data: PacketData) -> msg.Reply:
-    """Read REPLY: 11, type, content id, info, [count, elements], element size (not for INT)."""
-    try:
-        _, kind, content_id, info = _HEAD.unpack_from(data)
-        # Without elements there is no count; the element size is optional, see above.
-        n, at = (_COUNT.unpack_from(data, 10)[0], 14) if len(data) > 11 else (0, len(data))
-    except struct.error as err:
-        raise MessageError(f"Reply cut short: {len(data)} bytes ({err})") from err
-    size = _REPLY_SIZES[kind]
-    body = data[at : at + n * size]
-    if len(body) != n * size or len(data) - at - len(body) > 1:
-        raise MessageError(f"Reply has {len(data) - at} bytes for {n} elements of {size} bytes")
-    if kind == DataType.STRING:
-        text = bytes(body).rstrip(b"\0").decode("utf-8", "replace")
-        return msg.Reply(content_id, info, text)
-    cls = msg.ByteReply if kind == DataType.BYTE else msg.Reply
-    return cls(content_id, info, struct.unpack(f"<{n}{_REPLY_CODES[kind]}", body))
-
-
-def _encode_reply(message: msg.Reply) -> bytes:
-    value = message.value
-    if isinstance(value, str):
-        kind, body = DataType.STRING, value.encode()
+def _encode_list(message: msg.Data | msg.Reply) -> bytes:
+    values: Any
+    if isinstance(message, msg.Data):
+        first, values = _DATA, message.values
+        kinds = {np.dtype(np.uint8): DataType.BYTE, np.dtype(np.int32): DataType.INT}
+        kind = kinds.get(values.dtype, DataType.FLOAT)
     else:
-        kind = DataType.FLOAT if any(isinstance(v, float) for v in value) else DataType.INT
-        kind = DataType.BYTE if isinstance(message, msg.ByteReply) else kind
-        body = struct.pack(f"<{len(value)}{_REPLY_CODES[kind]}", *value)
-    size = _REPLY_SIZES[kind]
-    head = _HEAD.pack(0x11, kind, message.content_id, message.info)
+        first, values = _REPLY, message.value
+        if isinstance(values, str):
+            kind, values = DataType.STRING, list(values.encode())
+        elif isinstance(message, msg.ByteReply):
+            kind = DataType.BYTE
+        else:
+            kind = DataType.FLOAT if any(isinstance(v, float) for v in values) else DataType.INT
+    body, size = _elements(values, _ELEMENTS[kind]), np.dtype(_ELEMENTS[kind]).itemsize
+    head = _HEAD.pack(first, kind, message.content_id, message.info)
     counted = _COUNT.pack(len(body) // size) + body if body else b""
-    return head + counted + (b"" if kind is DataType.INT else bytes([size]))
+    return head + counted + (b"" if first == _DATA or kind == DataType.INT else bytes([size]))
+
+
+def _decode_list(data: PacketData) -> msg.Data | msg.Reply:
+    """Read DATA or REPLY: A0 or 11, type, content id, info, [count, elements].
+
+    A REPLY ends with an element's size, which is optional; without elements there is no count.
+    """
+    name, n_behind = ("Data", 0) if data[0] == _DATA else ("Reply", 1)
+    try:
+        _, kind, content_id, info = _HEAD.unpack_from(data)
+        n, at = (_COUNT.unpack_from(data, 10)[0], 14) if len(data) > 10 + n_behind else (0, 10)
+        values: Any = np.frombuffer(data, _ELEMENTS[kind], n, at)
+    except (struct.error, ValueError) as err:
+        raise MessageError(f"{name} cut short: {len(data)} bytes ({err})") from err
+    n_more = len(data) - at - values.nbytes
+    if n_more > n_behind:
+        raise MessageError(f"{name} has {n_more - n_behind} bytes too many")
+    values.flags.writeable = False
+    if data[0] == _DATA:
+        return msg.Data(content_id, info, values)
+    if kind == DataType.STRING:
+        text = values.tobytes().rstrip(b"\0").decode("utf-8", "replace")
+        return msg.Reply(content_id, info, text)
+    made = msg.ByteReply if kind == DataType.BYTE else msg.Reply
+    return made(content_id, info, tuple(values.tolist()))

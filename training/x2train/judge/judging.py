@@ -284,5 +284,4 @@ def _decided(path: Path, model: str, policy: str) -> tuple[list[Decision], float
     with open_recording(path) as reader:
         pipeline = pipeline_for(model, reader.stream, config_of(policy))
         made = list(replayed(reader, pipeline))
-        *_, last = reader.blocks(samples=False)
-        return made, float(last.t_s[-1]) + 1 / reader.stream.frame_rate_hz
+        return made, float(reader.lists()[1][-1]) + 1 / reader.stream.frame_rate_hz

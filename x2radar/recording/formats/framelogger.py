@@ -37,8 +37,6 @@ _X2 = 2
 _DAC_LEVELS = 8192
 _MAX_PULSES = 1 << 16  # of a sweep that is unknown: finer than float32 resolves
 
-_MAX_U32 = (1 << 32) - 1
-
 
 class _Sweep(NamedTuple):
     iterations: int
@@ -75,7 +73,7 @@ class Reader(BlockReader):
             raise refuse(path, "not a FrameLogger file")
         numbers = _HEAD.unpack(head)
         self._sweep = _Sweep(*numbers[1:6])
-        radar, self._rate_said_hz, pg_select, offset_m, delay_s = numbers[6:11]
+        radar, sample_rate_hz, pg_select, offset_m, delay_s = numbers[6:11]
         n_range, self.n_frames, _, fps = numbers[11:]
         if radar != _X2:
             raise refuse(path, f"radar type {radar}: only X2 files (type 2) are read")
@@ -91,35 +89,28 @@ class Reader(BlockReader):
         self._counter, rate_hz = self._rate(stamps, float(fps))
         settings = self._sweep._asdict()
         settings |= {"pulse_generator": pg_select, "sample_delay_s": delay_s}
-        said = self._axis(pg_select, offset_m)
+        said = self._axis(sample_rate_hz, pg_select, offset_m)
         said |= {"frame_rate_hz": rate_hz, "settings": settings}
         self._keep(("rf", n_range), said, "FrameLogger recording of an X2")
 
     def read_samples(self, first: int, last: int) -> Samples:
         return self._falling(self._sweep.unit(self._rows[first:last]))
 
-    def _axis(self, pg_select: int, offset_m: float) -> dict[str, Any]:
+    def _axis(self, sample_rate_hz: float, pg_select: int, offset_m: float) -> dict[str, Any]:
         known = self._overrides
-        sample_rate_hz = self._rate_said_hz
-        if known.sample_rate_hz is not None:
-            sample_rate_hz = known.sample_rate_hz
-        elif not 1e9 <= sample_rate_hz <= 1e11:
+        if not 1e9 <= sample_rate_hz <= 1e11:
+            if known.sample_rate_hz is None and known.bin_length_m is None:
+                why = "is garbage; 39e9 is assumed (--sample-rate)"
+                self._warn(f"{sample_rate_hz:.3g} samples per second {why}")
             sample_rate_hz = _ASSUMED_SAMPLE_RATE_HZ
-            if known.bin_length_m is None:
-                self._warn(
-                    f"{self._rate_said_hz:.3g} samples per second is garbage; "
-                    "39e9 is assumed (--sample-rate)"
-                )
-        said: dict[str, Any] = {
+        if not -10 < offset_m < 100:
+            self._warn(f"an offset of {offset_m:.3g} m is garbage; 0 is assumed")
+            offset_m = 0.0
+        said = {
             "sample_rate_hz": sample_rate_hz,
             "bin_length_m": SPEED_OF_LIGHT_MPS / (2 * sample_rate_hz),
             "range_offset_m": offset_m,
         }
-        if not -10 < offset_m < 100:
-            said["range_offset_m"] = 0.0
-            self._warnings.append(
-                f"{self.path}: an offset of {offset_m:.3g} m is garbage; 0 is assumed"
-            )
         if 0 <= pg_select < len(PULSE_GENERATORS):
             pulse = PULSE_GENERATORS[pg_select]
             said["carrier_hz"], said["bandwidth_hz"] = pulse.carrier_hz, pulse.bandwidth_hz
@@ -169,7 +160,7 @@ def write(path: Path, source: BlockReader) -> list[str]:
         file.write(source.lists()[1].astype("<f8").tobytes())
         for block in source.blocks():
             counter = sweep.counter(block.samples)
-            if not (counter.min(initial=0) >= 0 and counter.max(initial=0) <= _MAX_U32):
+            if not (counter.min(initial=0) >= 0 and counter.max(initial=0) < 1 << 32):
                 msg = (
                     f"{path.name}: samples outside 0 to 100, the X2's unit, cannot be raw counters"
                 )

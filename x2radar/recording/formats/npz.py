@@ -24,7 +24,7 @@ from x2radar.recording.faults import refuse
 _SAMPLES = "samples"
 _LABELS = ("labels_t0_s", "labels_t1_s", "labels_label")
 _MAX_SMALL_BYTES = 1 << 22  # of an attribute or of the labels; device and settings are some kB
-_MAX_HEADER_BYTES = 10_000  # as in numpy
+_MAX_HEADER_BYTES = 10_012  # 10,000 as in numpy, and what stands before them
 _MAX_WHOLE_BYTES = 1 << 30  # of samples in Fortran order, which are held as a whole
 _MAX_PACKED = 1100  # bytes that one byte of an archive unpacks to; deflate reaches 1032 at most
 
@@ -40,16 +40,12 @@ class Reader(BlockReader):
             self._zip = opened.enter_context(zipfile.ZipFile(path))
             most_bytes = path.stat().st_size * _MAX_PACKED
             self._file = opened.enter_context(self._open(_SAMPLES, most_bytes))
-            shape, is_fortran, self._dtype = _read_header(self._file)
+            shape, is_fortran, self._dtype, self._begin = _read_header(self._file)
             frames = kind_of(path, shape, self._dtype)
             self.n_frames, self._n_range = n, _ = shape
-            self._begin = self._file.tell()
-            if is_fortran:
-                self._rows = self._load(_SAMPLES, _MAX_WHOLE_BYTES)
-            elif self._bytes(n) > self._zip.getinfo(f"{_SAMPLES}.npy").file_size:
+            if self._bytes(n) > self._zip.getinfo(f"{_SAMPLES}.npy").file_size:
                 raise refuse(path, "samples are cut off")
-            else:
-                self._rows = None
+            self._rows = self._load(_SAMPLES, _MAX_WHOLE_BYTES) if is_fortran else None
             small = {name: self._load(name, _MAX_SMALL_BYTES) for name in ATTRIBUTES}
             # An array of 8 bytes a frame and its header; numpy itself writes no longer one.
             column_bytes = 8 * n + _MAX_HEADER_BYTES
@@ -72,9 +68,8 @@ class Reader(BlockReader):
             return super().read_samples(first, last)
         self._file.seek(self._begin + self._bytes(first))
         data = self._file.read(self._bytes(last - first))
-        if len(data) < self._bytes(last - first):
-            raise refuse(self.path, "samples are cut off")
-        return self._falling(np.frombuffer(data, self._dtype).reshape(last - first, -1))
+        rows = np.frombuffer(data, self._dtype).reshape(last - first, self._n_range)
+        return self._falling(rows)
 
     def _bytes(self, n_frames: int) -> int:
         return n_frames * self._n_range * self._dtype.itemsize
@@ -93,27 +88,21 @@ class Reader(BlockReader):
         if f"{name}.npy" not in self._zip.NameToInfo:
             return None
         with self._open(name, most_bytes) as file:
-            shape, _, dtype = _read_header(file)
+            shape, _, dtype, _ = _read_header(file)
             if dtype.hasobject or math.prod(shape) * dtype.itemsize > most_bytes:
                 raise refuse(self.path, f"{name} is {dtype} of shape {shape}, which is not read")
             file.seek(0)
             return np.lib.format.read_array(file, allow_pickle=False)
 
 
-def _read_header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
-    """Return shape, whether it is in Fortran order, and type."""
-    version = np.lib.format.read_magic(file)
-    length = file.read(2 if version == (1, 0) else 4)
-    n = int.from_bytes(length, "little")
-    if n > _MAX_HEADER_BYTES:
-        raise ValueError(f"an array has a header of {n} bytes")
-    reader = np.lib.format.read_array_header_1_0
-    if version != (1, 0):
-        reader = np.lib.format.read_array_header_2_0
-    shape, is_fortran, dtype = reader(io.BytesIO(length + file.read(n)))
-    if any(n < 0 for n in shape):
-        raise ValueError(f"an array has the shape {shape}")
-    return shape, is_fortran and len(shape) > 1, dtype
+def _read_header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any], int]:
+    """Return shape, whether it is in Fortran order, type, and where the array begins."""
+    # No more is read, whatever length the header says it has.
+    head = io.BytesIO(file.read(_MAX_HEADER_BYTES))
+    reader = np.lib.format.read_array_header_2_0
+    if np.lib.format.read_magic(head) == (1, 0):
+        reader = np.lib.format.read_array_header_1_0
+    return *reader(head), head.tell()
 
 
 def write(path: Path, source: BlockReader) -> list[str]:

@@ -56,25 +56,21 @@ class Reader(BlockReader):
             raise refuse(meta, why + "read are cf32_le and rf32_le with a channel a range bin")
         kind, dtype = _KINDS[datatype]
         self._map(data, np.dtype((dtype, (n_range,))), head, segments)
-        first = segments[0] if segments else {}
         if len({repr(each.get("core:frequency")) for each in segments}) > 1:
             raise refuse(meta, "its core:frequency changes: frames of several carriers")
         kept = (*_KEPT, "phase_sign", "device", "settings")
         said = {name: head.get(f"x2radar:{name}") for name in kept}
         said["frame_rate_hz"] = head.get("core:sample_rate")
-        said["carrier_hz"] = first.get("core:frequency")
-        said["started_utc"] = first.get("core:datetime")
+        said["carrier_hz"] = segments[0].get("core:frequency")
+        said["started_utc"] = segments[0].get("core:datetime")
         if said["device"] is None and "core:hw" in head:
             said["device"] = {"name": head["core:hw"]}
         self._keep((kind, n_range), said, meta.name)
-        self._begin = np.array([_count(meta, s, "core:sample_start") for s in segments] or [0])
-        numbers = [
-            _count(meta, segment, "x2radar:counter", int(first) + 1)
-            for segment, first in zip(segments, self._begin, strict=False)
-        ]
-        self._number = np.array(numbers or [1])
-        is_ordered = self._begin[0] == 0 and (np.diff(self._begin) > 0).all()
-        if not is_ordered or self._begin[-1] >= self.n_frames:
+        begins = [_count(meta, segment, "core:sample_start") for segment in segments]
+        pairs = zip(segments, begins, strict=True)
+        numbers = [_count(meta, segment, "x2radar:counter", k + 1) for segment, k in pairs]
+        self._begin, self._number = np.array(begins), np.array(numbers)
+        if begins[0] != 0 or not (np.diff([*begins, self.n_frames]) > 0).all():
             raise refuse(meta, "its capture segments are not in order, or behind the data")
 
     def _map(self, data: Path, row: np.dtype[Any], head: _Object, segments: list[_Object]) -> None:
@@ -82,7 +78,7 @@ class Reader(BlockReader):
         meta = self.path
         if any(_count(meta, segment, "core:header_bytes", 0) for segment in segments[1:]):
             raise refuse(meta, "core:header_bytes between frames, which are not read")
-        before = _count(meta, segments[0], "core:header_bytes", 0) if segments else 0
+        before = _count(meta, segments[0], "core:header_bytes", 0)
         behind = _count(meta, head, "core:trailing_bytes", 0)
         with data.open("rb") as file:
             size = data.stat().st_size - before - behind
@@ -119,11 +115,9 @@ class Reader(BlockReader):
 def _read_meta(meta: Path) -> tuple[_Object, list[_Object], list[_Object]]:
     """Return the global object, capture segments and annotations."""
     with meta.open("rb") as file:
-        text = file.read(_MAX_META_BYTES + 1)
-    if len(text) > _MAX_META_BYTES:
-        raise refuse(meta, "too long for a SigMF meta file")
-    root = json.loads(text, object_pairs_hook=unrepeated)
-    captures, annotations = root.get("captures", []), root.get("annotations", [])
+        root = json.loads(file.read(_MAX_META_BYTES), object_pairs_hook=unrepeated)
+    captures = root.get("captures") or [{"core:sample_start": 0}]
+    annotations = root.get("annotations", [])
     return dict(root["global"]), [dict(s) for s in captures], [dict(a) for a in annotations]
 
 
@@ -141,19 +135,16 @@ def write(path: Path, source: BlockReader) -> list[str]:
     axis, rate_hz = source.stream.axis, source.stream.frame_rate_hz
     digest = hashlib.sha512()
     segments: list[_Object] = []
-    tracker, n = CounterTracker(), 0
     dtype, datatype = ("<c8", "cf32_le") if axis.kind == "baseband" else ("<f4", "rf32_le")
     with data.open("wb") as file:
         for block in source.blocks():
             rows = np.ascontiguousarray(block.samples, dtype)
             file.write(rows.data)
             digest.update(rows.data)
-            for k, number in enumerate(block.counter.tolist(), n):
-                if tracker.update(number)[0] is not Step.NEXT:
-                    segments.append({"core:sample_start": k, "x2radar:counter": number})
-            n += len(block.counter)
-    for segment in segments:
-        segment["core:frequency"] = axis.carrier_hz
+    tracker, about = CounterTracker(), {"core:frequency": axis.carrier_hz}
+    for k, number in enumerate(source.lists()[0].tolist()):
+        if tracker.update(number)[0] is not Step.NEXT:
+            segments.append({"core:sample_start": k, "x2radar:counter": number, **about})
     if source.started_utc:
         segments[0]["core:datetime"] = source.started_utc
     root = {
@@ -172,7 +163,7 @@ def write(path: Path, source: BlockReader) -> list[str]:
             "x2radar:settings": dict(source.settings),
         },
         "captures": segments,
-        "annotations": [_annotation(label, rate_hz, n) for label in source.labels],
+        "annotations": [_annotation(label, rate_hz, source.n_frames) for label in source.labels],
     }
     meta.write_text(json.dumps(root, indent=1, default=str) + "\n", "utf-8")
     return ["times (t_s) are counted with the frame rate when it is read"]

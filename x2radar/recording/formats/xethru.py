@@ -18,7 +18,6 @@ which readers of Novelda's pass over.
 
 import json
 import struct
-from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -72,15 +71,15 @@ class Reader(BlockReader):
         if not self._parts:
             raise refuse(path, "no whole record in it")
         self.n_frames = sum(len(part) for part in self._parts)
-        meta = files[0].parent / META
-        started_utc, times_ms, ours = _read_meta(meta) if meta.is_file() else ("", None, {})
+        meta, ms, ours = files[0].parent / META, np.empty(0, np.int64), dict[str, Any]()
+        if meta.is_file():
+            ms, ours = _read_meta(meta, _BITS[self._kind])
         self._labels = list(ours.get("labels", []))
+        said = {**self._axis(), **ours}
         rate_hz = overrides.frame_rate_hz or ours.get("frame_rate_hz")
-        said = {**ours, **self._axis(ours), "started_utc": started_utc}
-        said["frame_rate_hz"] = rate_hz or self._measured_rate(times_ms)
+        said["frame_rate_hz"] = rate_hz or self._measured_rate(ms)
         n_range = self._parts[0]["a"].shape[1]
-        device = f"XeThru {self._kind} recording"
-        self._keep(("baseband", n_range), said, device)
+        self._keep(("baseband", n_range), said, f"XeThru {self._kind} recording")
 
     def read_counters(self, first: int, last: int) -> NDArray[Any]:
         return self._read("counter", first, last)
@@ -101,48 +100,33 @@ class Reader(BlockReader):
             first, last = first - len(part), last - len(part)
         return np.concatenate(found)
 
-    def _axis(self, ours: Mapping[str, Any]) -> dict[str, Any]:
-        """Return what the records say about range, as exactly as our header repeats it."""
+    def _axis(self) -> dict[str, Any]:
+        """Return what the records say about range."""
         if self._kind == "datafloat":
             self._warnings.append(
                 f"datafloat records carry no axis: {_X4['carrier_hz'] / 1e9:g} GHz, bins of "
                 f"{X4_BIN_LENGTH_M * 1e3:.1f} mm and range offset 0 (X4) are assumed"
             )
             return _X4
-        first = self._parts[0][0]
-        if not (0 < first["bin"] < 10 and 1e8 < first["carrier"] < 1e11):
-            why = f"bin length {first['bin']:g} m, carrier {first['carrier']:g} Hz"
-            raise refuse(self.path, why)
-        said = {name: first[field] for name, field in _STORED.items()}
-        # Ours where it is what the record holds, rounded.
-        for name, value in said.items():
-            own = ours.get(name)
-            if isinstance(own, int | float) and np.float32(own) == value:
-                said[name] = own
-        return said
+        return {name: self._parts[0][0][field] for name, field in _STORED.items()}
 
-    def _measured_rate(self, times_ms: Mapping[int, NDArray[np.int64]] | None) -> float:
-        if times_ms is None:
-            raise refuse(self.path, f"the frame rate is unknown without {META}")
-        ms = times_ms.get(_BITS[self._kind], np.empty(0, np.int64))
+    def _measured_rate(self, ms: NDArray[np.int64]) -> float:
         counters = self.read_counters(0, len(ms)).astype(np.int64)
-        n = min(len(ms), len(counters))
-        if n < 2 or ms[n - 1] <= ms[0]:
-            raise refuse(self.path, f"{META} holds no times for these records")
-        # Stamps are whole milliseconds and bursty: the slope of a line through all of them.
-        slope_ms = np.polyfit(counters[:n] - counters[0], ms[:n] - ms[0], 1)[0]
+        n, slope_ms = min(len(ms), len(counters)), 0.0
+        if n > 1:
+            # Whole milliseconds and bursty: the slope of a line through all of them.
+            slope_ms = np.polyfit(counters[:n] - counters[0], ms[:n] - ms[0], 1)[0]
         if not slope_ms > 0:
-            raise refuse(self.path, f"{META} has times that do not grow with the frames")
+            why = f"the frame rate is unknown without times in {META} that grow with the frames"
+            raise refuse(self.path, why)
         return float(1e3 / slope_ms)
 
 
 def _map(file: Path, kind: str, warnings: list[str]) -> NDArray[np.void]:
     """Return the file's records as a memory-mapped structured array."""
-    with file.open("rb") as stream:
-        head = stream.read(12)
-    if len(head) < 12:
+    words = np.fromfile(file, "<u4", 3).tolist()
+    if len(words) < 3:
         return np.empty(0, [("counter", "<u4")])
-    words = struct.unpack("<III", head)
     n, is_odd = (words[2] // 2, words[0] or words[2] % 2) if kind == "datafloat" else (words[1], 0)
     if is_odd or not 0 < n <= MAX_BINS:
         raise refuse(file, f"no {kind} records in it")
@@ -169,50 +153,38 @@ def _record_dtype(kind: str, n_range: int) -> np.dtype[np.void]:
 
 def _data_files(path: Path) -> tuple[str, list[Path]]:
     """Return the kind of data and its files, in order."""
-    if not path.exists():
-        raise refuse(path, "no such recording")
+    files = sorted(path.glob("xethru_*.dat")) if path.is_dir() else [path]
     for kind in _BITS:
-        if path.is_dir() and (files := sorted(path.glob(f"xethru_{kind}_*.dat"))):
-            return kind, files
-        if path.is_file() and path.name.startswith(f"xethru_{kind}"):
-            return kind, [path]
-    if path.is_file():
-        raise refuse(path, f"not one of XeThru's {', '.join(_BITS)} files")
-    raise refuse(path, "no xethru_datafloat, baseband_iq or baseband_ap file in this folder")
+        if found := [file for file in files if file.name.startswith(f"xethru_{kind}")]:
+            return kind, found
+    raise refuse(path, f"no xethru_{', '.join(_BITS)} file")
 
 
-def _read_meta(file: Path) -> tuple[str, dict[int, NDArray[np.int64]], Mapping[str, Any]]:
-    """Return start, times of the records in ms by kind of data, and what our header says."""
+def _read_meta(file: Path, bit: int) -> tuple[NDArray[np.int64], dict[str, Any]]:
+    """Return times in ms of the records of a kind, and what our header says, or the start."""
     with file.open("rb") as stream:
         data = stream.read(_MAX_META_BYTES)
+    magic, _version, start_ms = struct.unpack_from("<IIQ", data)
+    if magic != _MAGIC:
+        raise refuse(file, "not a XeThru meta file")
+    at, n = _HEAD, 0
+    for _ in ("session", "header"):
+        (n,) = struct.unpack_from("<I", data, at)
+        at += 4 + n
+    entries = np.frombuffer(data[at:], _ENTRY, (len(data) - at) // _ENTRY.itemsize)
+    # The first that is neither record nor end of a file ends them.
+    is_entry = np.isin(entries["kind"], (_RECORD, _END_OF_FILE))
+    entries = entries[np.logical_and.accumulate(is_entry)]
+    entries = entries[(entries["kind"] == _RECORD) & (entries["type"] == bit)]
     try:
-        magic, _version, start_ms = struct.unpack_from("<IIQ", data)
-        if magic != _MAGIC:
-            raise refuse(file, "not a XeThru meta file")
-        (n_id,) = struct.unpack_from("<I", data, _HEAD)
-        at = _HEAD + 4 + n_id
-        (n_header,) = struct.unpack_from("<I", data, at)
-        at += 4 + n_header
-    except struct.error as err:
-        raise refuse(file, "cut off") from err
-    # Entries are walked to the end; the first that is no record ends them.
-    n_max = max(0, len(data) - at) // _ENTRY.itemsize
-    entries = np.frombuffer(data, _ENTRY, n_max, offset=at if n_max else 0)
-    strange = np.flatnonzero((entries["kind"] != _RECORD) & (entries["kind"] != _END_OF_FILE))
-    entries = entries[: strange[0]] if strange.size else entries
-    entries = entries[entries["kind"] == _RECORD]
-    times = {
-        int(bit): entries["ms"][entries["type"] == bit].astype(np.int64)
-        for bit in np.unique(entries["type"])
-    }
-    try:
-        ours = dict(json.loads(data[at - n_header : at])["x2radar"])
+        ours = dict(json.loads(data[at - n : at])["x2radar"])
     except (ValueError, KeyError, TypeError):
         # Another program wrote it.
         ours = {}
-    is_known = 0 < start_ms < 1 << 43
-    text = utc_text(datetime.fromtimestamp(start_ms / 1e3, UTC)) if is_known else ""
-    return str(ours.get("started_utc", text)), times, ours
+    if 0 < start_ms < 1 << 43:
+        start = utc_text(datetime.fromtimestamp(start_ms / 1e3, UTC))
+        ours = {"started_utc": start, **ours}
+    return entries["ms"].astype(np.int64), ours
 
 
 def write(path: Path, source: BlockReader) -> list[str]:
@@ -231,13 +203,9 @@ def write(path: Path, source: BlockReader) -> list[str]:
         "labels": source.labels,
     }
     header = json.dumps({"x2radar": ours}, default=str).encode()
-    dtype = _record_dtype("baseband_iq", axis.n_range)
+    dtype, bit = _record_dtype("baseband_iq", axis.n_range), _BITS["baseband_iq"]
     path.mkdir()
-    total = last_ms = 0
-    with (path / name).open("wb") as data, (path / META).open("wb") as meta:
-        meta.write(bytes(_HEAD))
-        for text in (_SESSION, header):
-            meta.write(struct.pack("<I", len(text)) + text)
+    with (path / name).open("wb") as data:
         for block in source.blocks():
             records = np.zeros(len(block.counter), dtype)
             records["counter"], records["n"] = block.counter, axis.n_range
@@ -245,24 +213,22 @@ def write(path: Path, source: BlockReader) -> list[str]:
                 records[stored] = getattr(axis, field)
             records["a"], records["b"] = block.samples.real, block.samples.imag
             data.write(records.view(np.uint8).data)
-            entries = np.zeros(len(records), _ENTRY)
-            start = total + dtype.itemsize * np.arange(len(records), dtype=np.uint64)
-            entries["kind"], entries["type"] = _RECORD, _BITS["baseband_iq"]
-            entries["size"], entries["start"] = dtype.itemsize, start
-            entries["end"] = start + np.uint64(dtype.itemsize)
-            entries["ms"] = np.rint(block.t_s * 1e3).astype(np.int64) & 0xFFFFFFFF
-            meta.write(entries.view(np.uint8).data)
-            total, last_ms = total + records.nbytes, int(entries["ms"][-1])
-        end = (_END_OF_FILE, _BITS["baseband_iq"], 0, total, total, last_ms)
-        meta.write(np.array([end], _ENTRY).tobytes())
-        list_at, text = meta.tell(), name.encode() + b"\0"
-        meta.write(struct.pack("<BII", _FILE_LIST, 1, len(text)) + text)
-        meta.seek(0)
-        start_ms = round(started.timestamp() * 1e3)
-        meta.write(
-            struct.pack("<IIQBI", _MAGIC, _VERSION, start_ms, 1, last_ms)
-            + struct.pack("<QQIq", total, list_at - 4, _BITS["baseband_iq"], -1)
-            + struct.pack("<II", dtype.itemsize, 0)
-            + b"\xcd" * 28
-        )
+    t_s = source.lists()[1]
+    entries = np.zeros(len(t_s) + 1, _ENTRY)
+    entries["kind"], entries["type"], entries["size"] = _RECORD, bit, dtype.itemsize
+    entries["start"] = dtype.itemsize * np.arange(len(entries), dtype=np.uint64)
+    entries["end"][:-1] = entries["start"][1:]
+    entries["ms"][:-1] = np.rint(t_s * 1e3).astype(np.int64) & 0xFFFFFFFF
+    total, last_ms = int(entries["start"][-1]), int(entries["ms"][-2])
+    entries[-1] = (_END_OF_FILE, bit, 0, total, total, last_ms)
+    texts = b"".join(struct.pack("<I", len(text)) + text for text in (_SESSION, header))
+    parts = [
+        struct.pack("<IIQBI", _MAGIC, _VERSION, round(started.timestamp() * 1e3), 1, last_ms),
+        struct.pack("<QQIq", total, _HEAD + len(texts) + entries.nbytes - 4, bit, -1),
+        struct.pack("<II28s", dtype.itemsize, 0, b"\xcd" * 28),
+        texts,
+        entries.tobytes(),
+        struct.pack("<BII", _FILE_LIST, 1, len(name) + 1) + name.encode() + b"\0",
+    ]
+    (path / META).write_bytes(b"".join(parts))
     return ["times (t_s) are counted with the frame rate when it is read"]
