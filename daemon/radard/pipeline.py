@@ -36,7 +36,7 @@ from radard.detect.tracks import Track, Tracker, range_gates
 from radard.dsp.downconvert import DownConverter
 from radard.errors import FeatureError, ModelMismatch
 from radard.judge.bundle import EvidenceSettings
-from radard.judge.classifier import Answer, Classifier
+from radard.judge.classifier import Answer, Classifier, Seen
 from radard.judge.decision import (
     Decision,
     Label,
@@ -63,6 +63,7 @@ class Pipeline:
     """
 
     tamper: TamperWatch | None = None
+    seen: Seen | None = None  # what the network was given of the last dwell, and its answer
 
     def __init__(
         self,
@@ -127,6 +128,7 @@ class Pipeline:
     def decide(self, dwell: Dwell) -> Decision:
         """Judge one dwell from the ring that `make_ring` made; decisions are numbered from 1."""
         self._seq += 1
+        self.seen = None
         if not dwell.is_whole:
             return invalid_decision(dwell, f"{dwell.n_lost} frames missing", seq=self._seq)
         moving = self._remover.remove(dwell)
@@ -189,8 +191,10 @@ class Pipeline:
         # How strong an echo is counts once, in the evidence: networks hardly learned from it.
         mount = self._config.mount
         known = installation(dwell.frame_rate_hz, mount.height_m, mount.tilt_deg)
-        features = self._stream.extract(dwell, known)
-        return self.classifier.answer(features, self._evidence.hidden)
+        features, hidden = self._stream.extract(dwell, known), self._evidence.hidden
+        answer = self.classifier.answer(features, hidden)
+        self.seen = Seen(features, hidden, answer)
+        return answer
 
     def _strength_db(self, gate: Gate, dwell: Dwell) -> float | None:
         """Return how strong what moves is over an adult; None where that is not known."""

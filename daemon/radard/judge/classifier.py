@@ -35,6 +35,15 @@ class Answer:
     hidden: Hidden | None = None  # shape (n_hidden,), to be given back with the next window
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Seen:
+    """Features that the network was given, and its answer."""
+
+    features: Features
+    hidden: Hidden | None
+    answer: Answer
+
+
 class Classifier:
     """Run a bundle's network; ModelMismatch unless it is what the sidecar says."""
 
