@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.detect.interference import FloorReference
+from radard.detect.interference import NO_FLOOR, FloorReference
 from x2radar.atomic import write_atomically
 
 log = logging.getLogger("radard")
@@ -25,9 +25,14 @@ class RoomReference:
 
     echoes: NDArray[np.complex128]  # learned of every cell, shape (n_cells, n_bins); empty: none
     usable: NDArray[np.bool_]  # cells that can be judged, shape (n_cells,)
-    noise_db: float | None  # receiver's noise, as it was learned and as it has drifted since
-    noise_kept_db: float | None
+    # Receiver's noise, as it was learned and as it has drifted since; None: not known.
+    noise_db: tuple[float, float] | None
     floor: FloorReference
+
+
+NO_REFERENCE = RoomReference(
+    np.zeros((0, 0), np.complex128), np.zeros(0, np.bool_), None, NO_FLOOR
+)
 
 
 @dataclass(slots=True)
@@ -64,7 +69,7 @@ class RoomStore:
             stream=self.stream,
             echoes=room.echoes,
             usable=room.usable,
-            noise_db=np.array([room.noise_db, room.noise_kept_db], np.float64),
+            noise_db=np.array(room.noise_db or (np.nan, np.nan)),
             floor=np.stack([room.floor.first, room.floor.kept]),
             calm_s=room.floor.t_s,
         )
@@ -96,6 +101,7 @@ def _parsed(kept: Mapping[str, Any]) -> RoomReference:
     is_one = is_one and (floor.dtype, floor.ndim, len(floor)) == (np.float64, 2, 2)
     if not (is_one and (floor > 0).all() and float(calm_s) >= 0):
         raise ValueError("its parts do not fit each other")
-    learned_db, drifted_db = (None if np.isnan(each) else float(each) for each in noise_db)
+    learned_db, drifted_db = noise_db.tolist()
+    known_db = None if np.isnan(learned_db + drifted_db) else (learned_db, drifted_db)
     reference = FloorReference(floor[0], floor[1], float(calm_s))
-    return RoomReference(echoes, usable, learned_db, drifted_db, reference)
+    return RoomReference(echoes, usable, known_db, reference)
