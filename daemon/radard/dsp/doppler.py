@@ -27,7 +27,7 @@ Steps = NDArray[np.float32] | NDArray[np.float64]
 _TAPER_WIDTH = 2 / 4.29193  # one tenth at both ends (2.31)
 _MAX_STORED = 128  # frames of a CPI: 16 MiB of map
 # Squares of rows within these energies neither overflow float32 nor lose digits in it.
-_LOW, _HIGH = 1e-25, 1e30
+MIN_ENERGY, MAX_ENERGY = 1e-25, 1e30
 _STEPS_AT_ONCE = 112  # four CPIs of 28 frames: a block that BLAS is fast with
 # The map to mu amplifies what the Gram matrix was rounded by, as the square of the CPI:
 # from 1e-6 at 28 frames to 2e-5 at 256 (measured), were the products not taken in float64.
@@ -102,7 +102,7 @@ def gram(rows: Steps) -> Reals:
     real, imag = rows[:, :n_range], rows[:, n_range:]
     q = _products(real, imag)
     energy = q.diagonal()
-    if (energy > _LOW).all() and (energy < _HIGH).all():
+    if (energy > MIN_ENERGY).all() and (energy < MAX_ENERGY).all():
         return q
     peak = np.maximum(np.abs(real).max(axis=1), np.abs(imag).max(axis=1))
     exponent = np.frexp(peak)[1]

@@ -62,21 +62,6 @@ class Columns:
     values: dict[str, Bytes]
 
 
-@dataclass(slots=True)
-class _Floor:
-    """Noise of a picture, in dB: it falls quickly and rises slowly, so no body becomes noise."""
-
-    level_db: float = np.nan
-
-    def update(self, levels_db: Reals, elapsed_s: float) -> float:
-        quiet_db = float(np.quantile(levels_db, _QUIET_SHARE))
-        if np.isnan(self.level_db):
-            self.level_db = quiet_db
-        low, high = -_FALL_DB_PER_S * elapsed_s, _RISE_DB_PER_S * elapsed_s
-        self.level_db += min(max(quiet_db - self.level_db, low), high)
-        return self.level_db
-
-
 class Unfolding:
     """Fade the aliases, `apart_mps` apart, in the velocity picture of one stream.
 
@@ -156,7 +141,7 @@ class Spectrograms:
         self._n_gait = round(GAIT_S / self.column_s)
         self.gait_step_hz = 1 / (self._n_gait * self.column_s)  # from column to column of gait
         self.longest_push = max(64, n_cpi)
-        self._floors = {name: _Floor() for name in SPANS_DB}
+        self._floors_db: dict[str, float] = {}  # noise of the pictures
         self.restart()
         step_mps = frame_rate_hz / n_cpi * (SPEED_OF_LIGHT_MPS / (2 * axis.carrier_hz))
         lowest_mps = -(n_cpi // 2) * step_mps
@@ -238,7 +223,12 @@ class Spectrograms:
         if not known.size:
             return np.zeros(power.shape, np.uint8)
         span_db = SPANS_DB[name]
-        weakest_db = self._floors[name].update(known, elapsed_s) + span_db + _DIM_DB
+        # The noise falls quickly and rises slowly, so no body becomes noise.
+        quiet_db = float(np.quantile(known, _QUIET_SHARE))
+        before_db = self._floors_db.get(name, quiet_db)
+        low, high = -_FALL_DB_PER_S * elapsed_s, _RISE_DB_PER_S * elapsed_s
+        floor_db = self._floors_db[name] = before_db + min(max(quiet_db - before_db, low), high)
+        weakest_db = floor_db + span_db + _DIM_DB
         top_db = np.maximum(level_db.max(axis=0), weakest_db)
         share = 1 + (level_db - top_db) / span_db
         return np.asarray(np.clip(share * 255, 0, 255), np.uint8)

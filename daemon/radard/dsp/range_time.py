@@ -6,14 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radard.dsp.columns import ColumnStream, Flags, Reals, StepBuffer, whole
-from radard.dsp.doppler import centring
+from radard.dsp.doppler import MAX_ENERGY, MIN_ENERGY, centring
 from radard.errors import FeatureError
 from x2radar.frame import FastTimeAxis
 
 MIN_COVERAGE = 0.5  # a cell of which less than this was seen is not known
 _BLOCK = 64  # frames at once: a hop at 60 Hz
-# Squares of rows within these energies neither overflow float32 nor lose digits in it.
-_LOW, _HIGH = 1e-25, 1e30
 
 
 def overlap(sample_edges: Reals, cell_edges: Reals) -> Reals:
@@ -109,7 +107,7 @@ class RangeTimeMap(ColumnStream):
         with np.errstate(over="ignore"):
             energy = np.vecdot(z, z)
         exponent = np.zeros(n, np.intc)
-        if not ((energy > _LOW) & (energy < _HIGH)).all():
+        if not ((energy > MIN_ENERGY) & (energy < MAX_ENERGY)).all():
             exponent = np.frexp(np.abs(z).max(axis=1))[1]
             np.ldexp(z, -exponent[:, None], out=z)
         np.multiply(z, z, out=z)

@@ -1,6 +1,5 @@
 """From configuration to the parts that a run is made of, at start and at a reload."""
 
-import hashlib
 import logging
 import threading
 from collections.abc import Iterator
@@ -119,7 +118,7 @@ def make_parts(
         "sensor": config.sensor.name,
         "config_hash": config.digest(),
         "model": bundle.name if bundle else "none",
-        "model_sha256": hashlib.sha256(bundle.onnx).hexdigest() if bundle else "",
+        "model_sha256": bundle.sha256 if bundle else "",
         "version": installed_version(),
     }
     room = _watch_for_tamper(config, pipeline, is_live=is_live, old=old)

@@ -77,10 +77,14 @@ class ControlServer:
     def remove(self, name: str) -> None:
         """Serve a radar no more."""
         self._radars = [each for each in self._radars if each.sensor != name]
-        for key in self._open():
-            if key.data[0].sensor == name:
+        for key in list(self._selector.get_map().values()):
+            radar, path = key.data
+            if radar.sensor == name:
                 self._selector.unregister(key.fileobj)
-                _take_away(key)
+                # Its file first: in between nobody else can have made another.
+                with contextlib.suppress(OSError):
+                    path.unlink()
+                key.fileobj.close()  # type: ignore[union-attr]
 
     def stop(self) -> None:
         """Take the sockets away; no-op if not started."""
@@ -88,11 +92,8 @@ class ControlServer:
             return
         self._halt.set()
         self._thread.join(1.0)
-        for key in self._open():
-            _take_away(key)
-
-    def _open(self) -> list[selectors.SelectorKey]:
-        return list(self._selector.get_map().values())
+        for radar in self._radars:
+            self.remove(radar.sensor)
 
     def _serve_radar(self, radar: "Sensor") -> None:
         path = control_path(self._folder, radar.sensor)
@@ -219,13 +220,6 @@ def _short(path: Path) -> Iterator[str]:
         yield f"/proc/self/fd/{folder}/{path.name}"
     finally:
         os.close(folder)
-
-
-def _take_away(key: selectors.SelectorKey) -> None:
-    """Remove a socket's file and close it; in between nobody else can have made another."""
-    with contextlib.suppress(OSError):
-        key.data[1].unlink()
-    key.fileobj.close()  # type: ignore[union-attr]
 
 
 def _user_of(line: socket.socket) -> int:

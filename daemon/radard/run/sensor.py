@@ -80,8 +80,7 @@ class Sensor:
         self.reload = ask_reload
         self.log = logger_of(config)
         self.sensor = config.sensor.name
-        self._is_one_of_several = config.is_one_of_several
-        self._told_as = self.sensor if self._is_one_of_several else None  # in records
+        self._told_as = self.sensor if config.is_one_of_several else None  # in records
         self._classifier = make_classifier(config)
         self._is_live = config.sensor.kind != "replay"
         self._factor = speed_factor(config.sensor.speed, parse_port(self._port))
@@ -173,7 +172,7 @@ class Sensor:
 
     def tell(self, status: Status | None) -> None:
         """Hand on a change of state, not before the `hello`, not waiting for the outputs."""
-        if status is not None and (self._has_said_hello or self._is_one_of_several):
+        if status is not None and (self._has_said_hello or self._told_as is not None):
             self.put(status_record(status), waits=False)
 
     def complain(self, source: str, reason: str) -> None:
@@ -201,7 +200,7 @@ class Sensor:
             self._port,
             speed=sensor.speed,
             # One of several must not keep the others from their work.
-            wait=sensor.wait or self._is_one_of_several,
+            wait=sensor.wait or self._told_as is not None,
             quit_on_loss=sensor.on_device_loss == "quit",
             on_notice=notice,
             on_wait=on_wait,
