@@ -49,7 +49,7 @@ from radard.judge.decision import (
 from radard.judge.evidence import Evidence
 from radard.judge.features import FeatureSettings, FeatureStream, extract
 from radard.judge.installation import echo_at_1m_db, installation
-from radard.stream.ring import Dwell, DwellShape, FrameRing
+from radard.stream.ring import Dwell, FrameRing
 from x2radar.frame import StreamInfo
 
 
@@ -93,12 +93,7 @@ class Pipeline:
         waits = (evidence, config.decision.decide_within_s) if self.policy == "fused" else ()
         # Another `pet_limit` of it holds from the next dwell on.
         self.verdict = Verdict(pet_limit_of(config, bundle), *waits)
-        self.shape = DwellShape.of(
-            dwell_s=self._features.dwell_s,
-            hop_s=hop_s,
-            frame_rate_hz=stream.frame_rate_hz,
-            n_cpi=self._features.n_cpi,
-        )
+        self.shape = self._features.dwell_shape(hop_s, stream.frame_rate_hz)
         self.gate = Gate(config.gate, hop_s)  # the gate, with what it saw of the last dwell
         self.calibration: Calibration | None = None
         self._remover = ClutterRemover()

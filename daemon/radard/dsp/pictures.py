@@ -134,7 +134,6 @@ class Spectrograms:
         self._stride = max(1, round(frame_rate_hz / COLUMN_RATE_HZ))
         self.column_s = self._stride / frame_rate_hz
         self._n_cpi = n_cpi = max(4, round(CPI_S * frame_rate_hz))
-        self._middle_s = n_cpi / 2 / frame_rate_hz
         length_m = n_range * bin_m
         usual_m = (c for c in _CELLS_M if length_m / c <= _MAX_ROWS)
         self._cell_m = next(usual_m, length_m / _MAX_ROWS)
@@ -173,20 +172,17 @@ class Spectrograms:
             len(self._ranges.range_m),
             self.column_s / self._cell_m,
         )
-        self._n_seen = self._n_made = 0
+        self._n_seen = 0
 
     def push(
         self, frames: NDArray[np.complex64], valid: NDArray[np.bool_], t_s: float
     ) -> Columns | None:
         """Take (n, n_range) frames, `t_s` behind the last; return the columns they complete."""
-        self._shared.push(frames[:, :: self._thin], valid)
+        n = self._shared.push(frames[:, :: self._thin], valid)
         self._n_seen += len(frames)
-        total = max(0, (self._n_seen - self._velocity.n_cpi) // self._stride + 1)
-        n = total - self._n_made
-        self._n_made = total
         if n < 1:
             return None
-        behind = self._n_seen - (total - 1) * self._stride - self._velocity.n_cpi
+        behind = (self._n_seen - self._n_cpi) % self._stride
         power = {
             "range": self._range_columns(n, behind),
             "velocity": self._velocity.columns(n),
@@ -194,7 +190,7 @@ class Spectrograms:
         }
         values = {name: self._shown(name, p, n * self.column_s) for name, p in power.items()}
         values["velocity"] = self._unfolding.unfold(values["velocity"], values["range"])
-        end_s = t_s - behind / self._rate_hz - self._middle_s
+        end_s = t_s - behind / self._rate_hz - self._n_cpi / 2 / self._rate_hz
         return Columns(end_s, self._velocity.columns_valid(n), values)
 
     def gait(self) -> Bytes | None:

@@ -21,7 +21,7 @@ from radard.dsp.velocity import CPI_S
 from radard.errors import FeatureError, ModelMismatch
 from radard.judge.installation import INSTALLATION, N_INSTALLATION, installation
 from radard.judge.velocity_map import VelocityGrid, busiest_rows, shown
-from radard.stream.ring import Dwell
+from radard.stream.ring import Dwell, DwellShape
 from x2radar.frame import FastTimeAxis
 from x2radar.plugins import Plugin, find_plugin
 
@@ -115,6 +115,11 @@ class FeatureSettings:
         if self.n_cpi:
             return self
         return replace(self, n_cpi=max(2, round(CPI_S * frame_rate_hz)))
+
+    def dwell_shape(self, hop_s: float, frame_rate_hz: float) -> DwellShape:
+        """Return the shape of dwells whose spectrogram has `dwell_s` of columns."""
+        n_slow = max(2, round(self.dwell_s * frame_rate_hz)) + self.n_cpi - 1
+        return DwellShape(n_slow=n_slow, hop_s=hop_s, frame_rate_hz=frame_rate_hz)
 
     def range_step(self, axis: FastTimeAxis) -> int:
         """Return how many bins of a stream become one: other modules' are coarse already."""

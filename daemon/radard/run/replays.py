@@ -180,11 +180,9 @@ class _Kept(Outputs):
         self.seen: Seen | None = None
 
     def watch(self, pipeline: Pipeline) -> None:
-        """Look on while a pipeline decides."""
         self.pipeline = pipeline
 
     def put(self, record: Record, sensor: str | None = None, *, waits: bool = False) -> bool:
-        """Keep a record, and what the network saw if no decision was nearer."""
         self.records.append(record)
         if record["type"] == "decision":
             off_s = abs(float(record["t_s"]) - self._at_s)

@@ -95,32 +95,25 @@ class Sensor:
         self.recent: tuple[Record, ...] = ()  # its last decisions and events, the oldest first
 
     def config(self) -> Config:
-        """Return the configuration that holds, with what was reloaded."""
         return self._run.worker.parts.config if self._run is not None else self._config
 
     def panel(self) -> SensorState | None:
-        """Return how the sensor is armed and what it sees; None before there is a stream."""
         return self._run.worker.state if self._run is not None else None
 
     def ring(self) -> FrameRing | None:
-        """Return the ring of the stream; None before there is one."""
         return self._run.ring if self._run is not None else None
 
     def playback(self) -> Playback | None:
-        """Return the controls of a replay; None for anything else."""
         return getattr(self._run.opened.source, "playback", None) if self._run else None
 
     def driver(self) -> Mapping[str, int]:
-        """Return what the driver has counted; empty without one."""
         stats = getattr(self._run.opened.source, "stats", None) if self._run else None
         return asdict(stats) if stats is not None else {}
 
     def sinks(self) -> Sequence[Sink]:
-        """Return all sinks of the process."""
         return [sink for _, sink in self._outputs.sinks]
 
     def mark(self) -> str:
-        """Return 'simulated' or 'replayed'; an empty text while a module sends the frames."""
         if self._config.sensor.kind == "sim":
             return "simulated"
         return "" if self._is_live else "replayed"
@@ -130,7 +123,7 @@ class Sensor:
         if name not in COMMANDS:
             raise ValueError(f"no command '{name}'; known are {', '.join(COMMANDS)}")
         with self._commanding:
-            if (worker := self._worker()) is not None:
+            if (worker := self.worker) is not None:
                 worker.command(name)
             elif name == "calibrate":
                 raise ValueError("calibrate: there is no stream yet")
@@ -153,9 +146,10 @@ class Sensor:
         return not self._is_live or self._factor is None
 
     @property
-    def parts(self) -> Parts | None:
-        """What its worker works with; None before there is a stream."""
-        return self._run.worker.parts if self._run is not None else None
+    def worker(self) -> Worker | None:
+        """Who works on the stream; None when nobody does."""
+        run = self._run
+        return run.worker if run is not None and not run.over.is_set() else None
 
     def put(self, record: Record, *, waits: bool = True) -> bool:
         """Hand a record to the outputs, which learn whose it is; see `Outputs.put`."""
@@ -282,7 +276,7 @@ class Sensor:
 
     def look_up(self) -> None:
         """Have its worker look whether nothing comes; returns at once."""
-        if (worker := self._worker()) is not None:
+        if (worker := self.worker) is not None:
             worker.ring.post("look", call=lambda _t_s: worker.look_up())
 
     def stop(self) -> None:
@@ -317,11 +311,6 @@ class Sensor:
 
         return exchange
 
-    def _worker(self) -> Worker | None:
-        """Return who works on the stream; None when nobody does."""
-        run = self._run
-        return run.worker if run is not None and not run.over.is_set() else None
-
     def _kept_state(self) -> StateStore:
         """Return what outlives the runs of its streams; the outputs are open."""
         if self._store is None:
@@ -348,7 +337,7 @@ class Sensor:
     def _try_alarm(self) -> None:
         if (state := self.panel()) is not None and state.alarm_id:
             raise ValueError("an alarm is on: acknowledge it first")
-        if (worker := self._worker()) is not None:
+        if (worker := self.worker) is not None:
             # Between two decisions, so that no output takes its end for that of a real alarm.
             worker.ring.post("test", call=self._send_trial)
         else:

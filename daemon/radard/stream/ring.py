@@ -37,12 +37,6 @@ class DwellShape:
     hop_s: float  # stream time from one dwell to the next
     frame_rate_hz: float  # of stream time
 
-    @classmethod
-    def of(cls, *, dwell_s: float, hop_s: float, frame_rate_hz: float, n_cpi: int) -> "DwellShape":
-        """Return the shape whose spectrogram has `dwell_s` of columns, CPIs of `n_cpi`."""
-        n_columns = max(2, round(dwell_s * frame_rate_hz))
-        return cls(n_slow=n_columns + n_cpi - 1, hop_s=hop_s, frame_rate_hz=frame_rate_hz)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Dwell:

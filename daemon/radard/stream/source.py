@@ -137,7 +137,6 @@ class LiveSource:
         return self._device.stats
 
     def close(self) -> None:
-        """Close the port; `frames` then ends."""
         self._device.close()
 
     def _read(self) -> Iterator[Frame]:
@@ -215,7 +214,6 @@ class ReplaySource:
             start_s, offset = 0.0, index + 1
 
     def close(self) -> None:
-        """End the replay; `frames` then ends."""
         self.playback.close()
 
 
