@@ -204,9 +204,9 @@ def test_reload_changes_the_policy_the_outputs_and_the_clips(tmp_path, launch):
     wait_for(lambda: second.exists() and daemon.radar.worker.parts.clips is None)
     seq = daemon.panel()["seq"]
     wait_for(lambda: daemon.panel()["seq"] >= seq + 2)
-    assert daemon.stop() == 0
     assert daemon.radar.worker.parts.policy.k == 3
     assert daemon.radar.worker.parts.pipeline.classifier is not None
+    assert daemon.stop() == 0
     for path in (first, second):
         records = records_in(path)
         assert records[0]["type"] == "hello"

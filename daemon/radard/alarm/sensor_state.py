@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel
 
 from radard.alarm.panel import ArmMode, PanelState
 from radard.judge.decision import GateState, Label
@@ -59,10 +59,8 @@ class SensorState:
         return {**asdict(self), **({mark: True} if mark else {})}
 
 
-class KeptState(BaseModel):
+class KeptState(BaseModel, frozen=True):
     """What outlives a restart: how the sensor is armed, its alarm and its delays."""
-
-    model_config = ConfigDict(frozen=True)
 
     is_armed: bool  # the last word of a command
     mode: ArmMode = "away"  # and how it is armed

@@ -41,8 +41,6 @@ class ClutterMap:
         self, block_mean: NDArray[np.complex128], n: int, motion: NDArray[np.float64]
     ) -> None:
         """Learn from `n` frames: their mean and their power over the noise, shape (n_range,)."""
-        if n == 0:
-            return
         weight = n * np.clip(_STILL / np.maximum(motion, _STILL), _MEMORY_S / _LONGEST_S, 1.0)
         self._count += weight
         self.mean += (weight / self._count) * (block_mean - self.mean)

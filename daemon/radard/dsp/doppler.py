@@ -37,8 +37,6 @@ _MAX_IN_SINGLE = 32
 def gaussian_taper(n_cpi: int) -> Reals:
     """Return the thesis' taper, shape (n_cpi,): Gaussian, one tenth at both ends (2.31)."""
     centre = (n_cpi - 1) / 2
-    if centre == 0:
-        return np.ones(1)
     x = (np.arange(n_cpi) - centre) / (_TAPER_WIDTH * centre)
     return np.asarray(np.exp(-0.5 * x**2))
 

@@ -223,8 +223,7 @@ def _short(path: Path) -> Iterator[str]:
 
 
 def _user_of(line: socket.socket) -> int:
-    size = struct.calcsize("3i")
-    credentials = line.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, size)
+    credentials = line.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i"))
     return int(struct.unpack("3i", credentials)[1])
 
 
