@@ -3,7 +3,7 @@
 It works from the first dwell on, in any unit. What stays in one place for long (a sleeper's
 breath, a washing machine) becomes background of its own few bins; dwells in which motion changes
 its range, or fills most of the swath, are not learned from. With c a CPI's strongest range-Doppler
-cells in a bin (`radard.dsp.range_doppler`) and k the factor that follows from
+cells in a bin (`radard.dsp.cfar`) and k the factor that follows from
 `false_alarms_per_day`, it is open if c > k max(noise, min(residue, 2 noise), 5 (learned - noise))
 somewhere, in two of three CPIs in a row. Powers are dB of mean power per bin and frame, in sample
 units squared.
@@ -18,19 +18,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from radard.config.sections import GateSettings
 from radard.detect.calibration import Calibration
+from radard.dsp.cfar import MAX_RESIDUE, cell_factor, doppler_peaks, two_of_three, usual_peak
 from radard.dsp.clutter import (
     centre_spread_m,
     noise_of,
     noise_profile,
     second_differences,
     sound_rows,
-)
-from radard.dsp.range_doppler import (
-    MAX_RESIDUE,
-    cell_factor,
-    doppler_peaks,
-    two_of_three,
-    usual_peak,
 )
 from radard.dsp.velocity import CPI_S
 from radard.stream.ring import Dwell

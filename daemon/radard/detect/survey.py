@@ -18,7 +18,7 @@ from radard.detect.calibration import Calibration, Provenance
 from radard.detect.clutter_map import ClutterRemover
 from radard.detect.gate import DAY_S, Gate, decibels, level_over
 from radard.detect.tracks import Tracker
-from radard.dsp.range_doppler import cell_factor, two_of_three, usual_peak
+from radard.dsp.cfar import cell_factor, two_of_three, usual_peak
 from radard.dsp.velocity import CPI_S
 from radard.errors import RadardError
 from radard.stream.ring import Dwell
