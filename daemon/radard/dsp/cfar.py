@@ -17,14 +17,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.dsp.clutter import (
-    AnyFrames,
-    Flags,
-    block_power,
-    part_edges,
-    repeat_usable,
-    sound_rows,
-)
+from radard.dsp import clutter
 from radard.dsp.velocity import CPI_S
 from x2radar.frame import FastTimeAxis
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
@@ -68,8 +61,8 @@ class Peak:
 
 
 def power_map(
-    frames: AnyFrames,
-    valid: Flags,
+    frames: clutter.AnyFrames,
+    valid: clutter.Flags,
     axis: FastTimeAxis,
     *,
     frame_rate_hz: float,
@@ -83,10 +76,10 @@ def power_map(
     bin, shape (n_range,), in sample units squared. Relative error of a cell 1e-5, as in
     `block_power`, at any level of the samples from denormal to 1e30.
     """
-    rows, usable, scale = sound_rows(frames, valid)
+    rows, usable, scale = clutter.sound_rows(frames, valid)
     n_cpi = min(max(4, round(CPI_S * frame_rate_hz)), len(rows))
     n_parts = max(1, min(round(CPI_S / BLOCK_S), n_cpi // 2))
-    power, kept = block_power(rows, usable, n_cpi, n_parts)
+    power, kept = clutter.block_power(rows, usable, n_cpi, n_parts)
     resolution_m = SPEED_OF_LIGHT_MPS / (2 * axis.bandwidth_hz) if axis.bandwidth_hz > 0 else 0.0
     cell_bins = max(1, round(resolution_m / 2 / axis.bin_length_m))
     starts = np.arange(0, axis.n_range, cell_bins)
@@ -94,7 +87,7 @@ def power_map(
     # Dividing by the unit twice keeps the floor of tiny samples out of the denormals.
     under = np.add.reduceat(floor / scale / scale, starts)
     ratio = np.where(under > 0, over / np.where(under > 0, under, 1.0), 0.0)
-    edges = part_edges(n_cpi, n_parts)
+    edges = clutter.part_edges(n_cpi, n_parts)
     middle = (edges + np.append(edges[1:], n_cpi)) / 2
     first = len(rows) - len(kept) * n_cpi + np.flatnonzero(kept) * n_cpi
     time_s = end_s - (len(rows) - (first[:, None] + middle)).ravel() / frame_rate_hz
@@ -192,7 +185,7 @@ def find_peaks(chart: PowerMap, least_db: float) -> list[list[Peak]]:
 
 
 def doppler_peaks(
-    rows: NDArray[np.complex64], usable: Flags, n_cpi: int
+    rows: NDArray[np.complex64], usable: clutter.Flags, n_cpi: int
 ) -> tuple[Array, Array, Array]:
     """Return every bin's strongest Doppler cells, the level that they stand on, and all power.
 
@@ -209,7 +202,7 @@ def doppler_peaks(
     # What stands still goes first, all of it but rounding.
     moving = rows[-used:] - rows[int(np.argmax(usable))]
     if not usable[-used:].all():
-        repeat_usable(moving, usable[-used:], ~usable[-used:])
+        clutter.repeat_usable(moving, usable[-used:], ~usable[-used:])
     blocks = moving.reshape(n_cpis, n_cpi, -1)
     if not kept.all():
         blocks = blocks[kept]
@@ -230,7 +223,7 @@ def doppler_peaks(
     if usable[-used:].all():
         power = cells.sum(axis=-1).astype(np.float64) / (n_cpi * (n_cpi - 1))
     else:
-        power = block_power(rows, usable, n_cpi, 1)[0][:, 0]
+        power = clutter.block_power(rows, usable, n_cpi, 1)[0][:, 0]
     return peak, middle / (np.log(2) * n_cpi), power
 
 

@@ -13,14 +13,8 @@ from radard.alarm.sensitivity import alarm_policy
 from radard.alarm.sensor_state import StateStore
 from radard.alarm.zones import zone_fault, zone_warnings
 from radard.clips.keeper import ClipKeeper
+from radard.config import directories
 from radard.config.config import Config
-from radard.config.directories import (
-    calibration_file,
-    clip_dir,
-    log_path,
-    named_state_dir,
-    state_dir,
-)
 from radard.config.quiet_hours import Now, QuietHours, parse_quiet, time_zone
 from radard.config.sections import AUTO_MODEL
 from radard.detect.calibration import Calibration, load_calibration
@@ -124,7 +118,7 @@ def make_parts(
     room = _watch_for_tamper(config, pipeline, is_live=is_live, old=old)
     if was is None or was.clips != config.clips:
         clips, n_slow = None, pipeline.shape.n_slow
-        if is_live and (folder := clip_dir(config)) is not None:
+        if is_live and (folder := directories.clip_dir(config)) is not None:
             clips = ClipKeeper(config.clips, folder, pipeline.stream, n_slow, about)
     elif clips is not None:
         # The frames that it holds, and a clip that is being made, stay.
@@ -151,7 +145,7 @@ def use_calibration(
     asked = config.gate.calibration
     calibration: Calibration | None = None
     if asked == "auto":
-        path = calibration_file(config)
+        path = directories.calibration_file(config)
         is_real = is_live and config.sensor.kind != "sim"
         try:
             if is_real and path.is_file():
@@ -213,7 +207,7 @@ def _cut_of(pipeline: Pipeline) -> tuple[DwellShape, int]:
 def make_store(config: Config, events: EventLog, *, is_live: bool) -> StateStore:
     """Return where arming is kept: nowhere for a replay or a demo, apart for a simulation."""
     # An alarm that is on is kept only in a folder that was named: a run by hand begins afresh.
-    is_named = named_state_dir(config) is not None
+    is_named = directories.named_state_dir(config) is not None
     path = _kept_file(config, "panel", is_live=is_live)
     return StateStore(events, path.stem if path else None, keeps_alarms=is_named)
 
@@ -223,9 +217,9 @@ def hello_of(parts: Parts, source: FrameSource, *, is_armed: bool, has_state: bo
     config, pipeline = parts.config, parts.pipeline
     files = [_kept_file(config, "room.npz", is_live=source.is_live)]
     if has_state:
-        files.append(log_path(config))
+        files.append(directories.log_path(config))
     if config.gate.calibration == "auto" and pipeline.calibration is not None:
-        files.append(calibration_file(config))
+        files.append(directories.calibration_file(config))
     found = [str(path) for path in files if path is not None and path.is_file()]
     hello = hello_record(pipeline, config, is_armed=is_armed, taken=(*config.taken, *found))
     return hello | {name: getattr(source, name, None) for name in ("module", "started_utc")}
@@ -233,9 +227,10 @@ def hello_of(parts: Parts, source: FrameSource, *, is_armed: bool, has_state: bo
 
 def _kept_file(config: Config, ending: str, *, is_live: bool) -> Path | None:
     is_sim = config.sensor.kind == "sim"
-    if not is_live or (is_sim and named_state_dir(config) is None):
+    if not is_live or (is_sim and directories.named_state_dir(config) is None):
         return None
-    return state_dir(config) / f"{config.sensor.name}{'.sim' if is_sim else ''}.{ending}"
+    name = f"{config.sensor.name}{'.sim' if is_sim else ''}.{ending}"
+    return directories.state_dir(config) / name
 
 
 def _watch_for_tamper(
