@@ -170,14 +170,12 @@ class Tracker:
 
     def _bury(self, time_s: float) -> None:
         for body in self._bodies:
-            older = (
-                other
-                for other in self._bodies
-                if 0 < other.id < body.id
+            if not any(
+                0 < other.id < body.id
                 and abs(other.range_m - body.range_m) < _BESIDE_M / 2
                 and abs(other.rate_mps - body.rate_mps) < _SAME_RATE_MPS
-            )
-            if next(older, None) is None:
+                for other in self._bodies
+            ):
                 body.apart_s = time_s
         self._bodies = [
             body

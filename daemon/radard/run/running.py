@@ -7,7 +7,7 @@ frames are there, so the pool reads it, too (a disk that hangs holds one of its 
 
 import math
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 
@@ -38,7 +38,7 @@ class OpenedSensor:
 
 
 class RunningSensor:
-    """A stream that is read and worked on until it ends; `on_over` is called by a thread."""
+    """A stream that is read and worked on until it ends."""
 
     def __init__(
         self,
@@ -47,14 +47,13 @@ class RunningSensor:
         pool: WorkerPool,
         *,
         max_frames: int | None,
-        on_over: Callable[[], object],
     ) -> None:
         self.opened, self.worker, self.ring = opened, worker, worker.ring
         self.failure: BaseException | None = None  # what ended the work, but for the stream
         self.over = threading.Event()  # the work has ended
+        self.end = threading.Event()  # it has, or was asked to
         self._max_frames = max_frames
         self._is_stopped = False
-        self._on_over = on_over
         self._pool = pool
         self._ask = partial(pool.ask, self._step)
         config = worker.parts.config
@@ -81,6 +80,7 @@ class RunningSensor:
         self.ring.end()
         self.ring.stop()
         self.opened.source.close()
+        self.end.set()
 
     def finish(self) -> list[str]:
         """Wait a moment for the end and close what is its own; return what is stuck."""
@@ -148,7 +148,7 @@ class RunningSensor:
             self.failure, has_more = err, None
         if has_more is None:
             self.over.set()
-            self._on_over()
+            self.end.set()
         return bool(has_more)
 
     def _work(self) -> bool | None:

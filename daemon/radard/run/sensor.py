@@ -246,7 +246,7 @@ class Sensor:
                 self.put(ended_record(record))
         return worker
 
-    def start(self, opened: OpenedSensor, on_over: Callable[[], object]) -> RunningSensor:
+    def start(self, opened: OpenedSensor) -> RunningSensor:
         """Begin to work on an opened stream; raises as `make_worker` does."""
         duration_s, rate_hz = self._options.duration_s, opened.source.stream.frame_rate_hz
         with self._commanding:
@@ -255,7 +255,6 @@ class Sensor:
                 self.make_worker(opened),
                 self._pool,
                 max_frames=None if duration_s is None else max(1, round(duration_s * rate_hz)),
-                on_over=on_over,
             )
         run.start()
         if self._config is not self._opened_with:
