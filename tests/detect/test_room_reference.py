@@ -9,8 +9,7 @@ import pytest
 from radard.config.sections import GateSettings, TamperSection
 from radard.detect.gate import Gate
 from radard.detect.interference import FloorReference, InterferenceWatch
-from radard.detect.room_reference import RoomReference, RoomStore
-from radard.detect.tamper import TamperWatch
+from radard.detect.tamper import RoomReference, RoomStore, TamperWatch
 from tests.radar_helpers import dwell_of, noise
 
 SETTINGS = TamperSection(learn_s=5, hold_s=16)

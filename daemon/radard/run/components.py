@@ -18,8 +18,7 @@ from radard.config.config import Config
 from radard.config.quiet_hours import Now, QuietHours, parse_quiet, time_zone
 from radard.config.sections import AUTO_MODEL
 from radard.detect.calibration import Calibration, load_calibration
-from radard.detect.room_reference import RoomStore
-from radard.detect.tamper import TamperWatch
+from radard.detect.tamper import RoomStore, TamperWatch
 from radard.errors import ConfigError, UsageError
 from radard.judge.bundle import load_bundle
 from radard.judge.classifier import Classifier
