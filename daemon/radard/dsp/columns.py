@@ -193,7 +193,12 @@ class ColumnStore(Tail):
 
 
 class ColumnStream(ABC):
-    """A map whose columns need `n_history` earlier steps; `n_keep` of `n_rows` rows are kept."""
+    """A map whose columns need `n_history` earlier steps; `n_keep` of `n_rows` rows are kept.
+
+    Relative error (norm) against the definition in float64 (tests/dsp_reference.py): at most 1e-5
+    with static clutter of 0 to 140 dB under the motion, at the amplitudes that each map names;
+    however pushes are cut, 1e-6. FeatureError if a setting makes no sense.
+    """
 
     def __init__(self, n_history: int, n_block: int, n_keep: int, n_rows: int) -> None:
         self.n_history = n_history

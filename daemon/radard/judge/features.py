@@ -147,11 +147,9 @@ class FeatureMaker(Protocol):
 
     def shape(self, settings: FeatureSettings) -> tuple[int, ...]:
         """Return the shape of the feature."""
-        ...
 
     def extract(self, dwell: Dwell, settings: FeatureSettings) -> NDArray[np.float32]:
         """Return the feature of a dwell, float32, of that shape; the dwell is not changed."""
-        ...
 
 
 def feature_shape(name: str, settings: FeatureSettings) -> tuple[int, ...]:

@@ -229,7 +229,7 @@ class Sensor:
         parts = make_parts(self._config, opened.pipeline, now=now, is_live=source.is_live)
         # What comes faster or slower on purpose says nothing about the module.
         is_real_time = source.is_live and self._factor == 1.0
-        rate = RateWatch(source.stream.frame_rate_hz) if is_real_time else None
+        rate = RateWatch(source.stream.frame_rate_hz if is_real_time else None)
         worker = Worker(parts, self.put, self.health, self._kept_state(), rate=rate)
         worker.n_decided = self._n_decided
         if warning := getattr(source, "warning", None):

@@ -53,9 +53,7 @@ class Dwell:
     n_lost: int = 0  # rows that are not valid
     longest_gap_s: float = 0.0  # longest run of them
     t_mono_s: float = 0.0  # when the last frame arrived, on the host's clock; 0 in recordings
-    # Frames that the ring had taken when this dwell ended: the difference of two dwells' numbers
-    # is how many frames are new in the later one. 0 for a dwell of its own.
-    end_frame: int = 0
+    end_frame: int = 0  # frames that the ring had taken at its end; 0 for a dwell of its own
 
     @property
     def is_whole(self) -> bool:

@@ -51,20 +51,16 @@ class FrameSource(Protocol):
     @property
     def stream(self) -> StreamInfo:
         """Axis and rate of the frames; a live one without a `run_id` is given one."""
-        ...
 
     @property
     def is_live(self) -> bool:
         """Whether frames come from a device now (a simulated one is live)."""
-        ...
 
     def frames(self) -> Iterator[Frame]:
         """Yield frames until the source ends."""
-        ...
 
     def close(self) -> None:
         """Let go of the port or file; frames() then ends."""
-        ...
 
 
 def speed_factor(text: str, port: Port) -> float | None:
