@@ -113,9 +113,9 @@ class Worker:
 
     def look_up(self) -> None:
         """Report an event if no frames or decisions have come for too long."""
-        status = self._health.check()
-        self._tell(status)
-        if status is not None and not status.is_well:
+        self._tell(self._health.check())
+        # Who complains of an output may have been the first to tell, but begins no event.
+        if (status := self._health.status).state == "offline":
             self._emit(self.tracker.on_notice(Notice("silent", status.reason, self._t_s)))
 
     def handle(self, item: Dwell | Notice) -> None:
