@@ -196,15 +196,10 @@ class FeatureStream:
         if not set(THESIS_FEATURES).isdisjoint(self._names):
             self._doppler = StreamingDoppler(settings.n_cpi, n_keep=n_keep)
         if "range_time" in self._names:
-            is_fixed = settings.range_window == "fixed"
-            self._ranges = RangeTimeMap(
-                dwell.axis,
-                max(4, round(CPI_S * dwell.frame_rate_hz)),
-                cell_m=settings.cell_m,
-                near_m=settings.near_m if is_fixed else None,
-                far_m=settings.far_m if is_fixed else None,
-                n_keep=n_keep,
-            )
+            n_cpi, how = max(4, round(CPI_S * dwell.frame_rate_hz)), {"cell_m": settings.cell_m}
+            if settings.range_window == "fixed":
+                how |= {"near_m": settings.near_m, "far_m": settings.far_m}
+            self._ranges = RangeTimeMap(dwell.axis, n_cpi, n_keep=n_keep, **how)
         made = (self._doppler, self._ranges, *self._velocity.values())
         fed = [each for each in made if each is not None]
         # Plug-ins alone share nothing.

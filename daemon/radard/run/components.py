@@ -141,20 +141,18 @@ def use_calibration(
 
     Raises ConfigError if a named one is not to be had.
     """
-    asked = config.gate.calibration
-    calibration: Calibration | None = None
-    if asked == "auto":
-        path = directories.calibration_file(config)
-        is_real = is_live and config.sensor.kind != "sim"
-        try:
-            if is_real and path.is_file():
-                calibration = _take_calibration(path, pipeline)
-        except (ConfigError, OSError) as err:
-            how = "keeps its calibration" if held is not None else "goes without calibration"
-            log.warning("the gate %s: %s", how, err)
-        calibration = calibration or held
-    elif asked != "none":
-        calibration = _take_calibration(Path(asked), pipeline)
+    asked, is_real = config.gate.calibration, is_live and config.sensor.kind != "sim"
+    is_own = asked == "auto"
+    path = directories.calibration_file(config) if is_own else Path(asked)
+    calibration = held if is_own else None
+    try:
+        if asked != "none" and (not is_own or (is_real and path.is_file())):
+            calibration = _take_calibration(path, pipeline)
+    except (ConfigError, OSError) as err:
+        if not is_own:
+            raise
+        how = "keeps its calibration" if held is not None else "goes without calibration"
+        log.warning("the gate %s: %s", how, err)
     if pipeline.calibration is not calibration:
         pipeline.use(calibration)
 
@@ -286,9 +284,8 @@ class Listening:
             at_s = (frame.index - first) / rate_hz
             if at_s >= skip_s + duration_s:
                 return
-            if at_s < skip_s:
-                continue
-            yield from ring.items(frame)
+            if at_s >= skip_s:
+                yield from ring.items(frame)
 
 
 @contextmanager
