@@ -67,10 +67,7 @@ class InterferenceWatch:
         self._where = np.zeros(0, np.bool_)
 
     def update(self, gate: Gate, dwell: Dwell, *, is_passed_over: bool) -> str:
-        """Take what the gate saw; return the `reason`.
-
-        `is_passed_over`: there is a verdict, and it is no alarm.
-        """
+        """Take what the gate saw, and whether the verdict is no alarm; return the `reason`."""
         live = gate.floor > 0
         if not live.any() or len(gate.cpi_power) == 0:
             return self.reason

@@ -102,10 +102,7 @@ class Tracker:
         self._time_s = -np.inf
 
     def update(self, dwell: Dwell, floor: NDArray[np.float64]) -> tuple[Track, ...]:
-        """Take a dwell without its clutter, in order; return the tracks alive at its end.
-
-        `floor` is `Gate.background`, shape (n_range,).
-        """
+        """Take the next dwell, less its clutter, and `Gate.background`; return what lives then."""
         rate_hz = dwell.frame_rate_hz
         n_rows = len(dwell.frames)
         if np.isfinite(self._time_s):

@@ -137,10 +137,7 @@ def make_parts(
 def use_calibration(
     config: Config, pipeline: Pipeline, *, is_live: bool, held: Calibration | None = None
 ) -> None:
-    """Give a pipeline the named calibration, that of its room, or what is `held` without one.
-
-    Raises ConfigError if a named one is not to be had.
-    """
+    """Give a pipeline the named calibration, or ConfigError; its room's, or what is `held`."""
     asked, is_real = config.gate.calibration, is_live and config.sensor.kind != "sim"
     is_own = asked == "auto"
     path = directories.calibration_file(config) if is_own else Path(asked)

@@ -308,10 +308,7 @@ class Process:
         self._notifier.ready(self._heart.status.state)
 
     def _compare(self, config: Config) -> tuple[list[Keeper], list[Keeper]]:
-        """Return which radars go and come.
-
-        One on another port goes, and comes again; so does one whose work a fault has ended.
-        """
+        """Return which radars go and come; both on another port, or if a fault ended the work."""
         if not config.is_one_of_several:
             return [], []
         at_work = [k.sensor for k in self._keepers if k.thread.is_alive() or k.failure is None]

@@ -40,10 +40,7 @@ class DwellShape:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Dwell:
-    """The block of frames that is judged together.
-
-    `frames` is a view that is good until the next `FrameRing.next_item`.
-    """
+    """Frames that are judged together, in a view, good until the next `FrameRing.next_item`."""
 
     frames: NDArray[np.complex64]  # (n_slow, n_range), oldest first; lost rows repeat the last
     valid: NDArray[np.bool_]  # (n_slow,), False for frames that were lost or unusable
