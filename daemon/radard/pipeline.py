@@ -215,7 +215,7 @@ class Pipeline:
             if self.classifier is not None and gates is not None:
                 alone = replace(moving, frames=moving.frames * gates[k])
                 features = extract(alone, self._features, self._feature_names)
-                window = self.classifier.classify(features)
+                window = self.classifier.answer(features).window
             verdicts.append(
                 TrackVerdict(
                     id=track.id,

@@ -125,7 +125,7 @@ class Gate:
         self.level: NDArray[np.float64] = np.zeros(0)  # noise, residue and learned background
 
     def read(self, dwell: Dwell) -> GateReading:
-        """Judge a dwell, with or without static clutter, and learn; closed without a usable CPI."""
+        """Judge a dwell, with clutter or without, and learn; closed if no CPI can be used."""
         n_cpi = min(max(4, round(CPI_S * dwell.frame_rate_hz)), len(dwell.frames))
         rows, usable, scale = clutter.sound_rows(dwell.frames, dwell.valid)
         unit = scale**2

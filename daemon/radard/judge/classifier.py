@@ -82,10 +82,6 @@ class Classifier:
             msg = f"model '{bundle.name}': the network does not give {', '.join(sorted(missing))}"
             raise ModelMismatch(msg)
 
-    def classify(self, features: Features) -> Probabilities:
-        """Return the probabilities of one window by itself; raises as `answer` does."""
-        return self.answer(features).window
-
     def answer(self, features: Features, hidden: Hidden | None = None) -> Answer:
         """Return what the network says, after `hidden` of the window before; or ModelMismatch."""
         bundle = self.bundle

@@ -43,7 +43,7 @@ class RateWatch:
         self._least: tuple[float, float] | None = None
 
     def note(self, t_s: float, t_mono_s: float) -> str:
-        """Take a dwell's end, stream and monotonic seconds (0: not known); return what is wrong."""
+        """Take a dwell's end, stream and monotonic seconds (0: unknown); return what is wrong."""
         arrivals = self._arrivals
         arrivals.append((t_s, t_mono_s))
         if not (t_mono_s and self._rate_hz):
