@@ -74,10 +74,7 @@ class KeptState(BaseModel, frozen=True):
 
 
 class StateStore:
-    """Keep one `KeptState`, in a log under a name, without one for this process alone.
-
-    Without `keeps_alarms` the log has the last word only.
-    """
+    """Keep one `KeptState`, in a log if there is a name; `keeps_alarms` or the last word only."""
 
     def __init__(self, events: EventLog, name: str | None, *, keeps_alarms: bool = True) -> None:
         self._log = events

@@ -91,10 +91,7 @@ class RoomSurvey:
             )
 
     def calibration(self, origin: Provenance, *, false_gates_per_day: float = 1.0) -> Calibration:
-        """Return the calibration; raise RadardError if too little was heard.
-
-        `origin` is completed by what was heard; so many decisions a day may open the gate.
-        """
+        """Return the calibration, its `origin` completed; RadardError if too little was heard."""
         last = self._last
         dwell_s = len(last.frames) / last.frame_rate_hz if last else 0.0
         independent = self.n_dwells * self._hop_s / max(dwell_s, self._hop_s)

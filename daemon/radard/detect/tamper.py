@@ -343,9 +343,8 @@ class TamperWatch:
         self._hold("covered", is_level, f"still echoes {_change(level)}", is_urgent=is_far)
         # Without level there is no shape: a covered sensor is not called moved as well.
         is_far, is_moved = alike < 0.75 * s.moved_coherence, is_shape and not is_level
-        self._hold(
-            "moved", is_moved, f"echoes agree {alike:.2f} with the room's", is_urgent=is_far
-        )
+        agree = f"echoes agree {alike:.2f} with the room's"
+        self._hold("moved", is_moved, agree, is_urgent=is_far)
         if not (is_level or is_shape):
             # Follow the room within `MEMORY_S`; phases drift, so turn them.
             turn = product.conj() / np.maximum(np.abs(product), _TINY)

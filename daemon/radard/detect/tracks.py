@@ -110,13 +110,9 @@ class Tracker:
             cpi = max(4, round(CPI_S * rate_hz))
             fresh = (dwell.t_s - self._time_s) * rate_hz
             n_rows = min(n_rows, max(1, int(np.ceil(fresh / cpi))) * cpi)
+        frames, valid = dwell.frames[-n_rows:], dwell.valid[-n_rows:]
         chart = power_map(
-            dwell.frames[-n_rows:],
-            dwell.valid[-n_rows:],
-            dwell.axis,
-            frame_rate_hz=rate_hz,
-            end_s=dwell.t_s,
-            floor=floor,
+            frames, valid, dwell.axis, frame_rate_hz=rate_hz, end_s=dwell.t_s, floor=floor
         )
         swath = (float(dwell.axis.range_m[0]), float(dwell.axis.range_m[-1]))
         block_s = chart.n_looks / rate_hz

@@ -154,24 +154,18 @@ class Spectrograms:
 
     def restart(self) -> None:
         """Forget the frames so far, as after a jump of the stream; the floors are kept."""
-        axis, rate_hz, n_keep = self._axis, self._rate_hz, 2 * self.longest_push
-        self._ranges = RangeTimeMap(
-            axis, self._n_cpi, cell_m=self._cell_m, n_keep=n_keep + self._stride
-        )
+        axis, rate_hz, n_cpi, stride = self._axis, self._rate_hz, self._n_cpi, self._stride
+        n_keep = 2 * self.longest_push
+        self._ranges = RangeTimeMap(axis, n_cpi, cell_m=self._cell_m, n_keep=n_keep + stride)
         self._velocity = VelocityTransform(
             axis, rate_hz, column_rate_hz=COLUMN_RATE_HZ, n_keep=n_keep
         )
-        self._doppler = StreamingDoppler(
-            self._n_cpi, stride=self._stride, n_keep=max(self._n_gait, n_keep)
-        )
+        self._doppler = StreamingDoppler(n_cpi, stride=stride, n_keep=max(self._n_gait, n_keep))
         self._shared = SharedSteps(self._ranges, self._velocity, self._doppler)
         self.unambiguous_mps = rate_hz * (SPEED_OF_LIGHT_MPS / (2 * axis.carrier_hz))
-        self._unfolding = Unfolding(
-            self._velocity.velocity_mps,
-            self.unambiguous_mps,
-            len(self._ranges.range_m),
-            self.column_s / self._cell_m,
-        )
+        n_ranges, cells_per_mps = len(self._ranges.range_m), self.column_s / self._cell_m
+        v = self._velocity.velocity_mps
+        self._unfolding = Unfolding(v, self.unambiguous_mps, n_ranges, cells_per_mps)
         self._n_seen = 0
 
     def push(

@@ -102,9 +102,8 @@ def make_parts(
     is_same = old is not None and old.config.gate.calibration == config.gate.calibration
     held = old.pipeline.calibration if old is not None and is_same else None
     use_calibration(config, pipeline, is_live=is_live, held=held)
-    quiet = QuietHours(
-        [parse_quiet(text) for text in config.alarm.quiet], time_zone(config.alarm.timezone), now
-    )
+    periods = [parse_quiet(text) for text in config.alarm.quiet]
+    quiet = QuietHours(periods, time_zone(config.alarm.timezone), now)
     clips = old.clips if old else None
     # What made the decisions of a clip, in its root.
     about = {

@@ -41,18 +41,15 @@ class RunningSensor:
     """A stream that is read and worked on until it ends."""
 
     def __init__(
-        self,
-        opened: OpenedSensor,
-        worker: Worker,
-        pool: WorkerPool,
-        *,
-        max_frames: int | None,
+        self, opened: OpenedSensor, worker: Worker, pool: WorkerPool, duration_s: float | None
     ) -> None:
         self.opened, self.worker, self.ring = opened, worker, worker.ring
         self.failure: BaseException | None = None  # what ended the work, but for the stream
         self.over = threading.Event()  # the work has ended
         self.end = threading.Event()  # it has, or was asked to
-        self._max_frames = max_frames
+        self._max_frames = math.inf
+        if duration_s is not None:
+            self._max_frames = max(1, round(duration_s * self.ring.frame_rate_hz))
         self._is_stopped = False
         self._pool = pool
         self._ask = partial(pool.ask, self._step)
@@ -110,7 +107,7 @@ class RunningSensor:
     def _keep(self, frame: Frame) -> bool:
         """Keep a frame for recording and clips; return False if it is one too many."""
         self._first = frame.index if self._first is None else self._first
-        if self._max_frames is not None and frame.index - self._first >= self._max_frames:
+        if frame.index - self._first >= self._max_frames:
             return False
         self.opened.tap.write(frame)
         self.worker.hold(frame)

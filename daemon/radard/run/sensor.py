@@ -248,14 +248,9 @@ class Sensor:
 
     def start(self, opened: OpenedSensor) -> RunningSensor:
         """Begin to work on an opened stream; raises as `make_worker` does."""
-        duration_s, rate_hz = self._options.duration_s, opened.source.stream.frame_rate_hz
         with self._commanding:
-            self._run = run = RunningSensor(
-                opened,
-                self.make_worker(opened),
-                self._pool,
-                max_frames=None if duration_s is None else max(1, round(duration_s * rate_hz)),
-            )
+            worker, duration_s = self.make_worker(opened), self._options.duration_s
+            self._run = run = RunningSensor(opened, worker, self._pool, duration_s)
         run.start()
         if self._config is not self._opened_with:
             # Read again while the stream was opened.

@@ -290,9 +290,7 @@ class FrameRing:
         valid = self._valid[at : at + self._shape.n_slow].copy()
         gaps = [len(list(run)) for is_here, run in groupby(valid.tolist()) if not is_here]
         t_s, gap_s = (self._index + 1) / rate_hz, max(gaps, default=0) / rate_hz
-        dwell = Dwell(
-            rows, valid, self.axis, rate_hz, t_s, sum(gaps), gap_s, t_mono_s, self._taken
-        )
+        dwell = Dwell(rows, valid, self.axis, rate_hz, t_s, sum(gaps), gap_s, t_mono_s, end)
         self._before_s, self._lead_s = self._lead_s, math.inf
         # The next dwell is due a hop later, or is the first whole one behind a gap.
         self._hops += 1
