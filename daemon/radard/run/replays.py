@@ -67,8 +67,8 @@ def judge_all(
         pool = ThreadPoolExecutor(1, "judge", _take_progress, (shares,))
     else:
         pool = ProcessPoolExecutor(min(jobs, len(paths)), context, _take_progress, (shares,))
-    try:
-        with TemporaryDirectory(prefix="radard-detect-") as folder:
+    with TemporaryDirectory(prefix="radard-detect-") as folder:
+        try:
             with without_interrupts():
                 futures = [
                     pool.submit(_judge, config, path, Path(folder) / f"{number}.jsonl", number)
@@ -80,12 +80,12 @@ def judge_all(
                 done = future.result()
                 yield done
                 done.records.unlink(missing_ok=True)
-    except BrokenProcessPool as err:
-        msg = "a process ended in the middle of its work, perhaps for memory: try --jobs 1"
-        raise RadardError(msg) from err
-    finally:
-        shares[-1] = 1.0
-        pool.shutdown(cancel_futures=True)
+        except BrokenProcessPool as err:
+            msg = "a process ended in the middle of its work, perhaps for memory: try --jobs 1"
+            raise RadardError(msg) from err
+        finally:
+            shares[-1] = 1.0
+            pool.shutdown(cancel_futures=True)
 
 
 def _take_progress(shares: Any) -> None:
