@@ -74,7 +74,7 @@ class KeptState(BaseModel, frozen=True):
 
 
 class StateStore:
-    """Keep one `KeptState`, in a log if there is a name; `keeps_alarms` or the last word only."""
+    """Keep a `KeptState`, in a log if it has a name; without `keeps_alarms` only the last word."""
 
     def __init__(self, events: EventLog, name: str | None, *, keeps_alarms: bool = True) -> None:
         self._log = events
