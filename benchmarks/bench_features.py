@@ -337,7 +337,7 @@ def whole_hop(rounds: int, step: int = 1) -> dict[str, float]:
         profile = part("profile", lambda frames=frames: extent_profile(frames, M, 392))
         vector = np.concatenate([profile, type1_vector(cvd, M)])
         features = {"thesis_type2": vector}
-        part("classifier", lambda features=features: classifier.classify(features))
+        part("classifier", lambda features=features: classifier.answer(features))
     ms = {name: statistics.median(s) * 1e3 for name, s in seconds.items()}
     return {"total": sum(ms.values()), **ms}
 

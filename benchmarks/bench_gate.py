@@ -22,7 +22,8 @@ from scipy.stats import chi2
 from radard.config.sections import GateSettings
 from radard.detect.clutter_map import ClutterRemover
 from radard.detect.gate import DAY_S, Gate
-from radard.stream.ring import Dwell, DwellShape
+from radard.judge.features import FeatureSettings
+from radard.stream.ring import Dwell
 from x2train.sets.families import family
 from x2train.sets.passages import Passage, play
 from x2train.sets.sites import X2, X4M03, Radar, Site, draw_site
@@ -40,9 +41,7 @@ def dwells(passage: Passage) -> Iterator[Dwell]:
     """Yield a passage's dwells without their clutter, as the daemon's worker has them."""
     radar, remover = passage.site.radar, ClutterRemover()
     rate_hz = radar.frame_rate_hz
-    shape = DwellShape.of(
-        dwell_s=2.0, hop_s=1.0, frame_rate_hz=rate_hz, n_cpi=round(28 / 60 * rate_hz)
-    )
+    shape = FeatureSettings(n_cpi=0).at(rate_hz).dwell_shape(1.0, rate_hz)
     n = shape.n_slow
     for end in dwell_ends(shape, len(passage.frames)):
         frames = passage.frames[end - n : end]

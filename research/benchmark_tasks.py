@@ -243,7 +243,7 @@ def _person_by(classifier: Classifier, made: Dwell) -> float:
     thin = replace(made, frames=rows, axis=axis, end_frame=len(rows))
     if settings.clutter == "removed":
         thin = ClutterRemover().remove(thin)
-    p = classifier.classify(extract(thin, settings, classifier.feature_names))
+    p = classifier.answer(extract(thin, settings, classifier.feature_names)).window
     return p.human / max(p.human + p.pet, 1e-9)
 
 

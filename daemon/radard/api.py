@@ -26,7 +26,7 @@ from radard.judge.features import FeatureSettings, FeatureStream
 from radard.judge.model_choice import model_for
 from radard.pipeline import Pipeline
 from radard.run.components import make_classifier
-from radard.stream.ring import DwellShape, FrameRing
+from radard.stream.ring import FrameRing
 from x2radar.frame import FastTimeAxis, Frame, StreamInfo
 
 Frames = NDArray[np.complex64] | NDArray[np.float32]
@@ -146,9 +146,7 @@ def features(
         settings, names = bundle.features, [each.feature for each in bundle.inputs]
     settings = (settings or _SETTINGS).at(frame_rate_hz)
     converter = DownConverter(axis, settings.range_step(axis))
-    shape = DwellShape.of(
-        dwell_s=settings.dwell_s, hop_s=HOP_S, frame_rate_hz=frame_rate_hz, n_cpi=settings.n_cpi
-    )
+    shape = settings.dwell_shape(HOP_S, frame_rate_hz)
     ring = FrameRing(converter.axis, converter.convert, shape)
     remover, maker = ClutterRemover(), FeatureStream(settings, tuple(names))
     windows = []

@@ -36,7 +36,7 @@ from radard.detect.tracks import Track, Tracker, range_gates
 from radard.dsp.downconvert import DownConverter
 from radard.errors import FeatureError, ModelMismatch
 from radard.judge.bundle import EvidenceSettings
-from radard.judge.classifier import Answer, Classifier
+from radard.judge.classifier import Answer, Classifier, Seen
 from radard.judge.decision import (
     Decision,
     Label,
@@ -49,7 +49,7 @@ from radard.judge.decision import (
 from radard.judge.evidence import Evidence
 from radard.judge.features import FeatureSettings, FeatureStream, extract
 from radard.judge.installation import echo_at_1m_db, installation
-from radard.stream.ring import Dwell, DwellShape, FrameRing
+from radard.stream.ring import Dwell, FrameRing
 from x2radar.frame import StreamInfo
 
 
@@ -63,6 +63,7 @@ class Pipeline:
     """
 
     tamper: TamperWatch | None = None
+    seen: Seen | None = None  # what the network was given of the last dwell, and its answer
 
     def __init__(
         self,
@@ -92,12 +93,7 @@ class Pipeline:
         waits = (evidence, config.decision.decide_within_s) if self.policy == "fused" else ()
         # Another `pet_limit` of it holds from the next dwell on.
         self.verdict = Verdict(pet_limit_of(config, bundle), *waits)
-        self.shape = DwellShape.of(
-            dwell_s=self._features.dwell_s,
-            hop_s=hop_s,
-            frame_rate_hz=stream.frame_rate_hz,
-            n_cpi=self._features.n_cpi,
-        )
+        self.shape = self._features.dwell_shape(hop_s, stream.frame_rate_hz)
         self.gate = Gate(config.gate, hop_s)  # the gate, with what it saw of the last dwell
         self.calibration: Calibration | None = None
         self._remover = ClutterRemover()
@@ -127,6 +123,7 @@ class Pipeline:
     def decide(self, dwell: Dwell) -> Decision:
         """Judge one dwell from the ring that `make_ring` made; decisions are numbered from 1."""
         self._seq += 1
+        self.seen = None
         if not dwell.is_whole:
             return invalid_decision(dwell, f"{dwell.n_lost} frames missing", seq=self._seq)
         moving = self._remover.remove(dwell)
@@ -189,8 +186,10 @@ class Pipeline:
         # How strong an echo is counts once, in the evidence: networks hardly learned from it.
         mount = self._config.mount
         known = installation(dwell.frame_rate_hz, mount.height_m, mount.tilt_deg)
-        features = self._stream.extract(dwell, known)
-        return self.classifier.answer(features, self._evidence.hidden)
+        features, hidden = self._stream.extract(dwell, known), self._evidence.hidden
+        answer = self.classifier.answer(features, hidden)
+        self.seen = Seen(features, hidden, answer)
+        return answer
 
     def _strength_db(self, gate: Gate, dwell: Dwell) -> float | None:
         """Return how strong what moves is over an adult; None where that is not known."""
@@ -216,7 +215,7 @@ class Pipeline:
             if self.classifier is not None and gates is not None:
                 alone = replace(moving, frames=moving.frames * gates[k])
                 features = extract(alone, self._features, self._feature_names)
-                window = self.classifier.classify(features)
+                window = self.classifier.answer(features).window
             verdicts.append(
                 TrackVerdict(
                     id=track.id,

@@ -7,7 +7,7 @@ import pytest
 
 from radard.config.sections import GateSettings
 from radard.detect.gate import DAY_S, Gate
-from radard.dsp import range_doppler
+from radard.dsp import cfar
 from radard.dsp.cfar import (
     FALSE_ALARM,
     PowerMap,
@@ -146,7 +146,7 @@ def peaks_of(frames, lost=()):
     usable = np.ones(len(frames), np.bool_)
     usable[list(lost)] = False
     rows, usable, scale = sound_rows(frames, usable)
-    peak, residue, power = range_doppler.doppler_peaks(rows, usable, N_CPI)
+    peak, residue, power = cfar.doppler_peaks(rows, usable, N_CPI)
     assert power == pytest.approx(block_power(rows, usable, N_CPI, 1)[0][:, 0], rel=1e-4, abs=1e-9)
     return peak * scale**2, residue * scale**2
 
@@ -157,7 +157,7 @@ def test_of_white_noise_residue_is_its_power_and_peaks_are_as_usual(sigma):
     assert np.mean([r for _, r in found]) == pytest.approx(sigma**2, rel=0.02)
     peak = np.array([p for p, _ in found])
     assert peak.shape == (20, 5, 64)
-    assert peak.mean() == pytest.approx(range_doppler.usual_peak(N_CPI) * sigma**2, rel=0.02)
+    assert peak.mean() == pytest.approx(cfar.usual_peak(N_CPI) * sigma**2, rel=0.02)
 
 
 def test_a_line_is_as_strong_as_its_gain_says_and_what_stands_still_is_in_no_cell():
@@ -185,18 +185,16 @@ def test_a_line_is_as_strong_as_its_gain_says_and_what_stands_still_is_in_no_cel
         ([3.0, 2.0], (2.0, 1)),
         ([3.0, 0.5, 2.0, 0.5, 0.5], (2.0, 2)),
         ([3.0, 0.5, 0.6, 4.0, 0.5], (0.6, 2)),
-        ([0.5, 0.5, range_doppler.ALONE, 0.5, 0.5], (range_doppler.ALONE, 2)),
+        ([0.5, 0.5, cfar.ALONE, 0.5, 0.5], (cfar.ALONE, 2)),
     ],
 )
 def test_two_of_three(excess, reached):
-    assert range_doppler.two_of_three(np.array(excess)) == reached
+    assert cfar.two_of_three(np.array(excess)) == reached
 
 
 @pytest.mark.parametrize(("n_cpis", "n_cpi", "n_range"), [(5, 28, 96), (4, 8, 180), (2, 28, 64)])
 def test_the_factor_falls_with_the_rate(n_cpis, n_cpi, n_range):
-    factors = [
-        range_doppler.cell_factor(share, n_cpis, n_cpi, n_range) for share in (1e-8, 1e-5, 1e-2, 1)
-    ]
+    factors = [cfar.cell_factor(share, n_cpis, n_cpi, n_range) for share in (1e-8, 1e-5, 1e-2, 1)]
     assert factors == sorted(factors, reverse=True)
     assert factors[-1] < 1e-2
 
@@ -228,7 +226,7 @@ def test_residue_of_jitter_opens_nothing_and_a_body_does_not_hide_itself():
     for k in range(40):
         white = noise(147, seed=100 + k)
         frames = noise(147, seed=k)
-        frames[:, 20] += 0.95 * (range_doppler.MAX_RESIDUE - 1) ** 0.5 * white[:, 20]
+        frames[:, 20] += 0.95 * (cfar.MAX_RESIDUE - 1) ** 0.5 * white[:, 20]
         assert not weak.read(dwell_of(frames)).is_open
         frames[:, 20:26] += 6 * white[:, 20:26]
         assert strong.read(dwell_of(frames)).is_open or k >= 20

@@ -39,15 +39,15 @@ def test_shipped_bundles_answer_extremes_too():
         classifier = Classifier(bundle)
         rng = np.random.default_rng(0)
         inputs = {i.feature: rng.random(i.shape, np.float32) for i in bundle.inputs}
-        p = classifier.classify(inputs)
+        p = classifier.answer(inputs).window
         assert p.human + p.pet + p.other == pytest.approx(1, abs=1e-6)
         assert min(p.human, p.pet, p.other) >= 0
     classifier = Classifier(load_bundle("thesis"))
     for vector in (np.zeros(1176), np.ones(1176) * 1e4):
-        p = classifier.classify(features(vector))
+        p = classifier.answer(features(vector)).window
         assert 0 <= p.human <= 1
     with pytest.raises(ModelMismatch, match="answered"):
-        classifier.classify(features(np.full(1176, np.nan)))
+        classifier.answer(features(np.full(1176, np.nan)))
 
 
 @pytest.mark.parametrize(

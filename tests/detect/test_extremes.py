@@ -16,7 +16,6 @@ from radard.detect.clutter_map import ClutterRemover
 from radard.detect.gate import Gate
 from radard.detect.tracks import Tracker
 from radard.judge.features import FEATURES, MAP_FEATURES, FeatureSettings, FeatureStream, extract
-from radard.stream.ring import DwellShape
 from tests.clutter_helpers import AXIS, body, room
 from tests.dsp_reference import under_clutter
 from tests.radar_helpers import dwell_of, noise
@@ -85,7 +84,7 @@ def test_frames_that_are_not_finite_are_lost_frames(bad, position):
 def test_frame_rates(rate_hz):
     n_cpi = max(4, round(28 / 60 * rate_hz))
     made = replace(SETTINGS, n_cpi=n_cpi, n_cadence=2, n_profile=24)
-    shape = DwellShape.of(dwell_s=2.0, hop_s=1.0, frame_rate_hz=rate_hz, n_cpi=n_cpi)
+    shape = made.dwell_shape(1.0, rate_hz)
     axis = replace(AXIS, n_range=24, range_offset_m=1.0)
     frames = walk(shape.n_slow, rate_hz, axis)
     dwell = dwell_of(frames, rate_hz, axis=axis)

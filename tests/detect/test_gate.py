@@ -10,8 +10,8 @@ from radard.config.sections import GateSettings
 from radard.detect.calibration import load_calibration
 from radard.detect.clutter_map import ClutterRemover
 from radard.detect.gate import Gate, NoiseFloor, level_over
+from radard.dsp.cfar import MAX_RESIDUE, cell_factor, usual_peak
 from radard.dsp.clutter import centre_spread_m, second_differences, sound_rows
-from radard.dsp.range_doppler import MAX_RESIDUE, cell_factor, usual_peak
 from radard.errors import ConfigError
 from tests.clutter_helpers import (
     AXIS,

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from radard.dsp.downconvert import DownConverter
 from radard.errors import FeatureError
+from radard.judge.features import FeatureSettings
 from radard.stream.ring import MAX_GAP_S, Dwell, DwellShape, FrameRing, Notice
 from tests.radar_helpers import BASEBAND, copy_ring, frames_of, lossy, noise
 from tests.sim_helpers import RF
@@ -36,9 +37,8 @@ def dwells(ring, frames):
 
 
 def test_shape_counts_columns_and_cpi():
-    shape = DwellShape.of(dwell_s=2, hop_s=1, frame_rate_hz=60, n_cpi=28)
-    assert shape.n_slow == 147
-    assert DwellShape.of(dwell_s=2, hop_s=1, frame_rate_hz=17.06, n_cpi=8).n_slow == 41
+    assert FeatureSettings().dwell_shape(1.0, 60.0).n_slow == 147
+    assert FeatureSettings(n_cpi=8).dwell_shape(1.0, 17.06).n_slow == 41
 
 
 def schedule(good, n_slow, hop):
@@ -208,7 +208,7 @@ def in_thread(work):
 
 
 def test_a_dwell_has_two_columns_at_least():
-    shape = DwellShape.of(dwell_s=0.01, hop_s=1, frame_rate_hz=RATE_HZ, n_cpi=4)
+    shape = FeatureSettings(dwell_s=0.01, n_cpi=4).dwell_shape(1.0, RATE_HZ)
     assert shape.n_slow == 2 + 4 - 1
     # A dwell of its own is whole and of no stream.
     one = alone()

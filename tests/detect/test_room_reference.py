@@ -9,8 +9,7 @@ import pytest
 from radard.config.sections import GateSettings, TamperSection
 from radard.detect.gate import Gate
 from radard.detect.interference import FloorReference, InterferenceWatch
-from radard.detect.room_reference import RoomReference, RoomStore
-from radard.detect.tamper import TamperWatch
+from radard.detect.tamper import RoomReference, RoomStore, TamperWatch
 from tests.radar_helpers import dwell_of, noise
 
 SETTINGS = TamperSection(learn_s=5, hold_s=16)
@@ -125,8 +124,7 @@ def reference(**changes):
     values = {
         "echoes": np.array([[1 + 2j, 3], [0, -1j]]),
         "usable": np.array([True, False]),
-        "noise_db": -3.0,
-        "noise_kept_db": -2.5,
+        "noise_db": (-3.0, -2.5),
         "floor": FloorReference(np.array([1.0, np.inf]), np.array([2.0, np.inf]), 12.0),
     }
     return RoomReference(**{**values, **changes})
@@ -137,13 +135,11 @@ def test_all_of_it_comes_back(store):
     back = store.load()
     assert np.array_equal(back.echoes, reference().echoes)
     assert back.usable.tolist() == [True, False]
-    assert (back.noise_db, back.noise_kept_db, back.floor.t_s) == (-3.0, -2.5, 12.0)
+    assert (back.noise_db, back.floor.t_s) == ((-3.0, -2.5), 12.0)
     assert np.array_equal(back.floor.first, [1, np.inf])
     assert np.array_equal(back.floor.kept, [2, np.inf])
     empty = np.zeros((0, 0), np.complex128)
-    store.save(
-        reference(echoes=empty, usable=np.zeros(0, bool), noise_db=None, noise_kept_db=None)
-    )
+    store.save(reference(echoes=empty, usable=np.zeros(0, bool), noise_db=None))
     back = store.load()
     assert len(back.usable) == 0
     assert back.noise_db is None
@@ -206,7 +202,7 @@ def test_a_reference_may_know_echoes_or_noise_alone():
     assert not echoes_alone.is_blind
     assert echoes_alone.known.noise_db is None
     whole = TamperWatch(SETTINGS, known=reference()).known
-    assert (whole.noise_db, whole.noise_kept_db) == (-3.0, -2.5)
+    assert whole.noise_db == (-3.0, -2.5)
     # A gate that has seen nothing tells of no interference.
     watch, gate = InterferenceWatch(6.0, 16.0, 1.0), Gate(GateSettings())
     dwell = dwell_of(noise(147).astype(np.complex64))

@@ -152,13 +152,13 @@ def test_a_sensitivity_chosen_over_mqtt_outlives_a_restart(running, listen):
 
     daemon = running(model={"name": "accurate"})
     wait_for(lambda: shown() and shown()[-1] == "normal")
-    pipeline = daemon.radar.parts.pipeline
+    pipeline = daemon.radar.worker.parts.pipeline
     assert pipeline.verdict.pet_limit == 0.8
     listener.say(f"{base}/command/sensitivity", "high")
     wait_for(lambda: shown()[-1] == "high")
     # The same pipeline, so what it has learned of the room stays.
     wait_for(lambda: pipeline.verdict.pet_limit == 0.9)
-    assert daemon.radar.parts.pipeline is pipeline
+    assert daemon.radar.worker.parts.pipeline is pipeline
     assert daemon.stop() == 0
     daemon = running(alarm={"exit_delay_s": 1})
     assert daemon.config.alarm.sensitivity == "high"

@@ -100,8 +100,7 @@ def test_a_folder_of_any_length_has_a_socket(tmp_path):
     radar.why_lost, radar.state = "", SensorState(armed=False)
     folder = tmp_path / ("state" * 20) / ("radar" * 20)
     server = control.ControlServer(folder)
-    server.add(radar)
-    server.start()
+    server.start([radar])
     try:
         answer = ask(control_path(folder, "radar"), "disarm")
         assert (answer["ok"], radar.asked) == (True, ["disarm"])

@@ -46,7 +46,7 @@ def test_an_empty_room_is_kept_and_used(tmp_path, launch, caplog):
     assert (made.provenance.port, made.provenance.model) == ("sim:empty", "none")
     assert 22 <= made.provenance.n_dwells <= 26
     assert path.stat().st_mode & 0o777 == 0o644
-    pipeline = daemon.radar.parts.pipeline
+    pipeline = daemon.radar.worker.parts.pipeline
     wait_for(lambda: pipeline.calibration is not None)
     np.testing.assert_allclose(pipeline.calibration.floor, made.floor, rtol=1e-3)
     seq = daemon.panel()["seq"]
@@ -57,7 +57,7 @@ def test_an_empty_room_is_kept_and_used(tmp_path, launch, caplog):
     choices.append(daemon.config.model_copy(update={"mount": mount}))
     daemon.ask("reload")
     wait_for(lambda: daemon.radar.config().mount == mount)
-    assert daemon.radar.parts.pipeline.calibration is pipeline.calibration is not None
+    assert daemon.radar.worker.parts.pipeline.calibration is pipeline.calibration is not None
 
 
 def test_one_that_a_reload_does_without_is_not_taken_up(launch):
@@ -71,7 +71,7 @@ def test_one_that_a_reload_does_without_is_not_taken_up(launch):
     daemon.ask("reload")
     wait_for(lambda: phase_of(daemon) == "failed")
     assert "settings were changed" in told(daemon.radar)["calibration"]["text"]
-    assert daemon.radar.parts.pipeline.calibration is None
+    assert daemon.radar.worker.parts.pipeline.calibration is None
 
 
 def test_a_file_that_cannot_be_written_holds_for_this_run(tmp_path, launch):
@@ -82,11 +82,11 @@ def test_a_file_that_cannot_be_written_holds_for_this_run(tmp_path, launch):
     gate = daemon.config.gate.model_copy(
         update={**GATE, "calibration": str(tmp_path / "file" / "x.json")}
     )
-    daemon.radar.parts.config = daemon.config.model_copy(update={"gate": gate})
+    daemon.radar.worker.parts.config = daemon.config.model_copy(update={"gate": gate})
     told = ended(daemon)
     assert told["phase"] == "made"
     assert "holds until the end of this run" in told["text"]
-    wait_for(lambda: daemon.radar.parts.pipeline.calibration is not None)
+    wait_for(lambda: daemon.radar.worker.parts.pipeline.calibration is not None)
 
 
 def test_without_calibration_the_gate_learns_anew(launch, monkeypatch):

@@ -190,7 +190,7 @@ def test_reload_changes_the_policy_the_outputs_and_the_clips(tmp_path, launch):
     first, second = tmp_path / "a.jsonl", tmp_path / "b.jsonl"
     daemon = launch(reload=configs.pop, output=[f"json:{first}"], alarm={"armed": True})
     panel_of(daemon, "gate", "closed")
-    assert daemon.radar.parts.clips is not None
+    assert daemon.radar.worker.parts.clips is not None
     changes = {
         "clips": daemon.config.clips.model_copy(update={"enabled": False}),
         "alarm": daemon.config.alarm.model_copy(update={"sensitivity": "low"}),
@@ -201,12 +201,12 @@ def test_reload_changes_the_policy_the_outputs_and_the_clips(tmp_path, launch):
     first.rename(rotated)
     configs.append(daemon.config.model_copy(update=changes))
     daemon.ask("reload")
-    wait_for(lambda: second.exists() and daemon.radar.parts.clips is None)
+    wait_for(lambda: second.exists() and daemon.radar.worker.parts.clips is None)
     seq = daemon.panel()["seq"]
     wait_for(lambda: daemon.panel()["seq"] >= seq + 2)
+    assert daemon.radar.worker.parts.policy.k == 3
+    assert daemon.radar.worker.parts.pipeline.classifier is not None
     assert daemon.stop() == 0
-    assert daemon.radar.parts.policy.k == 3
-    assert daemon.radar.parts.pipeline.classifier is not None
     for path in (first, second):
         records = records_in(path)
         assert records[0]["type"] == "hello"
@@ -229,7 +229,7 @@ def test_a_reload_before_there_is_a_stream_holds_for_it(tmp_path, launch):
     with plugged(speed=5.0) as pty:
         name.symlink_to(pty.path)
         wait_for(lambda: daemon.panel().get("seq"))
-        parts = daemon.radar.parts
+        parts = daemon.radar.worker.parts
         assert (parts.policy.latch_s, parts.pipeline.classifier.bundle.name) == (99.0, "thesis")
         assert daemon.stop() == 0
 

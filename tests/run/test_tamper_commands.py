@@ -24,7 +24,7 @@ STREAM = StreamInfo(axis=BASEBAND, frame_rate_hz=60.0, device="test")
 class Room:
     """A worker without threads, before a room whose echoes a test covers."""
 
-    def __init__(self, *, port="replay:x", gate=None, state=None, **alarm):
+    def __init__(self, *, port="replay:x", gate=None, state=None, health=None, **alarm):
         options = {"sensor": {"port": port}, "alarm": {"armed": False, **alarm}}
         options |= {"model": {"name": "none"}, "service": {"state_dir": state}}
         options["gate"] = gate or {"calibration": "none"}
@@ -33,7 +33,7 @@ class Room:
         parts = make_parts(config, self.pipeline, now=lambda _t_s: None, is_live=False)
         self.records = []
         store = StateStore(EventLog(None), None)
-        self.worker = Worker(parts, self._put, Health(), store)
+        self.worker = Worker(parts, self._put, health or Health(), store)
         rng = np.random.default_rng(2)
         self.echoes = (30 * rng.standard_normal((2, 64))).T @ [1, 1j]
         self.t_s = 0.0
@@ -86,6 +86,18 @@ def test_arming_does_not_end_a_tamper_that_lasts_and_says_so():
     room.command("calibrate")
     room.listen(2, gain=0.1)
     assert room.events("tamper")[-1]["phase"] == "end"
+
+
+def test_silence_is_a_fault_even_if_an_output_in_trouble_was_the_first_to_tell():
+    now_s = 0.0
+    health = Health(clock=lambda: now_s)
+    room = Room(health=health)
+    room.listen(1)
+    now_s = 60.0
+    assert health.complain("output x", "gone").state == "offline"
+    for _ in range(2):
+        room.worker.look_up()
+    assert [e["phase"] for e in room.events("fault")] == ["new"]
 
 
 def test_arming_can_be_refused():

@@ -13,8 +13,8 @@ from radard.judge.bundle import EvidenceSettings
 from radard.judge.classifier import Answer, Probabilities
 from radard.judge.decision import HIGH_PET_LIMIT, LONGER, MIN_P, SHORTER, Verdict, judge
 from radard.judge.evidence import Evidence
+from radard.judge.features import FeatureSettings
 from radard.judge.installation import size_nats
-from radard.stream.ring import DwellShape
 from x2train.sets.windows import dwell_ends
 
 
@@ -267,8 +267,7 @@ def test_the_wait_begins_anew_with_the_next_body(forget):
 @pytest.mark.parametrize("rate_hz", [14.5, 28.0, 30.5, 60.0, 117.3])
 def test_the_wait_is_as_long_wherever_in_the_stream_it_begins(rate_hz):
     unsure = window(0.5, 0.5, 0.0)
-    shape = DwellShape.of(dwell_s=2.0, hop_s=1.0, frame_rate_hz=rate_hz, n_cpi=28)
-    ends = list(dwell_ends(shape, 4000))
+    ends = list(dwell_ends(FeatureSettings().dwell_shape(1.0, rate_hz), 4000))
     for first in range(len(ends) - 5):
         verdict = over_time()
         times = [end / rate_hz for end in ends[first : first + 5]]

@@ -92,7 +92,7 @@ def test_a_bundle_comes_back_as_it_was_written(made, tmp_path):
     classifier = Classifier(bundle)
     for k in range(0, 48, 7):
         inputs = {i.name: as_float(validation[i.name][k]) for i in INPUTS}
-        p = classifier.classify(inputs)
+        p = classifier.answer(inputs).window
         expected = softmax(logits[k] / network.temperature)
         np.testing.assert_allclose([p.human, p.pet, p.other], expected, atol=1e-5)
     card = (tmp_path / "tiny.md").read_text()
@@ -206,5 +206,5 @@ def test_a_teacher_says_what_the_daemon_would():
     assert said.dtype == np.float32
     for k, row in enumerate(said):
         inputs = {name: values[k].astype(np.float32) / 255 for name, values in windows.items()}
-        p = classifier.classify(inputs)
+        p = classifier.answer(inputs).window
         assert row == pytest.approx([p.human, p.pet, p.other], abs=1e-5)

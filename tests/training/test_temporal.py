@@ -114,7 +114,7 @@ def test_the_daemon_hands_on_what_the_head_wants_until_the_gate_closes(folder):
         answer = classifier.answer(features, evidence.hidden)
         np.testing.assert_allclose(answer.fused_log_p, log_p[k], atol=1e-5)
         np.testing.assert_allclose(array(answer.window), p[k], atol=1e-6)
-        assert answer.window == classifier.classify(features)
+        assert answer.window == classifier.answer(features).window
         expected = np.exp(log_p[k] + [0.3, 0, 0])
         fused = array(evidence.fuse(answer))
         np.testing.assert_allclose(fused, expected / expected.sum(), atol=1e-5)
@@ -245,7 +245,7 @@ def test_a_head_goes_on_the_mean_and_the_card_says_of_which(folder, capsys):
     assert training["command"].startswith("train-export fit && train-export temporal --model ")
     windows = small.toy(48, seed=2)
     first = {name: small.as_float(windows[name][0]) for name in small.NAMES}
-    assert np.argmax(array(Classifier(bundle).classify(first))) == windows["label"][0]
+    assert np.argmax(array(Classifier(bundle).answer(first).window)) == windows["label"][0]
 
 
 def test_a_network_of_a_mean_is_heard_apart_as_well(folder, capsys):

@@ -112,12 +112,10 @@ class EventTracker:
         is_invalid = decision.gate == "invalid"
         t_s = decision.t_s
         why = decision.fault or ("" if is_invalid else fault) or None
-        events = self._follow("fault", why, t_s=t_s, dwell=dwell)
+        events, sight = self._follow("fault", why, t_s=t_s, dwell=dwell), None
         if not is_invalid:
             tamper = "; ".join(f"{f.kind}: {f.reason}" for f in decision.findings) or None
             events += self._follow("tamper", tamper, t_s=t_s, dwell=dwell)
-        sight = None
-        if not is_invalid:
             zones = armed_zones(self.zones, self.panel.mode)
             sight = sight_of(decision, self.panel.policy, zones, self.pet_limit)
         p_human = decision.fused.human if decision.fused and sight and sight.is_seen else 0.0

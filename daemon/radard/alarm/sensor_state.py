@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel
 
 from radard.alarm.panel import ArmMode, PanelState
 from radard.judge.decision import GateState, Label
@@ -59,10 +59,8 @@ class SensorState:
         return {**asdict(self), **({mark: True} if mark else {})}
 
 
-class KeptState(BaseModel):
+class KeptState(BaseModel, frozen=True):
     """What outlives a restart: how the sensor is armed, its alarm and its delays."""
-
-    model_config = ConfigDict(frozen=True)
 
     is_armed: bool  # the last word of a command
     mode: ArmMode = "away"  # and how it is armed
@@ -76,10 +74,7 @@ class KeptState(BaseModel):
 
 
 class StateStore:
-    """Keep one `KeptState`, in a log under a name, without one for this process alone.
-
-    Without `keeps_alarms` the log has the last word only.
-    """
+    """Keep a `KeptState`, in a log if it has a name; without `keeps_alarms` only the last word."""
 
     def __init__(self, events: EventLog, name: str | None, *, keeps_alarms: bool = True) -> None:
         self._log = events

@@ -100,7 +100,7 @@ class GateSettings(Section):
     """How the gate (`radard.detect.gate`) decides whether something moves.
 
     `false_alarms_per_day` sets the threshold of range-Doppler cells
-    (`radard.dsp.range_doppler.cell_factor`): 8.7 dB over the noise for an X2 at 60 Hz; ten times
+    (`radard.dsp.cfar.cell_factor`): 8.7 dB over the noise for an X2 at 60 Hz; ten times
     as many, 0.25 dB less. Its price, measured (`benchmarks/bench_gate.py --weak 30`): of people
     who come in 6 dB over the noise of a bin, 10 % have not opened the gate after 3 s, of those at
     2 dB 27 %; ten times as many false alarms win one weak person in a hundred.

@@ -5,14 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.dsp.clutter import (
-    Flags,
-    noise_of,
-    repeat_usable,
-    second_differences,
-    sound_rows,
-    spike_rows,
-)
+from radard.dsp import clutter
 from radard.dsp.jitter import take_out_jitter
 from radard.stream.ring import Dwell
 
@@ -41,8 +34,6 @@ class ClutterMap:
         self, block_mean: NDArray[np.complex128], n: int, motion: NDArray[np.float64]
     ) -> None:
         """Learn from `n` frames: their mean and their power over the noise, shape (n_range,)."""
-        if n == 0:
-            return
         weight = n * np.clip(_STILL / np.maximum(motion, _STILL), _MEMORY_S / _LONGEST_S, 1.0)
         self._count += weight
         self.mean += (weight / self._count) * (block_mean - self.mean)
@@ -63,8 +54,8 @@ class ClutterRemover:
         lost frame repeats the one before; `longest_gap_s` stays that of the stream. The map is one
         frame that is taken off all frames alike, so Doppler is what it was.
         """
-        rows, usable, scale = sound_rows(dwell.frames, dwell.valid)
-        usable &= ~spike_rows(rows, usable)
+        rows, usable, scale = clutter.sound_rows(dwell.frames, dwell.valid)
+        usable &= ~clutter.spike_rows(rows, usable)
         take_out_jitter(rows, usable, dwell.axis)
         n_new = len(rows)
         if self._map is None:
@@ -76,14 +67,16 @@ class ClutterRemover:
             _learn(self._map, rows[-n_new:], usable[-n_new:], scale)
         rows -= (self._map.mean / scale).astype(np.complex64)
         if not usable.all():
-            repeat_usable(rows, usable, ~usable)
+            clutter.repeat_usable(rows, usable, ~usable)
         parts = rows.view(np.float32)
         parts *= np.float32(scale)
         n_lost = int(np.count_nonzero(~usable))
         return replace(dwell, frames=rows, valid=usable, n_lost=n_lost)
 
 
-def _learn(room: ClutterMap, rows: NDArray[np.complex64], usable: Flags, scale: float) -> None:
+def _learn(
+    room: ClutterMap, rows: NDArray[np.complex64], usable: clutter.Flags, scale: float
+) -> None:
     good = rows if usable.all() else rows[usable]
     if len(good) == 0:
         return
@@ -91,6 +84,6 @@ def _learn(room: ClutterMap, rows: NDArray[np.complex64], usable: Flags, scale: 
     moving = (good - mean.astype(np.complex64)).view(np.float32)
     np.square(moving, out=moving)
     power = moving.mean(axis=0, dtype=np.float64).reshape(-1, 2).sum(axis=1)
-    noise = noise_of(second_differences(rows, usable))
+    noise = clutter.noise_of(clutter.second_differences(rows, usable))
     motion = power / noise if noise > 0 else np.zeros(len(power))
     room.update(mean * scale, len(good), motion)

@@ -3,7 +3,7 @@
 It works from the first dwell on, in any unit. What stays in one place for long (a sleeper's
 breath, a washing machine) becomes background of its own few bins; dwells in which motion changes
 its range, or fills most of the swath, are not learned from. With c a CPI's strongest range-Doppler
-cells in a bin (`radard.dsp.range_doppler`) and k the factor that follows from
+cells in a bin (`radard.dsp.cfar`) and k the factor that follows from
 `false_alarms_per_day`, it is open if c > k max(noise, min(residue, 2 noise), 5 (learned - noise))
 somewhere, in two of three CPIs in a row. Powers are dB of mean power per bin and frame, in sample
 units squared.
@@ -18,20 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radard.config.sections import GateSettings
 from radard.detect.calibration import Calibration
-from radard.dsp.clutter import (
-    centre_spread_m,
-    noise_of,
-    noise_profile,
-    second_differences,
-    sound_rows,
-)
-from radard.dsp.range_doppler import (
-    MAX_RESIDUE,
-    cell_factor,
-    doppler_peaks,
-    two_of_three,
-    usual_peak,
-)
+from radard.dsp import cfar, clutter
 from radard.dsp.velocity import CPI_S
 from radard.stream.ring import Dwell
 
@@ -67,14 +54,14 @@ class NoiseFloor:
         `unit` is sample units squared for one unit of the two. Noise is in sample units squared,
         zero in bins that do not change at all.
         """
-        here = noise_of(cells)
+        here = clutter.noise_of(cells)
         if np.isfinite(here):
             self._levels.append(here * unit)
         level = min(self._levels, default=0.0)
         first = self._shape_db is None
         shape_db = np.zeros(cells.shape[1]) if self._shape_db is None else self._shape_db
         if here > 0 and len(cpi_power):
-            own = np.maximum(noise_profile(cells), np.finfo(np.float32).tiny)
+            own = np.maximum(clutter.noise_profile(cells), np.finfo(np.float32).tiny)
             most = 1 + _SIGMAS / np.sqrt(n_cpi - 1)
             is_noise = (cpi_power < most * own).all(axis=0) & (cpi_power > own / most).all(axis=0)
             own_db = 10 * np.log10(own / here)
@@ -138,22 +125,20 @@ class Gate:
         self.level: NDArray[np.float64] = np.zeros(0)  # noise, residue and learned background
 
     def read(self, dwell: Dwell) -> GateReading:
-        """Judge one dwell, with or without its static clutter; learn from it.
-
-        Without any power, or a usable CPI, it is closed.
-        """
+        """Judge a dwell, with clutter or without, and learn; closed if no CPI can be used."""
         n_cpi = min(max(4, round(CPI_S * dwell.frame_rate_hz)), len(dwell.frames))
-        rows, usable, scale = sound_rows(dwell.frames, dwell.valid)
+        rows, usable, scale = clutter.sound_rows(dwell.frames, dwell.valid)
         unit = scale**2
-        peak, residue, cpi_power = doppler_peaks(rows, usable, n_cpi)
-        noise, floor = self._noise.update(second_differences(rows, usable), cpi_power, n_cpi, unit)
+        peak, residue, cpi_power = cfar.doppler_peaks(rows, usable, n_cpi)
+        cells = clutter.second_differences(rows, usable)
+        noise, floor = self._noise.update(cells, cpi_power, n_cpi, unit)
         self.noise = floor
         factor: float | NDArray[np.float64]
         if self._calibration is not None:
             floor = self._calibration.floor
             factor = np.asarray(10 ** (self._calibration.threshold_db / 10))
         else:
-            factor = cell_factor(self._share, len(peak), n_cpi, len(floor))
+            factor = cfar.cell_factor(self._share, len(peak), n_cpi, len(floor))
         self.floor = floor
         cpi_power *= unit
         peak *= unit
@@ -162,7 +147,7 @@ class Gate:
         self._learn(noise, floor, n_cpi)
         self.residue = residue * unit
         self.level = np.maximum(self.level, level_over(floor, self.residue))
-        spread_m = centre_spread_m(cpi_power, noise, dwell.axis.range_m)
+        spread_m = clutter.centre_spread_m(cpi_power, noise, dwell.axis.range_m)
         is_local = np.count_nonzero(self.power > _MOVES * floor) <= _MAX_IN_PLACE * len(floor)
         is_in_place = is_local and spread_m < self._settings.in_place_m and len(peak) > 0
         self._in_place.append(
@@ -175,7 +160,7 @@ class Gate:
         # Over no noise at all, any power stands out without bounds.
         excess = np.where(self.cell_peak > 0, np.inf, 0.0)
         np.divide(self.cell_peak, threshold, out=excess, where=threshold > 0)
-        reached, cpi = two_of_three(excess.max(axis=1))
+        reached, cpi = cfar.two_of_three(excess.max(axis=1))
         at = int(np.argmax(excess[cpi])) if len(excess) else 0
         strongest = int(np.argmax(excess.max(axis=0))) if len(excess) else 0
         return GateReading(
@@ -197,7 +182,7 @@ class Gate:
         self.background = np.maximum(np.minimum(power, most), floor)
         # What may be learned is bounded by its power: a steady tone is stronger in its cells.
         share = np.minimum(1.0, most / np.maximum(power, _TINY))
-        self.level = np.maximum(_LEARNED * (peak / usual_peak(n_cpi) * share - floor), floor)
+        self.level = np.maximum(_LEARNED * (peak / cfar.usual_peak(n_cpi) * share - floor), floor)
 
 
 def level_over(floor: NDArray[np.float64], residue: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -206,7 +191,7 @@ def level_over(floor: NDArray[np.float64], residue: NDArray[np.float64]) -> NDAr
     most = floor.copy()
     np.maximum(most[1:], floor[:-1], out=most[1:])
     np.maximum(most[:-1], floor[1:], out=most[:-1])
-    return np.clip(residue, floor, MAX_RESIDUE * most)
+    return np.clip(residue, floor, cfar.MAX_RESIDUE * most)
 
 
 def decibels(power: ArrayLike) -> NDArray[np.float64]:

@@ -46,32 +46,31 @@ class FloorReference:
     t_s: float  # calm stream time in it
 
 
+NO_FLOOR = FloorReference(np.zeros(0), np.zeros(0), 0.0)
+
+
 class InterferenceWatch:
     """Follow one gate, dwell after dwell, `hop_s` apart; forget all by making another one."""
 
     def __init__(
-        self, noise_db: float, hold_s: float, hop_s: float, reference: FloorReference | None = None
+        self, noise_db: float, hold_s: float, hop_s: float, reference: FloorReference = NO_FLOOR
     ) -> None:
         self._limit_db = noise_db
         self._hold_s = hold_s
         self._hop_s = hop_s
         self._n_new = max(1, int(hop_s / CPI_S))
         self._levels: deque[Array] = deque(maxlen=max(2, round(_STEADY_S / hop_s)))
-        # What is compared with now; empty before the first dwell.
-        self.reference = reference or FloorReference(np.zeros(0), np.zeros(0), 0.0)
+        self.reference = reference  # what is compared with now; empty before the first dwell
         self._blind_s = self._filled_s = 0.0
         self._calm_s = hold_s  # nothing has happened yet
-        self._reason = ""
+        self.reason = ""  # why there is interference now; empty if there is none
         self._where = np.zeros(0, np.bool_)
 
     def update(self, gate: Gate, dwell: Dwell, *, is_passed_over: bool) -> str:
-        """Take what the gate saw; return why this is interference, empty if it is none.
-
-        `is_passed_over`: there is a verdict, and it is no alarm.
-        """
+        """Take what the gate saw, and whether the verdict is no alarm; return the `reason`."""
         live = gate.floor > 0
         if not live.any() or len(gate.cpi_power) == 0:
-            return self._reason
+            return self.reason
         floor = np.where(live, gate.floor, np.inf)
         if floor.shape != self.reference.first.shape:
             self.reference = FloorReference(floor, floor, self.reference.t_s)
@@ -96,13 +95,13 @@ class InterferenceWatch:
         is_calm = not is_blind and rise_db < self._limit_db and not still_stands
         self._calm_s = self._calm_s + self._hop_s if is_calm else 0.0
         if self._calm_s >= self._hold_s:
-            self._reason = ""
+            self.reason = ""
             # Not sooner: the gate's floor is disturbed for as long.
             self._learn(floor)
         else:
             # What it began with stays: a new text at every dwell would be as many events.
-            self._reason = self._reason or found
-        return self._reason
+            self.reason = self.reason or found
+        return self.reason
 
     def _learn(self, floor: Array) -> None:
         """Learn the reference from a calm dwell; later, let it follow within bounds."""

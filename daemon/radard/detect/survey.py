@@ -18,11 +18,10 @@ from radard.detect.calibration import Calibration, Provenance
 from radard.detect.clutter_map import ClutterRemover
 from radard.detect.gate import DAY_S, Gate, decibels, level_over
 from radard.detect.tracks import Tracker
-from radard.dsp.range_doppler import cell_factor, two_of_three, usual_peak
+from radard.dsp.cfar import cell_factor, two_of_three, usual_peak
 from radard.dsp.velocity import CPI_S
 from radard.errors import RadardError
 from radard.stream.ring import Dwell
-from x2radar.frame import FastTimeAxis
 
 MIN_INDEPENDENT = 8  # dwells: Student's t promises nothing with fewer
 _UNREST_DB = 6.0  # of a bin over its noise: breath is stronger
@@ -73,7 +72,9 @@ class RoomSurvey:
 
     def check_empty(self, *, takes_machines: bool = False) -> None:
         """Raise RadardError if something moved; `takes_machines` lets what stays in place."""
-        range_m = self._axis.range_m
+        if self._last is None:
+            raise RadardError("nothing was heard: no window was sound; see 'x2radar selftest'")
+        range_m = self._last.axis.range_m
         power, noise = (np.mean([each[k] for each in self._heard], axis=0) for k in (0, 3))
         over_db = decibels(power) - decibels(noise)
         # Breath or a fan may stir without ever opening the gate.
@@ -90,22 +91,20 @@ class RoomSurvey:
             )
 
     def calibration(self, origin: Provenance, *, false_gates_per_day: float = 1.0) -> Calibration:
-        """Return the calibration; raise RadardError if too little was heard.
-
-        `origin` is completed by what was heard; so many decisions a day may open the gate.
-        """
-        dwell_s = len(self._last.frames) / self._last.frame_rate_hz if self._last else 0.0
+        """Return the calibration, its `origin` completed; RadardError if too little was heard."""
+        last = self._last
+        dwell_s = len(last.frames) / last.frame_rate_hz if last else 0.0
         independent = self.n_dwells * self._hop_s / max(dwell_s, self._hop_s)
-        if independent < MIN_INDEPENDENT or not any(power.any() for power, *_ in self._heard):
+        has_power = any(power.any() for power, *_ in self._heard)
+        if last is None or independent < MIN_INDEPENDENT or not has_power:
             raise RadardError(
                 f"too little was heard: {self.n_dwells} sound windows, {self._n_skipped} with "
                 f"frames missing; give it a longer --duration, or see 'x2radar selftest'"
             )
-        assert self._last is not None  # noqa: S101 - there were dwells
         power, peaks, residues, _ = zip(*self._heard, strict=True)
         floor = np.mean(power, axis=0)
         levels = [level_over(floor, residue) for residue in residues]
-        n_cpi = max(4, round(CPI_S * self._last.frame_rate_hz))
+        n_cpi = max(4, round(CPI_S * last.frame_rate_hz))
         usual = np.mean([peak.mean(axis=0) for peak in peaks], axis=0) / usual_peak(n_cpi)
         # A bin that happened to be calm is not calmer than noise.
         restless = np.maximum(_ratio(usual, floor), 1.0)
@@ -118,9 +117,9 @@ class RoomSurvey:
         predicted = _share_over(log_u, independent) * DAY_S / self._hop_s
         heard_s = (self.n_dwells - 1) * self._hop_s + dwell_s
         return Calibration(
-            frame_rate_hz=self._last.frame_rate_hz,
-            bin_length_m=self._axis.bin_length_m,
-            range_offset_m=self._axis.range_offset_m,
+            frame_rate_hz=last.frame_rate_hz,
+            bin_length_m=last.axis.bin_length_m,
+            range_offset_m=last.axis.range_offset_m,
             floor=floor,
             threshold_db=decibels(over),
             provenance=replace(
@@ -130,12 +129,6 @@ class RoomSurvey:
                 false_gates_per_day=float(f"{predicted:.3g}"),
             ),
         )
-
-    @property
-    def _axis(self) -> FastTimeAxis:
-        if self._last is None:
-            raise RadardError("nothing was heard: no window was sound; see 'x2radar selftest'")
-        return self._last.axis
 
 
 def _factors(peaks: Sequence[Array], thresholds: Sequence[Array]) -> Array:

@@ -6,11 +6,16 @@ compared with every dwell. *Covered*: the median level of still echoes changed b
 *Noise*: the receiver's noise changed by `noise_db`, or many samples are at one limit.
 *Interference*: see `radard.detect.interference`. Each must last `hold_s`, a quarter of it when
 twice as large; a cell is judged only while it stands still. No still echoes for `_BLIND_S`: the
-antenna is unplugged or covered.
+antenna is unplugged or covered. What is compared with is kept over a restart, in one small NumPy
+file: else, who covers or jams the sensor and restarts radard would have made that the room.
 """
 
-from dataclasses import dataclass
-from typing import Literal
+import io
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,13 +26,16 @@ from radard.detect.interference import (
     CELL_M,
     MAX_DRIFT_DB,
     MEMORY_S,
+    NO_FLOOR,
     URGENT,
+    FloorReference,
     InterferenceWatch,
     quantile,
 )
-from radard.detect.room_reference import RoomReference
 from radard.stream.ring import Dwell
+from x2radar.atomic import write_atomically
 
+log = logging.getLogger("radard")
 TamperKind = Literal["covered", "moved", "noise", "interference"]
 _TINY = 1e-300  # instead of zero power
 _STILL = 0.3  # a cell is still if less of its energy is unrest: see tests/detect/test_tamper.py
@@ -119,6 +127,94 @@ def _cell_power(x: NDArray[np.complex128], shape: tuple[int, int]) -> NDArray[np
     return np.asarray(by_part.reshape(shape[0], -1).sum(axis=1) / shape[1])
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class RoomReference:
+    """Still echoes, noise and floors of a room; powers in sample units squared."""
+
+    echoes: NDArray[np.complex128]  # learned of every cell, shape (n_cells, n_bins); empty: none
+    usable: NDArray[np.bool_]  # cells that can be judged, shape (n_cells,)
+    # Receiver's noise, as it was learned and as it has drifted since; None: not known.
+    noise_db: tuple[float, float] | None
+    floor: FloorReference
+
+
+NO_REFERENCE = RoomReference(
+    np.zeros((0, 0), np.complex128), np.zeros(0, np.bool_), None, NO_FLOOR
+)
+
+
+@dataclass(slots=True)
+class RoomStore:
+    """Keep one reference in a file, for one `stream` alone; without a path, nothing."""
+
+    path: Path | None = None
+    stream: str = ""
+    _has_failed: bool = field(default=False, init=False)
+
+    def load(self) -> RoomReference | None:
+        """Return what was kept of this stream; None without it."""
+        if self.path is None:
+            return None
+        try:
+            with np.load(io.BytesIO(self.path.read_bytes()), allow_pickle=False) as kept:
+                if str(kept["stream"]) != self.stream:
+                    log.info("%s: of another stream or calibration, and not used", self.path)
+                    return None
+                return _parsed(kept)
+        except FileNotFoundError:
+            return None
+        except Exception as err:  # noqa: BLE001 - a damaged archive raises all kinds of errors
+            log.warning("%s: the room's reference is unreadable and not used (%s)", self.path, err)
+            return None
+
+    def save(self, room: RoomReference) -> None:
+        """Keep a reference; a failure is logged once, and tried again the next time."""
+        if self.path is None:
+            return
+        whole = io.BytesIO()
+        np.savez(
+            whole,
+            stream=self.stream,
+            echoes=room.echoes,
+            usable=room.usable,
+            noise_db=np.array(room.noise_db or (np.nan, np.nan)),
+            floor=np.stack([room.floor.first, room.floor.kept]),
+            calm_s=room.floor.t_s,
+        )
+        try:
+            write_atomically(self.path, whole.getvalue(), mode=0o600)
+            self._has_failed = False
+        except OSError as err:
+            if not self._has_failed:
+                log.warning("%s: cannot keep the room's reference: %s", self.path, err.strerror)
+            self._has_failed = True
+
+    def forget(self, stream: str) -> None:
+        """Remove what was kept; what will be kept is of `stream`."""
+        self.stream = stream
+        if self.path is None:
+            return
+        try:
+            self.path.unlink(missing_ok=True)
+        except OSError as err:
+            log.warning("%s: cannot be removed: %s", self.path, err.strerror)
+
+
+def _parsed(kept: Mapping[str, Any]) -> RoomReference:
+    """Return the reference of a file's arrays; noise that is not known is NaN there."""
+    names = ("echoes", "usable", "noise_db", "floor", "calm_s")
+    echoes, usable, noise_db, floor, calm_s = (kept[name] for name in names)
+    is_one = (echoes.dtype, echoes.ndim) == (np.complex128, 2) and np.isfinite(echoes).all()
+    is_one = is_one and (usable.dtype, usable.shape) == (np.bool_, echoes.shape[:1])
+    is_one = is_one and (floor.dtype, floor.ndim, len(floor)) == (np.float64, 2, 2)
+    if not (is_one and (floor > 0).all() and float(calm_s) >= 0):
+        raise ValueError("its parts do not fit each other")
+    learned_db, drifted_db = noise_db.tolist()
+    known_db = None if np.isnan(learned_db + drifted_db) else (learned_db, drifted_db)
+    reference = FloorReference(floor[0], floor[1], float(calm_s))
+    return RoomReference(echoes, usable, known_db, reference)
+
+
 @dataclass(frozen=True, slots=True)
 class Finding:
     """One kind of tamper that holds now, and the figure that shows it, for people."""
@@ -142,20 +238,15 @@ class TamperWatch:
     @property
     def is_blind(self) -> bool:
         """Whether there are no still echoes to judge by, so far."""
-        return self._usable is None
+        return len(self._usable) == 0
 
     @property
     def known(self) -> RoomReference | None:
         """What is compared with now; None before anything was learned."""
-        is_noise = len(self._noise_learned) >= self._n_learn
         floor = self._interference.reference
-        if floor.t_s == 0 or (self._usable is None and not is_noise):
+        if floor.t_s == 0 or (self.is_blind and self._noise_db is None):
             return None
-        echoes, usable = self._echoes, self._usable
-        if usable is None:
-            echoes, usable = np.zeros((0, 0), np.complex128), np.zeros(0, np.bool_)
-        learned_db, now_db = (self._noise_kept_db, self._noise_db) if is_noise else (None, None)
-        return RoomReference(echoes, usable, learned_db, now_db, floor)
+        return RoomReference(self._echoes, self._usable, self._noise_db, floor)
 
     def take_due(self) -> RoomReference | None:
         """Return `known` when first known, and every ten minutes if all is well; else None."""
@@ -166,23 +257,13 @@ class TamperWatch:
         """Forget every finding and the fingerprint: that of now, or a `known` one, is right."""
         kinds: tuple[TamperKind, ...] = ("covered", "moved", "noise")
         self._held = {kind: _Held() for kind in kinds}
-        floor, s = known.floor if known else None, self._settings
-        self._interference = InterferenceWatch(s.noise_db, s.hold_s, self._hop_s, floor)
-        self._interfered = ""
-        self._sum: NDArray[np.complex128] | None = None
-        self._energy = np.zeros(0)
-        self._n_still = np.zeros(0, np.int64)
-        self._n_seen = 0
-        self._usable: NDArray[np.bool_] | None = None
-        self._echoes = np.zeros((0, 0), np.complex128)
-        self._noise_learned: list[float] = []
-        self._noise_db = self._noise_kept_db = 0.0
+        room, s = known or NO_REFERENCE, self._settings
+        self._interference = InterferenceWatch(s.noise_db, s.hold_s, self._hop_s, room.floor)
+        self._usable, self._echoes, self._noise_db = room.usable, room.echoes, room.noise_db
+        # What the room will be learned from: still cells and readings, and noise.
+        self._heard: list[tuple[NDArray[np.bool_], CellReading]] = []
+        self._noise_heard: list[float] = []
         self._blind_s, self._kept_s = 0.0, _KEEP_EVERY_S if known else 0.0
-        if known is not None and len(known.usable):
-            self._usable, self._echoes = known.usable, known.echoes
-        if known is not None and known.noise_db is not None and known.noise_kept_db is not None:
-            self._noise_learned = [known.noise_db] * self._n_learn
-            self._noise_kept_db, self._noise_db = known.noise_db, known.noise_kept_db
 
     def update(
         self, dwell: Dwell, gate: Gate | None = None, *, is_passed_over: bool = False
@@ -193,9 +274,7 @@ class TamperWatch:
         `is_passed_over`: there is a verdict, and it is no alarm.
         """
         if gate is not None:
-            self._interfered = self._interference.update(
-                gate, dwell, is_passed_over=is_passed_over
-            )
+            self._interference.update(gate, dwell, is_passed_over=is_passed_over)
         cells = read_cells(dwell)
         if cells is None:
             return self._findings()
@@ -203,14 +282,12 @@ class TamperWatch:
             self._hold("noise", True, "samples are at the receiver's limit", is_urgent=True)
             return self._findings()
         self._judge_noise(cells)
-        if self._usable is not None and self._echoes.shape != cells.echoes.shape:
-            # Kept of a stream with other bins.
-            self._usable = None
-        if self._usable is None:
+        if self._echoes.shape != cells.echoes.shape:
+            # Nothing so far, or kept of a stream with other bins.
+            self._usable, self._echoes = NO_REFERENCE.usable, NO_REFERENCE.echoes
             self._learn(cells)
-            self._judge_blindness(cells)
         else:
-            self._judge_echoes(cells, self._usable)
+            self._judge_echoes(cells)
         findings = self._findings()
         if not findings:
             self._kept_s -= self._hop_s
@@ -218,50 +295,41 @@ class TamperWatch:
                 self._kept_s, self._due = _KEEP_EVERY_S, room
         return findings
 
-    def _judge_blindness(self, cells: CellReading) -> None:
-        """With noise alone at all ranges there is no antenna, or a cover before it."""
-        is_still = np.count_nonzero(cells.unrest < _STILL * cells.energy) >= _MIN_CELLS
-        if is_still or cells.noise_db is None:
-            self._blind_s = 0.0 if is_still else self._blind_s
-        else:
-            self._blind_s += self._hop_s
-        held = self._held["covered"]
-        held.is_on = self._blind_s >= _BLIND_S
-        held.reason = f"no still echoes for {_BLIND_S:.0f} s: is the antenna connected and clear?"
-
     def _findings(self) -> tuple[Finding, ...]:
         held = [Finding(k, held.reason) for k, held in self._held.items() if held.is_on]
-        if self._interfered:
-            held.append(Finding("interference", self._interfered))
+        if self._interference.reason:
+            held.append(Finding("interference", self._interference.reason))
         return tuple(held)
 
     def _learn(self, cells: CellReading) -> None:
-        """Sum up the still cells of `learn_s` of dwells; keep those that agree with themselves."""
-        still = cells.unrest < _STILL * cells.energy
-        if np.count_nonzero(still) < _MIN_CELLS:
-            return
-        if self._sum is None:
-            self._sum = np.zeros_like(cells.echoes)
-            self._energy = np.zeros(len(still))
-            self._n_still = np.zeros(len(still), np.int64)
-        self._sum[still] += cells.echoes[still]
-        self._energy += np.where(still, cells.energy, 0)
-        self._n_still += still
-        self._n_seen += 1
-        if self._n_seen < self._n_learn:
-            return
-        together = power_of(self._sum).sum(axis=1)
-        agreed = together > (1 - _STILL) * self._n_still * self._energy
-        usable = agreed & (self._n_still > self._n_learn / 2)
-        if np.count_nonzero(usable) >= _MIN_CELLS:
-            self._usable = usable
-            self._echoes = self._sum / np.maximum(self._n_still, 1)[:, None]
-        self._sum, self._n_seen = None, 0
+        """Sum up the still cells of `learn_s` of dwells; keep those that agree with themselves.
 
-    def _judge_echoes(self, cells: CellReading, usable: NDArray[np.bool_]) -> None:
+        With noise alone at all ranges there is no antenna, or a cover before it.
+        """
+        still, held = cells.unrest < _STILL * cells.energy, self._held["covered"]
+        is_still = np.count_nonzero(still) >= _MIN_CELLS
+        if is_still or cells.noise_db is not None:
+            self._blind_s = 0.0 if is_still else self._blind_s + self._hop_s
+        held.is_on = self._blind_s >= _BLIND_S
+        held.reason = f"no still echoes for {_BLIND_S:.0f} s: is the antenna connected and clear?"
+        if is_still:
+            self._heard.append((still, cells))
+        if len(self._heard) < self._n_learn:
+            return
+        stills = np.array([still for still, _ in self._heard])
+        energy = np.where(stills, [each.energy for _, each in self._heard], 0).sum(axis=0)
+        echoes = [each.echoes for _, each in self._heard]
+        total, n_still = np.where(stills[..., None], echoes, 0).sum(axis=0), stills.sum(axis=0)
+        agreed = power_of(total).sum(axis=1) > (1 - _STILL) * n_still * energy
+        usable = agreed & (n_still > self._n_learn / 2)
+        if np.count_nonzero(usable) >= _MIN_CELLS:
+            self._usable, self._echoes = usable, total / np.maximum(n_still, 1)[:, None]
+        self._heard.clear()
+
+    def _judge_echoes(self, cells: CellReading) -> None:
         s = self._settings
         known = power_of(self._echoes).sum(axis=1)
-        judged = usable & (cells.unrest < _STILL * np.maximum(cells.energy, known))
+        judged = self._usable & (cells.unrest < _STILL * np.maximum(cells.energy, known))
         if np.count_nonzero(judged) < _MIN_CELLS:
             return
         product = (cells.echoes * self._echoes.conj()).sum(axis=1)
@@ -275,9 +343,8 @@ class TamperWatch:
         self._hold("covered", is_level, f"still echoes {_change(level)}", is_urgent=is_far)
         # Without level there is no shape: a covered sensor is not called moved as well.
         is_far, is_moved = alike < 0.75 * s.moved_coherence, is_shape and not is_level
-        self._hold(
-            "moved", is_moved, f"echoes agree {alike:.2f} with the room's", is_urgent=is_far
-        )
+        agree = f"echoes agree {alike:.2f} with the room's"
+        self._hold("moved", is_moved, agree, is_urgent=is_far)
         if not (is_level or is_shape):
             # Follow the room within `MEMORY_S`; phases drift, so turn them.
             turn = product.conj() / np.maximum(np.abs(product), _TINY)
@@ -287,19 +354,21 @@ class TamperWatch:
     def _judge_noise(self, cells: CellReading) -> None:
         if cells.noise_db is None:
             return
-        if len(self._noise_learned) < self._n_learn:
-            self._noise_learned.append(cells.noise_db)
-            self._noise_db = quantile(np.array(self._noise_learned), 0.5)
-            self._noise_kept_db = self._noise_db
+        if self._noise_db is None:
+            self._noise_heard.append(cells.noise_db)
+            if len(self._noise_heard) >= self._n_learn:
+                learned_db = quantile(np.array(self._noise_heard), 0.5)
+                self._noise_db = learned_db, learned_db
             return
-        change_db = cells.noise_db - self._noise_db
+        learned_db, now_db = self._noise_db
+        change_db = cells.noise_db - now_db
         is_jump = abs(change_db) >= self._settings.noise_db
         is_far = abs(change_db) >= 2 * self._settings.noise_db
         self._hold("noise", is_jump, f"noise {_change(change_db)}", is_urgent=is_far)
         if not is_jump:
-            drift_db = self._noise_db + self._hop_s / MEMORY_S * change_db - self._noise_kept_db
+            drift_db = now_db + self._hop_s / MEMORY_S * change_db - learned_db
             drift_db = min(max(drift_db, -MAX_DRIFT_DB), MAX_DRIFT_DB)
-            self._noise_db = self._noise_kept_db + drift_db
+            self._noise_db = learned_db, learned_db + drift_db
 
     def _hold(self, kind: TamperKind, is_now: bool, reason: str, *, is_urgent: bool) -> None:
         held = self._held[kind]

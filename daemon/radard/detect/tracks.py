@@ -102,10 +102,7 @@ class Tracker:
         self._time_s = -np.inf
 
     def update(self, dwell: Dwell, floor: NDArray[np.float64]) -> tuple[Track, ...]:
-        """Take a dwell without its clutter, in order; return the tracks alive at its end.
-
-        `floor` is `Gate.background`, shape (n_range,).
-        """
+        """Take the next dwell, less its clutter, and `Gate.background`; return what lives then."""
         rate_hz = dwell.frame_rate_hz
         n_rows = len(dwell.frames)
         if np.isfinite(self._time_s):
@@ -113,13 +110,9 @@ class Tracker:
             cpi = max(4, round(CPI_S * rate_hz))
             fresh = (dwell.t_s - self._time_s) * rate_hz
             n_rows = min(n_rows, max(1, int(np.ceil(fresh / cpi))) * cpi)
+        frames, valid = dwell.frames[-n_rows:], dwell.valid[-n_rows:]
         chart = power_map(
-            dwell.frames[-n_rows:],
-            dwell.valid[-n_rows:],
-            dwell.axis,
-            frame_rate_hz=rate_hz,
-            end_s=dwell.t_s,
-            floor=floor,
+            frames, valid, dwell.axis, frame_rate_hz=rate_hz, end_s=dwell.t_s, floor=floor
         )
         swath = (float(dwell.axis.range_m[0]), float(dwell.axis.range_m[-1]))
         block_s = chart.n_looks / rate_hz
@@ -170,14 +163,12 @@ class Tracker:
 
     def _bury(self, time_s: float) -> None:
         for body in self._bodies:
-            older = (
-                other
-                for other in self._bodies
-                if 0 < other.id < body.id
+            if not any(
+                0 < other.id < body.id
                 and abs(other.range_m - body.range_m) < _BESIDE_M / 2
                 and abs(other.rate_mps - body.rate_mps) < _SAME_RATE_MPS
-            )
-            if next(older, None) is None:
+                for other in self._bodies
+            ):
                 body.apart_s = time_s
         self._bodies = [
             body

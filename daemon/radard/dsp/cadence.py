@@ -55,8 +55,6 @@ def extent_profile(
     clutter up to 60 dB over the target.
     """
     n_columns = len(frames) - n_cpi + 1
-    if n_cpi < 2 or n_columns < 1:
-        raise FeatureError(f"{len(frames)} frames cannot fill a CPI of {n_cpi}")
     rest = frames - frames[n_cpi // 2]
     parts = rest.view(np.float32)
     top = float(max(parts.max(initial=0), -parts.min(initial=0)))

@@ -168,20 +168,19 @@ def _usable(frames: Frames) -> Flags:
         return np.asarray((np.abs(parts) < LARGEST).all(axis=(0, 2)))
 
 
-class ColumnStore:
-    """The last `n_keep` columns of a map, each with a flag, contiguous, oldest first."""
+class ColumnStore(Tail):
+    """Columns of a map, of which never more than the last `n_keep` can be asked for."""
 
     def __init__(self, n_keep: int) -> None:
-        self.n_keep = n_keep
-        self._tail = Tail(n_keep, n_keep)
+        super().__init__(n_keep, n_keep)
 
     def __len__(self) -> int:
-        return min(self._tail.fill, self.n_keep)
+        return min(self.fill, self.n_keep)
 
     def append(self, columns: Values, flags: Flags) -> None:
         """Add columns, shape (n, ...); further axes and type are those of the first ones."""
         columns, flags = columns[-self.n_keep :], flags[-self.n_keep :]
-        kept, kept_flags = self._tail.grow(len(columns), columns.shape[1:], columns.dtype)
+        kept, kept_flags = self.grow(len(columns), columns.shape[1:], columns.dtype)
         kept[:], kept_flags[:] = columns, flags
 
     def last(self, n: int | None) -> tuple[Values, Flags]:
@@ -190,11 +189,16 @@ class ColumnStore:
         if not 0 <= n <= len(self):
             msg = f"{n} columns wanted, {len(self)} are there (at most {self.n_keep} are kept)"
             raise FeatureError(msg)
-        return self._tail.last(n)
+        return super().last(n)
 
 
 class ColumnStream(ABC):
-    """A map whose columns need `n_history` earlier steps; `n_keep` of `n_rows` rows are kept."""
+    """A map whose columns need `n_history` earlier steps; `n_keep` of `n_rows` rows are kept.
+
+    Relative error (norm) against the definition in float64 (tests/dsp_reference.py): at most 1e-5
+    with static clutter of 0 to 140 dB under the motion, at the amplitudes that each map names;
+    however pushes are cut, 1e-6. FeatureError if a setting makes no sense.
+    """
 
     def __init__(self, n_history: int, n_block: int, n_keep: int, n_rows: int) -> None:
         self.n_history = n_history

@@ -8,7 +8,7 @@ whole frame as a matrix product.
 from dataclasses import replace
 
 import numpy as np
-from numpy.lib.stride_tricks import as_strided
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
 from radard.errors import FeatureError
@@ -70,13 +70,8 @@ class DownConverter:
         width = max((n_blocks - 1) * n_bins * self._step + n_in, half + self._n_range)
         padded = np.zeros((_FRAMES_AT_ONCE, width), np.float32)
         self._frames = padded[:, half : half + self._n_range]
-        s0, s1 = padded.strides
-        self._windows = as_strided(
-            padded,
-            (_FRAMES_AT_ONCE, n_blocks, n_in),
-            (s0, n_bins * self._step * s1, s1),
-            writeable=False,
-        )
+        windows = sliding_window_view(padded, n_in, axis=1)
+        self._windows = windows[:, :: n_bins * self._step][:, :n_blocks]
         delay_s = 2 * axis.range_offset_m / SPEED_OF_LIGHT_MPS
         n = np.arange(n_out) * self._step
         turns = (axis.carrier_hz * (delay_s + n / axis.sample_rate_hz)) % 1.0

@@ -68,11 +68,9 @@ def _columns(
     turn = 2 * np.pi * axis.carrier_hz
     delay = axis.phase_sign * 1j * mean - _slope(mean) / (turn * bin_s)
     pair = np.stack([delay, mean]).astype(np.complex64).view(np.float32)
-    cell = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(mean)))
+    cell = np.repeat(np.arange(len(starts)), 2 * np.diff(starts, append=len(mean)))
     out = np.zeros((len(starts), 2, 2 * len(mean)), np.float32)
-    bins = np.arange(len(mean))
-    for part in (0, 1):
-        out[cell, :, 2 * bins + part] = pair[:, 2 * bins + part].T
+    out[cell, :, np.arange(2 * len(mean))] = pair.T
     return out.reshape(-1, 2 * len(mean))
 
 

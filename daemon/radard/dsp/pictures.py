@@ -62,21 +62,6 @@ class Columns:
     values: dict[str, Bytes]
 
 
-@dataclass(slots=True)
-class _Floor:
-    """Noise of a picture, in dB: it falls quickly and rises slowly, so no body becomes noise."""
-
-    level_db: float = np.nan
-
-    def update(self, levels_db: Reals, elapsed_s: float) -> float:
-        quiet_db = float(np.quantile(levels_db, _QUIET_SHARE))
-        if np.isnan(self.level_db):
-            self.level_db = quiet_db
-        low, high = -_FALL_DB_PER_S * elapsed_s, _RISE_DB_PER_S * elapsed_s
-        self.level_db += min(max(quiet_db - self.level_db, low), high)
-        return self.level_db
-
-
 class Unfolding:
     """Fade the aliases, `apart_mps` apart, in the velocity picture of one stream.
 
@@ -149,14 +134,13 @@ class Spectrograms:
         self._stride = max(1, round(frame_rate_hz / COLUMN_RATE_HZ))
         self.column_s = self._stride / frame_rate_hz
         self._n_cpi = n_cpi = max(4, round(CPI_S * frame_rate_hz))
-        self._middle_s = n_cpi / 2 / frame_rate_hz
         length_m = n_range * bin_m
         usual_m = (c for c in _CELLS_M if length_m / c <= _MAX_ROWS)
         self._cell_m = next(usual_m, length_m / _MAX_ROWS)
         self._n_gait = round(GAIT_S / self.column_s)
         self.gait_step_hz = 1 / (self._n_gait * self.column_s)  # from column to column of gait
         self.longest_push = max(64, n_cpi)
-        self._floors = {name: _Floor() for name in SPANS_DB}
+        self._floors_db: dict[str, float] = {}  # noise of the pictures
         self.restart()
         step_mps = frame_rate_hz / n_cpi * (SPEED_OF_LIGHT_MPS / (2 * axis.carrier_hz))
         lowest_mps = -(n_cpi // 2) * step_mps
@@ -170,38 +154,29 @@ class Spectrograms:
 
     def restart(self) -> None:
         """Forget the frames so far, as after a jump of the stream; the floors are kept."""
-        axis, rate_hz, n_keep = self._axis, self._rate_hz, 2 * self.longest_push
-        self._ranges = RangeTimeMap(
-            axis, self._n_cpi, cell_m=self._cell_m, n_keep=n_keep + self._stride
-        )
+        axis, rate_hz, n_cpi, stride = self._axis, self._rate_hz, self._n_cpi, self._stride
+        n_keep = 2 * self.longest_push
+        self._ranges = RangeTimeMap(axis, n_cpi, cell_m=self._cell_m, n_keep=n_keep + stride)
         self._velocity = VelocityTransform(
             axis, rate_hz, column_rate_hz=COLUMN_RATE_HZ, n_keep=n_keep
         )
-        self._doppler = StreamingDoppler(
-            self._n_cpi, stride=self._stride, n_keep=max(self._n_gait, n_keep)
-        )
+        self._doppler = StreamingDoppler(n_cpi, stride=stride, n_keep=max(self._n_gait, n_keep))
         self._shared = SharedSteps(self._ranges, self._velocity, self._doppler)
         self.unambiguous_mps = rate_hz * (SPEED_OF_LIGHT_MPS / (2 * axis.carrier_hz))
-        self._unfolding = Unfolding(
-            self._velocity.velocity_mps,
-            self.unambiguous_mps,
-            len(self._ranges.range_m),
-            self.column_s / self._cell_m,
-        )
-        self._n_seen = self._n_made = 0
+        n_ranges, cells_per_mps = len(self._ranges.range_m), self.column_s / self._cell_m
+        v = self._velocity.velocity_mps
+        self._unfolding = Unfolding(v, self.unambiguous_mps, n_ranges, cells_per_mps)
+        self._n_seen = 0
 
     def push(
         self, frames: NDArray[np.complex64], valid: NDArray[np.bool_], t_s: float
     ) -> Columns | None:
         """Take (n, n_range) frames, `t_s` behind the last; return the columns they complete."""
-        self._shared.push(frames[:, :: self._thin], valid)
+        n = self._shared.push(frames[:, :: self._thin], valid)
         self._n_seen += len(frames)
-        total = max(0, (self._n_seen - self._velocity.n_cpi) // self._stride + 1)
-        n = total - self._n_made
-        self._n_made = total
         if n < 1:
             return None
-        behind = self._n_seen - (total - 1) * self._stride - self._velocity.n_cpi
+        behind = (self._n_seen - self._n_cpi) % self._stride
         power = {
             "range": self._range_columns(n, behind),
             "velocity": self._velocity.columns(n),
@@ -209,7 +184,7 @@ class Spectrograms:
         }
         values = {name: self._shown(name, p, n * self.column_s) for name, p in power.items()}
         values["velocity"] = self._unfolding.unfold(values["velocity"], values["range"])
-        end_s = t_s - behind / self._rate_hz - self._middle_s
+        end_s = t_s - behind / self._rate_hz - self._n_cpi / 2 / self._rate_hz
         return Columns(end_s, self._velocity.columns_valid(n), values)
 
     def gait(self) -> Bytes | None:
@@ -238,7 +213,12 @@ class Spectrograms:
         if not known.size:
             return np.zeros(power.shape, np.uint8)
         span_db = SPANS_DB[name]
-        weakest_db = self._floors[name].update(known, elapsed_s) + span_db + _DIM_DB
+        # The noise falls quickly and rises slowly, so no body becomes noise.
+        quiet_db = float(np.quantile(known, _QUIET_SHARE))
+        before_db = self._floors_db.get(name, quiet_db)
+        low, high = -_FALL_DB_PER_S * elapsed_s, _RISE_DB_PER_S * elapsed_s
+        floor_db = self._floors_db[name] = before_db + min(max(quiet_db - before_db, low), high)
+        weakest_db = floor_db + span_db + _DIM_DB
         top_db = np.maximum(level_db.max(axis=0), weakest_db)
         share = 1 + (level_db - top_db) / span_db
         return np.asarray(np.clip(share * 255, 0, 255), np.uint8)

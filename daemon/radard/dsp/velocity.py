@@ -111,9 +111,7 @@ class VelocityTransform(ColumnStream):
     it; a CPI of 0.47 s resolves 0.07 m/s. Columns lie `stride` whole frames apart,
     `column_rate_hz` a second, as near as may be to the rate that is asked for; a CPI has at least
     four frames. `n_mean` frames in a row are one (`FrameMeans`): CPI, stride and columns count
-    these. Raises FeatureError if a setting makes no sense. Relative error (norm) against the
-    definition in float64 (tests/dsp_reference.py): at most 1e-5 with static clutter of 0 to 140 dB
-    under the motion, at amplitudes from 1e-36 to 1e33; however pushes are cut, 1e-6.
+    these. Amplitudes: 1e-36 to 1e33.
 
     The pulse's amplitude spectrum to the power `_FLATTEN` is divided out of X. Behind a matched
     filter, 0 would leave its narrow band, 1 makes the noise white again, 2 the echo's spectrum
@@ -156,7 +154,6 @@ class VelocityTransform(ColumnStream):
         self._n_seen = 0
 
     def advance(self, steps: StepBuffer, n_new: int) -> int:
-        """Make the columns that the newest `n_new` frames complete, by their spectra."""
         planar, n_freq = steps.product(self._dft, n_new), len(self.frequency_hz)
         spectra = np.empty((n_new, n_freq), np.complex64)
         spectra.real, spectra.imag = planar[:, :n_freq], planar[:, n_freq:]

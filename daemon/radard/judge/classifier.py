@@ -35,6 +35,15 @@ class Answer:
     hidden: Hidden | None = None  # shape (n_hidden,), to be given back with the next window
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Seen:
+    """Features that the network was given, and its answer."""
+
+    features: Features
+    hidden: Hidden | None
+    answer: Answer
+
+
 class Classifier:
     """Run a bundle's network; ModelMismatch unless it is what the sidecar says."""
 
@@ -72,10 +81,6 @@ class Classifier:
         if missing:
             msg = f"model '{bundle.name}': the network does not give {', '.join(sorted(missing))}"
             raise ModelMismatch(msg)
-
-    def classify(self, features: Features) -> Probabilities:
-        """Return the probabilities of one window by itself; raises as `answer` does."""
-        return self.answer(features).window
 
     def answer(self, features: Features, hidden: Hidden | None = None) -> Answer:
         """Return what the network says, after `hidden` of the window before; or ModelMismatch."""

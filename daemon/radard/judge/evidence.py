@@ -38,12 +38,10 @@ class Evidence:
     def __init__(self, settings: EvidenceSettings, hop_s: float = HOP_S) -> None:
         self._settings = settings
         self._discount = min(1.0, settings.discount * hop_s / HOP_S)
-        self._log = np.zeros(3)
-        self._strongest_db = -math.inf
         self._hidden: deque[Hidden | None] = deque(maxlen=windows_a_feed(hop_s))
         self._now: _Seen | None = None
         self._before: _Seen | None = None
-        self._memory = 0.0
+        self.end_visit()
 
     @property
     def hidden(self) -> Hidden | None:
@@ -58,7 +56,7 @@ class Evidence:
     def end_visit(self) -> None:
         """Start over, since nothing moves any more; what was there is remembered for a while."""
         self._before, self._now = self._now or self._before, None
-        self._log[:] = 0.0
+        self._log = np.zeros(3)
         self._strongest_db = -math.inf
         self._hidden.clear()
         self._memory = 0.0

@@ -21,7 +21,7 @@ from radard.dsp.velocity import CPI_S
 from radard.errors import FeatureError, ModelMismatch
 from radard.judge.installation import INSTALLATION, N_INSTALLATION, installation
 from radard.judge.velocity_map import VelocityGrid, busiest_rows, shown
-from radard.stream.ring import Dwell
+from radard.stream.ring import Dwell, DwellShape
 from x2radar.frame import FastTimeAxis
 from x2radar.plugins import Plugin, find_plugin
 
@@ -116,6 +116,11 @@ class FeatureSettings:
             return self
         return replace(self, n_cpi=max(2, round(CPI_S * frame_rate_hz)))
 
+    def dwell_shape(self, hop_s: float, frame_rate_hz: float) -> DwellShape:
+        """Return the shape of dwells whose spectrogram has `dwell_s` of columns."""
+        n_slow = max(2, round(self.dwell_s * frame_rate_hz)) + self.n_cpi - 1
+        return DwellShape(n_slow=n_slow, hop_s=hop_s, frame_rate_hz=frame_rate_hz)
+
     def range_step(self, axis: FastTimeAxis) -> int:
         """Return how many bins of a stream become one: other modules' are coarse already."""
         return min(self.range_decimation, max(1, int(_COARSE_BIN_M / axis.bin_length_m)))
@@ -142,11 +147,9 @@ class FeatureMaker(Protocol):
 
     def shape(self, settings: FeatureSettings) -> tuple[int, ...]:
         """Return the shape of the feature."""
-        ...
 
     def extract(self, dwell: Dwell, settings: FeatureSettings) -> NDArray[np.float32]:
         """Return the feature of a dwell, float32, of that shape; the dwell is not changed."""
-        ...
 
 
 def feature_shape(name: str, settings: FeatureSettings) -> tuple[int, ...]:
@@ -193,15 +196,10 @@ class FeatureStream:
         if not set(THESIS_FEATURES).isdisjoint(self._names):
             self._doppler = StreamingDoppler(settings.n_cpi, n_keep=n_keep)
         if "range_time" in self._names:
-            is_fixed = settings.range_window == "fixed"
-            self._ranges = RangeTimeMap(
-                dwell.axis,
-                max(4, round(CPI_S * dwell.frame_rate_hz)),
-                cell_m=settings.cell_m,
-                near_m=settings.near_m if is_fixed else None,
-                far_m=settings.far_m if is_fixed else None,
-                n_keep=n_keep,
-            )
+            n_cpi, how = max(4, round(CPI_S * dwell.frame_rate_hz)), {"cell_m": settings.cell_m}
+            if settings.range_window == "fixed":
+                how |= {"near_m": settings.near_m, "far_m": settings.far_m}
+            self._ranges = RangeTimeMap(dwell.axis, n_cpi, n_keep=n_keep, **how)
         made = (self._doppler, self._ranges, *self._velocity.values())
         fed = [each for each in made if each is not None]
         # Plug-ins alone share nothing.

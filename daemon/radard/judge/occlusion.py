@@ -12,22 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radard.judge.bundle import Bundle, EvidenceSettings
-from radard.judge.classifier import Answer, Classifier, Hidden, Probabilities
+from radard.judge.classifier import Answer, Classifier, Probabilities, Seen
 from radard.judge.decision import judge
 from radard.judge.evidence import Evidence
-from radard.judge.features import Features, FeatureSettings
+from radard.judge.features import FeatureSettings
 
 _PATCHES = (8, 5)  # rows and columns: each is a limb's velocities for half a step
 _MIN_P = 1e-4  # Log-odds of probabilities nearer to 0 or 1 say nothing more
-
-
-@dataclass(frozen=True, slots=True)
-class Seen:
-    """Features that the network was given, and its answer."""
-
-    features: Features
-    hidden: Hidden | None
-    answer: Answer
 
 
 @dataclass(frozen=True, slots=True)

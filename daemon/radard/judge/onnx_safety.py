@@ -18,8 +18,8 @@ _MESSAGES: dict[str, dict[int, str]] = {
 }
 _DOMAINS = {b"", b"ai.onnx", b"ai.onnx.ml"}
 _DEEPEST = 64  # graphs within graphs; protobuf itself ends at 100 messages
-_VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5
-"""Wire types of protobuf; groups (3 and 4) are not of this language."""
+_VARINT, _BYTES, _FIXED = 0, 2, {1: 8, 5: 4}
+"""Wire types of protobuf, some of so many bytes; groups (3 and 4) are not of this language."""
 
 
 def unsafe_in(onnx: bytes) -> str:
@@ -28,7 +28,7 @@ def unsafe_in(onnx: bytes) -> str:
         return "it is in onnxruntime's own format, which is not checked"
     try:
         return next(_faults(memoryview(onnx), "model", 0), "")
-    except (IndexError, RecursionError):
+    except (LookupError, RecursionError):
         return "it is cut off, or no ONNX file"
 
 
@@ -41,15 +41,14 @@ def _faults(data: memoryview, message: str, depth: int) -> Iterator[str]:
         kind = rows.get(number, "")
         if kind == "external data" or (kind == "data location" and value != 0):
             yield "a tensor lies in another file, which the hash does not cover"
-        elif kind == "domain":
-            if not isinstance(value, memoryview) or bytes(value) not in _DOMAINS:
-                name = bytes(value[:40]) if isinstance(value, memoryview) else b""
-                yield f"an operator of the domain {name.decode('utf-8', 'replace')!r}"
-        elif kind in _MESSAGES:
+        elif kind in _MESSAGES or kind == "domain":
             if not isinstance(value, memoryview):
                 yield "it is no ONNX file"
-            else:
+            elif kind != "domain":
                 yield from _faults(value, kind, depth + 1)
+            elif bytes(value) not in _DOMAINS:
+                name = bytes(value[:40]).decode("utf-8", "replace")
+                yield f"an operator of the domain {name!r}"
 
 
 def _fields(data: memoryview) -> Iterator[tuple[int, int | memoryview]]:
@@ -64,10 +63,8 @@ def _fields(data: memoryview) -> Iterator[tuple[int, int | memoryview]]:
             continue
         if wire == _BYTES:
             n, at = _varint(data, at)
-        elif wire in {_FIXED64, _FIXED32}:
-            n = 8 if wire == _FIXED64 else 4
         else:
-            raise IndexError(wire)
+            n = _FIXED[wire]
         if n > len(data) - at:
             raise IndexError(at)
         yield number, data[at : at + n]

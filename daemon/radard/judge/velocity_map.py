@@ -108,11 +108,7 @@ class VelocityGrid:
         """Return the map, 0 to 1, of the dwell that ends with the last column; 0 where unknown."""
         rate_hz = transform.column_rate_hz
         n = min(transform.n_columns, math.ceil(self.n_cells * self.cell_s * rate_hz) + 1)
-        power, known = time_cells(
-            transform.columns(n),
-            transform.columns_valid(n),
-            rate_hz,
-            cell_s=self.cell_s,
-            n_cells=self.n_cells,
-        )
+        columns, valid = transform.columns(n), transform.columns_valid(n)
+        cell_s, n_cells = self.cell_s, self.n_cells
+        power, known = time_cells(columns, valid, rate_hz, cell_s=cell_s, n_cells=n_cells)
         return shown(power, known, self.depth_db)

@@ -1,6 +1,5 @@
 """From configuration to the parts that a run is made of, at start and at a reload."""
 
-import hashlib
 import logging
 import threading
 from collections.abc import Iterator
@@ -14,19 +13,12 @@ from radard.alarm.sensitivity import alarm_policy
 from radard.alarm.sensor_state import StateStore
 from radard.alarm.zones import zone_fault, zone_warnings
 from radard.clips.keeper import ClipKeeper
+from radard.config import directories
 from radard.config.config import Config
-from radard.config.directories import (
-    calibration_file,
-    clip_dir,
-    log_path,
-    named_state_dir,
-    state_dir,
-)
 from radard.config.quiet_hours import Now, QuietHours, parse_quiet, time_zone
 from radard.config.sections import AUTO_MODEL
 from radard.detect.calibration import Calibration, load_calibration
-from radard.detect.room_reference import RoomStore
-from radard.detect.tamper import TamperWatch
+from radard.detect.tamper import RoomStore, TamperWatch
 from radard.errors import ConfigError, UsageError
 from radard.judge.bundle import load_bundle
 from radard.judge.classifier import Classifier
@@ -110,22 +102,21 @@ def make_parts(
     is_same = old is not None and old.config.gate.calibration == config.gate.calibration
     held = old.pipeline.calibration if old is not None and is_same else None
     use_calibration(config, pipeline, is_live=is_live, held=held)
-    quiet = QuietHours(
-        [parse_quiet(text) for text in config.alarm.quiet], time_zone(config.alarm.timezone), now
-    )
+    periods = [parse_quiet(text) for text in config.alarm.quiet]
+    quiet = QuietHours(periods, time_zone(config.alarm.timezone), now)
     clips = old.clips if old else None
     # What made the decisions of a clip, in its root.
     about = {
         "sensor": config.sensor.name,
         "config_hash": config.digest(),
         "model": bundle.name if bundle else "none",
-        "model_sha256": hashlib.sha256(bundle.onnx).hexdigest() if bundle else "",
+        "model_sha256": bundle.sha256 if bundle else "",
         "version": installed_version(),
     }
     room = _watch_for_tamper(config, pipeline, is_live=is_live, old=old)
     if was is None or was.clips != config.clips:
         clips, n_slow = None, pipeline.shape.n_slow
-        if is_live and (folder := clip_dir(config)) is not None:
+        if is_live and (folder := directories.clip_dir(config)) is not None:
             clips = ClipKeeper(config.clips, folder, pipeline.stream, n_slow, about)
     elif clips is not None:
         # The frames that it holds, and a clip that is being made, stay.
@@ -145,24 +136,19 @@ def make_parts(
 def use_calibration(
     config: Config, pipeline: Pipeline, *, is_live: bool, held: Calibration | None = None
 ) -> None:
-    """Give a pipeline the named calibration, that of its room, or what is `held` without one.
-
-    Raises ConfigError if a named one is not to be had.
-    """
-    asked = config.gate.calibration
-    calibration: Calibration | None = None
-    if asked == "auto":
-        path = calibration_file(config)
-        is_real = is_live and config.sensor.kind != "sim"
-        try:
-            if is_real and path.is_file():
-                calibration = _take_calibration(path, pipeline)
-        except (ConfigError, OSError) as err:
-            how = "keeps its calibration" if held is not None else "goes without calibration"
-            log.warning("the gate %s: %s", how, err)
-        calibration = calibration or held
-    elif asked != "none":
-        calibration = _take_calibration(Path(asked), pipeline)
+    """Give a pipeline the named calibration, or ConfigError; its room's, or what is `held`."""
+    asked, is_real = config.gate.calibration, is_live and config.sensor.kind != "sim"
+    is_own = asked == "auto"
+    path = directories.calibration_file(config) if is_own else Path(asked)
+    calibration = held if is_own else None
+    try:
+        if asked != "none" and (not is_own or (is_real and path.is_file())):
+            calibration = _take_calibration(path, pipeline)
+    except (ConfigError, OSError) as err:
+        if not is_own:
+            raise
+        how = "keeps its calibration" if held is not None else "goes without calibration"
+        log.warning("the gate %s: %s", how, err)
     if pipeline.calibration is not calibration:
         pipeline.use(calibration)
 
@@ -214,7 +200,7 @@ def _cut_of(pipeline: Pipeline) -> tuple[DwellShape, int]:
 def make_store(config: Config, events: EventLog, *, is_live: bool) -> StateStore:
     """Return where arming is kept: nowhere for a replay or a demo, apart for a simulation."""
     # An alarm that is on is kept only in a folder that was named: a run by hand begins afresh.
-    is_named = named_state_dir(config) is not None
+    is_named = directories.named_state_dir(config) is not None
     path = _kept_file(config, "panel", is_live=is_live)
     return StateStore(events, path.stem if path else None, keeps_alarms=is_named)
 
@@ -224,9 +210,9 @@ def hello_of(parts: Parts, source: FrameSource, *, is_armed: bool, has_state: bo
     config, pipeline = parts.config, parts.pipeline
     files = [_kept_file(config, "room.npz", is_live=source.is_live)]
     if has_state:
-        files.append(log_path(config))
+        files.append(directories.log_path(config))
     if config.gate.calibration == "auto" and pipeline.calibration is not None:
-        files.append(calibration_file(config))
+        files.append(directories.calibration_file(config))
     found = [str(path) for path in files if path is not None and path.is_file()]
     hello = hello_record(pipeline, config, is_armed=is_armed, taken=(*config.taken, *found))
     return hello | {name: getattr(source, name, None) for name in ("module", "started_utc")}
@@ -234,9 +220,10 @@ def hello_of(parts: Parts, source: FrameSource, *, is_armed: bool, has_state: bo
 
 def _kept_file(config: Config, ending: str, *, is_live: bool) -> Path | None:
     is_sim = config.sensor.kind == "sim"
-    if not is_live or (is_sim and named_state_dir(config) is None):
+    if not is_live or (is_sim and directories.named_state_dir(config) is None):
         return None
-    return state_dir(config) / f"{config.sensor.name}{'.sim' if is_sim else ''}.{ending}"
+    name = f"{config.sensor.name}{'.sim' if is_sim else ''}.{ending}"
+    return directories.state_dir(config) / name
 
 
 def _watch_for_tamper(
@@ -293,9 +280,8 @@ class Listening:
             at_s = (frame.index - first) / rate_hz
             if at_s >= skip_s + duration_s:
                 return
-            if at_s < skip_s:
-                continue
-            yield from ring.items(frame)
+            if at_s >= skip_s:
+                yield from ring.items(frame)
 
 
 @contextmanager

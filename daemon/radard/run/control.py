@@ -11,10 +11,9 @@ import logging
 import os
 import selectors
 import socket
-import stat
 import struct
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -37,7 +36,6 @@ _MAX_BYTES = 65_536  # of a line; requests have about thirty, and what `top` sho
 _REQUEST_S = 2.0  # the other end is a program on the same machine
 _TAKEN_UP_S = 5.0  # a worker is never so long in one dwell
 _SLOW = "the disk has not taken it so far"
-_MAX_ADDRESS = 107  # bytes of a Unix socket's path, unix(7)
 _LOOK_S = 0.1  # a person waits
 _COLUMN_S = 0.25  # a ring holds some seventeen of them
 _MAX_ROWS = 16  # of range: a third of a screen
@@ -54,47 +52,23 @@ class ControlServer:
     """Serve the sockets of all radars of a process, in a thread."""
 
     def __init__(self, folder: Path) -> None:
-        self._radars: list[Sensor] = []
         self._folder = folder
         self._selector = selectors.DefaultSelector()
         self._halt = threading.Event()
         self._thread = threading.Thread(target=self._run, name="control", daemon=True)
 
-    def start(self) -> None:
-        """Begin, once; a socket that cannot be made is logged, and missing."""
+    def start(self, radars: "Sequence[Sensor]") -> None:
+        """Begin, once, with these."""
         if self._thread.ident is not None or not hasattr(socket, "SO_PEERCRED"):
             return
-        for radar in self._radars:
-            self._serve_radar(radar)
         self._thread.start()
+        for radar in radars:
+            self.add(radar)
 
     def add(self, radar: "Sensor") -> None:
-        """Serve another radar, from the start on."""
-        self._radars.append(radar)
-        if self._thread.ident is not None:
-            self._serve_radar(radar)
-
-    def remove(self, name: str) -> None:
-        """Serve a radar no more."""
-        self._radars = [each for each in self._radars if each.sensor != name]
-        for key in self._open():
-            if key.data[0].sensor == name:
-                self._selector.unregister(key.fileobj)
-                _take_away(key)
-
-    def stop(self) -> None:
-        """Take the sockets away; no-op if not started."""
+        """Serve another radar, once begun; a socket that cannot be made is logged, and missing."""
         if self._thread.ident is None:
             return
-        self._halt.set()
-        self._thread.join(1.0)
-        for key in self._open():
-            _take_away(key)
-
-    def _open(self) -> list[selectors.SelectorKey]:
-        return list(self._selector.get_map().values())
-
-    def _serve_radar(self, radar: "Sensor") -> None:
         path = control_path(self._folder, radar.sensor)
         try:
             sock = _listen(path)
@@ -103,6 +77,26 @@ class ControlServer:
             return
         if sock is not None:
             self._selector.register(sock, selectors.EVENT_READ, (radar, path))
+
+    def remove(self, name: str) -> None:
+        """Serve a radar no more."""
+        for key in list(self._selector.get_map().values()):
+            radar, path = key.data
+            if radar.sensor == name:
+                self._selector.unregister(key.fileobj)
+                # Its file first: in between nobody else can have made another.
+                with contextlib.suppress(OSError):
+                    path.unlink()
+                key.fileobj.close()  # type: ignore[union-attr]
+
+    def stop(self) -> None:
+        """Take the sockets away; no-op if not started."""
+        if self._thread.ident is None:
+            return
+        self._halt.set()
+        self._thread.join(1.0)
+        for key in list(self._selector.get_map().values()):
+            self.remove(key.data[0].sensor)
 
     def _run(self) -> None:
         while not self._halt.is_set():
@@ -193,7 +187,7 @@ def _listen(path: Path) -> socket.socket | None:
             with contextlib.suppress(ConnectionRefusedError):
                 line.connect(address)
                 return None
-        if stat.S_ISSOCK(path.lstat().st_mode):
+        if path.is_socket():
             path.unlink()
     sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
@@ -211,9 +205,6 @@ def _listen(path: Path) -> socket.socket | None:
 @contextlib.contextmanager
 def _short(path: Path) -> Iterator[str]:
     """Yield an address of a socket that the kernel takes: 107 bytes, however long its folder's."""
-    if len(os.fsencode(path)) <= _MAX_ADDRESS:
-        yield str(path)
-        return
     folder = os.open(path.parent, os.O_PATH | os.O_DIRECTORY)
     try:
         yield f"/proc/self/fd/{folder}/{path.name}"
@@ -221,16 +212,8 @@ def _short(path: Path) -> Iterator[str]:
         os.close(folder)
 
 
-def _take_away(key: selectors.SelectorKey) -> None:
-    """Remove a socket's file and close it; in between nobody else can have made another."""
-    with contextlib.suppress(OSError):
-        key.data[1].unlink()
-    key.fileobj.close()  # type: ignore[union-attr]
-
-
 def _user_of(line: socket.socket) -> int:
-    size = struct.calcsize("3i")
-    credentials = line.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, size)
+    credentials = line.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i"))
     return int(struct.unpack("3i", credentials)[1])
 
 

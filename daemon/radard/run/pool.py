@@ -38,8 +38,7 @@ class WorkerPool:
     def grow(self) -> None:
         """Have one thread more, in place of one that never comes back."""
         self._n_threads += 1
-        name = f"worker {self._n_threads}"
-        threading.Thread(target=self._work, name=name, daemon=True).start()
+        threading.Thread(target=self._work, name=f"worker {self._n_threads}", daemon=True).start()
 
     def begin_s(self) -> float:
         """Return when another stream should begin, monotonic, so that dwells alternate."""

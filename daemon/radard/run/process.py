@@ -67,7 +67,6 @@ class Keeper:
         self._process = process
         self._turn = contextlib.ExitStack()  # of being brought up; closed, it is another's
         self._begin_again = sensor.config().is_one_of_several
-        self._over = threading.Event()
         # Lives while the sensor is at work, or will be again.
         self.thread = threading.Thread(target=self._run, name=f"{sensor.sensor} keeper")
         self.thread.daemon = True
@@ -76,11 +75,6 @@ class Keeper:
     def has_lost_output(self) -> bool:
         """Whether its work ended because an output that the run was started for is gone."""
         return isinstance(self.failure, BrokenPipeError | OutputError)
-
-    def stop(self) -> None:
-        """Ask for the end; returns at once."""
-        self.sensor.stop()
-        self._over.set()
 
     def _run(self) -> None:
         status = self.sensor.health.on_end(self._keep())
@@ -115,22 +109,21 @@ class Keeper:
         self.failure = None
         try:
             end_s = time.monotonic() + _MAX_WAIT_S
-            while not self.sensor.halt.is_set() and time.monotonic() <= end_s:
+            while not sensor.halt.is_set() and time.monotonic() <= end_s:
                 if self._process.turns.acquire(timeout=_LOOK_S):
                     self._turn.callback(self._process.turns.release)
                     break
             opened = sensor.open(self._on_notice)
             self._turn.close()
             self._process.open_outputs()
-            run = sensor.start(opened, self._over.set)
+            run = sensor.start(opened)
             has_worked = True
-            # `stop` sets the one and then the other.
-            if not self.sensor.halt.is_set():
-                self._over.wait()
+            # `stop` may have come before there was a run that it could end.
+            if not sensor.halt.is_set():
+                run.end.wait()
             run.stop()
             self.stuck = run.finish()
             self.failure = run.failure
-            self._over.clear()
         except (RadardError, X2RadarError, BrokenPipeError) as err:
             self.failure = err
         except Exception as err:
@@ -229,7 +222,7 @@ class Process:
                 self._heart.main_is_alive()
                 self._heart.start()
                 if not can_wait:
-                    self._control.start()
+                    self._control.start(self.sensors)
 
     def _supervise(self) -> bool:
         """Heed signals while radars are kept; return whether one asked for the end."""
@@ -272,7 +265,7 @@ class Process:
     def _stop(self, keepers: list[Keeper]) -> None:
         going = [keeper for keeper in keepers if keeper.thread.is_alive()]
         for keeper in going:
-            keeper.stop()
+            keeper.sensor.stop()
         end_s = time.monotonic() + _JOIN_S
         for keeper in going:
             keeper.thread.join(max(0.1, end_s - time.monotonic()))
@@ -315,10 +308,7 @@ class Process:
         self._notifier.ready(self._heart.status.state)
 
     def _compare(self, config: Config) -> tuple[list[Keeper], list[Keeper]]:
-        """Return which radars go and come.
-
-        One on another port goes, and comes again; so does one whose work a fault has ended.
-        """
+        """Return which radars go and come; both on another port, or if a fault ended the work."""
         if not config.is_one_of_several:
             return [], []
         at_work = [k.sensor for k in self._keepers if k.thread.is_alive() or k.failure is None]

@@ -1,15 +1,14 @@
 """Recordings to records, several at the same time; and what was decided at one moment of one.
 
-A recording takes the way of ``radard --port replay:FILE -o json:RECORDS``, in a process of its
-own, so its decisions and events are those of the daemon.
+A recording takes the way of ``radard --port replay:FILE -o json:RECORDS``, one of several in a
+process of the pool, so its decisions and events are those of the daemon.
 """
 
 import json
 import math
 import multiprocessing
-import time
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
 from dataclasses import dataclass
@@ -20,10 +19,8 @@ from typing import Any
 from radard.alarm.explain import explain
 from radard.config.config import Config
 from radard.errors import RadardError, UsageError
-from radard.judge.bundle import Bundle
-from radard.judge.classifier import Answer, Classifier, Hidden
-from radard.judge.features import Features, FeatureSettings
-from radard.judge.occlusion import Seen
+from radard.judge.classifier import Classifier, Seen
+from radard.judge.features import FeatureSettings
 from radard.outputs.fanout import Outputs
 from radard.outputs.records import Record
 from radard.pipeline import Pipeline
@@ -34,10 +31,10 @@ from x2radar.interrupts import without_interrupts
 from x2radar.ports import named_port
 from x2radar.recording.registry import open_recording
 
-_LOOK_S = 0.2  # so often processes of the pool are looked at
-_NOTE_S = 5.0  # of a stream, after which a process notes how far it is
+_LOOK_S = 0.2  # so often those of the pool are looked at
+_NOTE_S = 5.0  # of a stream, after which one of them notes how far it is
 _PAST_S = 1.0  # so late a window may end behind the moment asked for
-_progress: Any = None  # in a process of the pool: seconds that are done of each recording
+_progress: Any = None  # for those of the pool: the share that is done of each recording
 
 Tell = Callable[[float, int], None]  # the share that is done, and how many recordings are
 
@@ -62,48 +59,33 @@ def judge_all(
     paths: Sequence[Path], config: Config, *, jobs: int, tell: Tell = lambda _share, _n: None
 ) -> Iterator[Judged]:
     """Judge recordings; yield what became of each, in the order of `paths`."""
-    with TemporaryDirectory(prefix="radard-detect-") as folder:
-        todo = [
-            (config, path, Path(folder) / f"{number}.jsonl", number)
-            for number, path in enumerate(paths)
-        ]
-        for done in _in_turn(todo, tell) if jobs == 1 else _at_once(todo, jobs, tell):
-            yield done
-            done.records.unlink(missing_ok=True)
-
-
-_Job = tuple[Config, Path, Path, int]
-
-
-def _in_turn(todo: Sequence[_Job], tell: Tell) -> Iterator[Judged]:
-    def judge(job: _Job) -> Judged:
-        n = job[3]
-        return _judge(job, lambda share: tell((n + share) / len(todo), n))
-
-    return map(judge, todo)
-
-
-def _at_once(todo: Sequence[_Job], jobs: int, tell: Tell) -> Iterator[Judged]:
     context = multiprocessing.get_context("spawn")
     # And whether all shall stop, behind them.
-    shares = context.Array("d", len(todo) + 1, lock=False)
-    pool = ProcessPoolExecutor(
-        min(jobs, len(todo)), context, initializer=_take_progress, initargs=(shares,)
-    )
-    try:
-        with without_interrupts():
-            futures = [pool.submit(_judge_in_pool, job) for job in todo]
-        for future in futures:
-            while not future.done():
-                time.sleep(_LOOK_S)
-                tell(sum(shares[:-1]) / len(todo), sum(each.done() for each in futures))
-            yield future.result()
-    except BrokenProcessPool as err:
-        msg = "a process ended in the middle of its work, perhaps for memory: try --jobs 1"
-        raise RadardError(msg) from err
-    finally:
-        shares[-1] = 1.0
-        pool.shutdown(cancel_futures=True)
+    shares = context.Array("d", len(paths) + 1, lock=False)
+    pool: Executor
+    if jobs == 1:
+        pool = ThreadPoolExecutor(1, "judge", _take_progress, (shares,))
+    else:
+        pool = ProcessPoolExecutor(min(jobs, len(paths)), context, _take_progress, (shares,))
+    with TemporaryDirectory(prefix="radard-detect-") as folder:
+        try:
+            with without_interrupts():
+                futures = [
+                    pool.submit(_judge, config, path, Path(folder) / f"{number}.jsonl", number)
+                    for number, path in enumerate(paths)
+                ]
+            for future in futures:
+                while not wait([future], _LOOK_S).done:
+                    tell(sum(shares[:-1]) / len(paths), sum(each.done() for each in futures))
+                done = future.result()
+                yield done
+                done.records.unlink(missing_ok=True)
+        except BrokenProcessPool as err:
+            msg = "a process ended in the middle of its work, perhaps for memory: try --jobs 1"
+            raise RadardError(msg) from err
+        finally:
+            shares[-1] = 1.0
+            pool.shutdown(cancel_futures=True)
 
 
 def _take_progress(shares: Any) -> None:
@@ -111,43 +93,43 @@ def _take_progress(shares: Any) -> None:
     _progress = shares
 
 
-def _judge_in_pool(job: _Job) -> Judged:
-    def note(share: float) -> None:
-        _progress[job[3]] = share
-        if _progress[-1]:
-            raise KeyboardInterrupt
-
-    return _judge(job, note)
-
-
-def _judge(job: _Job, note: Callable[[float], None]) -> Judged:
-    config, path, records, _ = job
+def _judge(config: Config, path: Path, records: Path, number: int) -> Judged:
     outputs, noted_s = Outputs(stdout_is_terminal=False), 0.0
     try:
         with open_recording(path) as recording:
             started_utc = recording.started_utc
             length_s = recording.n_frames / recording.stream.frame_rate_hz
-        for t_s in replay(outputs, replaying(config, path, f"json:{records}")):
+        for t_s in replay(path, config, outputs, f"json:{records}"):
             if t_s - noted_s >= _NOTE_S:
                 noted_s = t_s
-                note(min(1.0, t_s / length_s))
+                _progress[number] = min(1.0, t_s / length_s)
+                if _progress[-1]:
+                    raise KeyboardInterrupt
         return Judged(path, records, started_utc)
     except (RadardError, X2RadarError) as err:
         return Judged(path, records, "", str(err), err.exit_code)
     finally:
-        note(1.0)
+        _progress[number] = 1.0
 
 
 def replay(
-    outputs: Outputs, config: Config, prepare: Callable[[Pipeline], object] = lambda _made: None
+    path: Path,
+    config: Config,
+    outputs: Outputs,
+    output: str,
+    watch: Callable[[Pipeline], object] = lambda _pipeline: None,
 ) -> Generator[float]:
-    """Replay into outputs; yield every frame's seconds. `prepare` is given the pipeline first."""
+    """Replay a recording as fast as can be; yield every frame's seconds, after a first `watch`."""
+    port = named_port("replay", path)
+    of_sensor = config.sensor.model_copy(update={"port": port, "speed": "max"})
+    about = {"sensor": of_sensor, "sensors": {}, "output": (output,)}
+    config = config.model_copy(update=about)
     sensor = Sensor(config, RunOptions(), outputs, WorkerPool())
     outputs.add(sensor)
     opened = sensor.open(lambda _kind, _reason: None)
     try:
         outputs.open(config, can_wait=True)
-        prepare(opened.pipeline)
+        watch(opened.pipeline)
         worker = sensor.make_worker(opened)
         worker.begin()
         first, rate_hz = None, opened.source.stream.frame_rate_hz
@@ -159,13 +141,6 @@ def replay(
     finally:
         opened.close()
         outputs.close()
-
-
-def replaying(config: Config, path: Path, *output: str) -> Config:
-    """Return a configuration that replays a recording as fast as can be."""
-    port = named_port("replay", path)
-    sensor = config.sensor.model_copy(update={"port": port, "speed": "max"})
-    return config.model_copy(update={"sensor": sensor, "sensors": {}, "output": output})
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,22 +166,10 @@ class Moment:
         return settings.at(self.hello["frame_rate_hz"])
 
 
-class _Watched(Classifier):
-    """A classifier that keeps what it was first asked, about the whole dwell, until that goes."""
-
-    def __init__(self, bundle: Bundle) -> None:
-        super().__init__(bundle)
-        self.seen: Seen | None = None
-
-    def answer(self, features: Features, hidden: Hidden | None = None) -> Answer:
-        """Answer as the classifier does, and keep what went in and came out."""
-        answer = super().answer(features, hidden)
-        self.seen = self.seen or Seen(features, hidden, answer)
-        return answer
-
-
 class _Kept(Outputs):
     """Keeps the records of a replay, and what the network saw nearest to some time."""
+
+    pipeline: Pipeline  # that decides
 
     def __init__(self, at_s: float) -> None:
         super().__init__(stdout_is_terminal=False)
@@ -214,24 +177,17 @@ class _Kept(Outputs):
         self.records: list[Record] = []
         self.nearest: Record = {}
         self.off_s = math.inf  # how far that is from the time
-        self.classifier: _Watched | None = None
         self.seen: Seen | None = None
 
     def watch(self, pipeline: Pipeline) -> None:
-        """Look on while a pipeline decides."""
-        if pipeline.classifier is not None:
-            self.classifier = pipeline.classifier = _Watched(pipeline.classifier.bundle)
+        self.pipeline = pipeline
 
     def put(self, record: Record, sensor: str | None = None, *, waits: bool = False) -> bool:
-        """Keep a record, and what the network saw if no decision was nearer."""
         self.records.append(record)
         if record["type"] == "decision":
-            seen = None
-            if self.classifier is not None:
-                seen, self.classifier.seen = self.classifier.seen, None
             off_s = abs(float(record["t_s"]) - self._at_s)
             if off_s < self.off_s:
-                self.off_s, self.nearest, self.seen = off_s, record, seen
+                self.off_s, self.nearest, self.seen = off_s, record, self.pipeline.seen
         return super().put(record, sensor, waits=waits)
 
 
@@ -239,7 +195,7 @@ def moment_of(path: Path, at_s: float, config: Config) -> Moment:
     """Return the decision that ends nearest to `at_s` of a recording; or UsageError."""
     past_s = max(_PAST_S, config.decision.hop_s)
     kept = _Kept(at_s)
-    with closing(replay(kept, replaying(config, path, "null"), kept.watch)) as times_s:
+    with closing(replay(path, config, kept, "null", kept.watch)) as times_s:
         next((t_s for t_s in times_s if t_s >= at_s + 2 * past_s), None)
     decisions = [r for r in kept.records if r["type"] == "decision"]
     if not decisions:
@@ -252,4 +208,4 @@ def moment_of(path: Path, at_s: float, config: Config) -> Moment:
     # The events as they stood then, the last phase of each.
     then = (r for r in kept.records if r["type"] == "event" and r["t_s"] <= kept.nearest["t_s"])
     told = explain(before, hello, config, list({r["id"]: r for r in then}.values()))
-    return Moment(path, hello, before, told, kept.classifier, kept.seen)
+    return Moment(path, hello, before, told, kept.pipeline.classifier, kept.seen)

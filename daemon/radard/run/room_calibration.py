@@ -60,9 +60,8 @@ class RoomCalibration:
         if self.progress.is_over:
             return None
         began_s = dwell.t_s - len(dwell.frames) / dwell.frame_rate_hz
-        phase, end_s = (
-            ("leave", self._from_s) if began_s < self._from_s else ("listen", self._to_s)
-        )
+        is_early = began_s < self._from_s
+        phase, end_s = ("leave", self._from_s) if is_early else ("listen", self._to_s)
         self.progress = CalibrationProgress(phase, max(0, round(end_s - dwell.t_s)))
         if phase == "leave":
             return None

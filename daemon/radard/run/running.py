@@ -7,7 +7,7 @@ frames are there, so the pool reads it, too (a disk that hangs holds one of its 
 
 import math
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 
@@ -38,23 +38,19 @@ class OpenedSensor:
 
 
 class RunningSensor:
-    """A stream that is read and worked on until it ends; `on_over` is called by a thread."""
+    """A stream that is read and worked on until it ends."""
 
     def __init__(
-        self,
-        opened: OpenedSensor,
-        worker: Worker,
-        pool: WorkerPool,
-        *,
-        max_frames: int | None,
-        on_over: Callable[[], object],
+        self, opened: OpenedSensor, worker: Worker, pool: WorkerPool, duration_s: float | None
     ) -> None:
         self.opened, self.worker, self.ring = opened, worker, worker.ring
         self.failure: BaseException | None = None  # what ended the work, but for the stream
         self.over = threading.Event()  # the work has ended
-        self._max_frames = max_frames
+        self.end = threading.Event()  # it has, or was asked to
+        self._max_frames = math.inf
+        if duration_s is not None:
+            self._max_frames = max(1, round(duration_s * self.ring.frame_rate_hz))
         self._is_stopped = False
-        self._on_over = on_over
         self._pool = pool
         self._ask = partial(pool.ask, self._step)
         config = worker.parts.config
@@ -81,6 +77,7 @@ class RunningSensor:
         self.ring.end()
         self.ring.stop()
         self.opened.source.close()
+        self.end.set()
 
     def finish(self) -> list[str]:
         """Wait a moment for the end and close what is its own; return what is stuck."""
@@ -110,7 +107,7 @@ class RunningSensor:
     def _keep(self, frame: Frame) -> bool:
         """Keep a frame for recording and clips; return False if it is one too many."""
         self._first = frame.index if self._first is None else self._first
-        if self._max_frames is not None and frame.index - self._first >= self._max_frames:
+        if frame.index - self._first >= self._max_frames:
             return False
         self.opened.tap.write(frame)
         self.worker.hold(frame)
@@ -148,7 +145,7 @@ class RunningSensor:
             self.failure, has_more = err, None
         if has_more is None:
             self.over.set()
-            self._on_over()
+            self.end.set()
         return bool(has_more)
 
     def _work(self) -> bool | None:

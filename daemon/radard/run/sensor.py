@@ -80,8 +80,7 @@ class Sensor:
         self.reload = ask_reload
         self.log = logger_of(config)
         self.sensor = config.sensor.name
-        self._is_one_of_several = config.is_one_of_several
-        self._told_as = self.sensor if self._is_one_of_several else None  # in records
+        self._told_as = self.sensor if config.is_one_of_several else None  # in records
         self._classifier = make_classifier(config)
         self._is_live = config.sensor.kind != "replay"
         self._factor = speed_factor(config.sensor.speed, parse_port(self._port))
@@ -96,32 +95,25 @@ class Sensor:
         self.recent: tuple[Record, ...] = ()  # its last decisions and events, the oldest first
 
     def config(self) -> Config:
-        """Return the configuration that holds, with what was reloaded."""
         return self._run.worker.parts.config if self._run is not None else self._config
 
     def panel(self) -> SensorState | None:
-        """Return how the sensor is armed and what it sees; None before there is a stream."""
         return self._run.worker.state if self._run is not None else None
 
     def ring(self) -> FrameRing | None:
-        """Return the ring of the stream; None before there is one."""
         return self._run.ring if self._run is not None else None
 
     def playback(self) -> Playback | None:
-        """Return the controls of a replay; None for anything else."""
         return getattr(self._run.opened.source, "playback", None) if self._run else None
 
     def driver(self) -> Mapping[str, int]:
-        """Return what the driver has counted; empty without one."""
         stats = getattr(self._run.opened.source, "stats", None) if self._run else None
         return asdict(stats) if stats is not None else {}
 
     def sinks(self) -> Sequence[Sink]:
-        """Return all sinks of the process."""
         return [sink for _, sink in self._outputs.sinks]
 
     def mark(self) -> str:
-        """Return 'simulated' or 'replayed'; an empty text while a module sends the frames."""
         if self._config.sensor.kind == "sim":
             return "simulated"
         return "" if self._is_live else "replayed"
@@ -131,7 +123,7 @@ class Sensor:
         if name not in COMMANDS:
             raise ValueError(f"no command '{name}'; known are {', '.join(COMMANDS)}")
         with self._commanding:
-            if (worker := self._worker()) is not None:
+            if (worker := self.worker) is not None:
                 worker.command(name)
             elif name == "calibrate":
                 raise ValueError("calibrate: there is no stream yet")
@@ -154,9 +146,10 @@ class Sensor:
         return not self._is_live or self._factor is None
 
     @property
-    def parts(self) -> Parts | None:
-        """What its worker works with; None before there is a stream."""
-        return self._run.worker.parts if self._run is not None else None
+    def worker(self) -> Worker | None:
+        """Who works on the stream; None when nobody does."""
+        run = self._run
+        return run.worker if run is not None and not run.over.is_set() else None
 
     def put(self, record: Record, *, waits: bool = True) -> bool:
         """Hand a record to the outputs, which learn whose it is; see `Outputs.put`."""
@@ -173,7 +166,7 @@ class Sensor:
 
     def tell(self, status: Status | None) -> None:
         """Hand on a change of state, not before the `hello`, not waiting for the outputs."""
-        if status is not None and (self._has_said_hello or self._is_one_of_several):
+        if status is not None and (self._has_said_hello or self._told_as is not None):
             self.put(status_record(status), waits=False)
 
     def complain(self, source: str, reason: str) -> None:
@@ -201,7 +194,7 @@ class Sensor:
             self._port,
             speed=sensor.speed,
             # One of several must not keep the others from their work.
-            wait=sensor.wait or self._is_one_of_several,
+            wait=sensor.wait or self._told_as is not None,
             quit_on_loss=sensor.on_device_loss == "quit",
             on_notice=notice,
             on_wait=on_wait,
@@ -236,7 +229,7 @@ class Sensor:
         parts = make_parts(self._config, opened.pipeline, now=now, is_live=source.is_live)
         # What comes faster or slower on purpose says nothing about the module.
         is_real_time = source.is_live and self._factor == 1.0
-        rate = RateWatch(source.stream.frame_rate_hz) if is_real_time else None
+        rate = RateWatch(source.stream.frame_rate_hz if is_real_time else None)
         worker = Worker(parts, self.put, self.health, self._kept_state(), rate=rate)
         worker.n_decided = self._n_decided
         if warning := getattr(source, "warning", None):
@@ -253,17 +246,11 @@ class Sensor:
                 self.put(ended_record(record))
         return worker
 
-    def start(self, opened: OpenedSensor, on_over: Callable[[], object]) -> RunningSensor:
+    def start(self, opened: OpenedSensor) -> RunningSensor:
         """Begin to work on an opened stream; raises as `make_worker` does."""
-        duration_s, rate_hz = self._options.duration_s, opened.source.stream.frame_rate_hz
         with self._commanding:
-            self._run = run = RunningSensor(
-                opened,
-                self.make_worker(opened),
-                self._pool,
-                max_frames=None if duration_s is None else max(1, round(duration_s * rate_hz)),
-                on_over=on_over,
-            )
+            worker, duration_s = self.make_worker(opened), self._options.duration_s
+            self._run = run = RunningSensor(opened, worker, self._pool, duration_s)
         run.start()
         if self._config is not self._opened_with:
             # Read again while the stream was opened.
@@ -283,7 +270,7 @@ class Sensor:
 
     def look_up(self) -> None:
         """Have its worker look whether nothing comes; returns at once."""
-        if (worker := self._worker()) is not None:
+        if (worker := self.worker) is not None:
             worker.ring.post("look", call=lambda _t_s: worker.look_up())
 
     def stop(self) -> None:
@@ -318,11 +305,6 @@ class Sensor:
 
         return exchange
 
-    def _worker(self) -> Worker | None:
-        """Return who works on the stream; None when nobody does."""
-        run = self._run
-        return run.worker if run is not None and not run.over.is_set() else None
-
     def _kept_state(self) -> StateStore:
         """Return what outlives the runs of its streams; the outputs are open."""
         if self._store is None:
@@ -349,7 +331,7 @@ class Sensor:
     def _try_alarm(self) -> None:
         if (state := self.panel()) is not None and state.alarm_id:
             raise ValueError("an alarm is on: acknowledge it first")
-        if (worker := self._worker()) is not None:
+        if (worker := self.worker) is not None:
             # Between two decisions, so that no output takes its end for that of a real alarm.
             worker.ring.post("test", call=self._send_trial)
         else:

@@ -36,7 +36,7 @@ class Worker:
         rate: RateWatch | None = None,
     ) -> None:
         self.parts = parts
-        self._rate = rate
+        self._rate = rate or RateWatch(None)
         self.ring = parts.pipeline.make_ring()  # of which it works on what comes
         self._put = put
         self._health = health
@@ -75,7 +75,7 @@ class Worker:
             seq=last.seq if last else 0,
             gate=last.gate if last else None,
             label=last.label if last else None,
-            clock_drift=self._rate.drift if self._rate is not None else None,
+            clock_drift=self._rate.drift,
             calibration=self._room.progress if self._room is not None else None,
         )
 
@@ -113,9 +113,9 @@ class Worker:
 
     def look_up(self) -> None:
         """Report an event if no frames or decisions have come for too long."""
-        status = self._health.check()
-        self._tell(status)
-        if status is not None and not status.is_well:
+        self._tell(self._health.check())
+        # Who complains of an output may have been the first to tell, but begins no event.
+        if (status := self._health.status).state == "offline":
             self._emit(self.tracker.on_notice(Notice("silent", status.reason, self._t_s)))
 
     def handle(self, item: Dwell | Notice) -> None:
@@ -146,9 +146,7 @@ class Worker:
         if tamper is not None and (room := tamper.take_due()) is not None:
             parts.room.save(room)
         fault = decision.fault if decision.gate != "invalid" else ""
-        if self._rate is not None:
-            fault = fault or self._rate.note(dwell.t_s, dwell.t_mono_s)
-        fault = fault or parts.zone_fault
+        fault = fault or self._rate.note(dwell.t_s, dwell.t_mono_s) or parts.zone_fault
         is_quiet = parts.quiet.holds(decision.t_s)
         events = self.tracker.on_decision(decision, dwell, is_quiet=is_quiet, fault=fault)
         told = self._emit(events)
@@ -170,8 +168,7 @@ class Worker:
             self.parts.pipeline.restart()
             if self.parts.clips is not None:
                 self.parts.clips.restart()
-        if self._rate is not None:
-            self._rate.reset()
+        self._rate.reset()
         if notice.kind in {"restart", "lost"} and self._room is not None:
             self._room.stop(f"the stream broke off ({notice.reason})")
         if notice.kind == "paused":

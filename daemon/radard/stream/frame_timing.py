@@ -30,8 +30,8 @@ class RateWatch:
     takes it, RFC 5905, section 10); its interval does not hold the host's own error.
     """
 
-    def __init__(self, frame_rate_hz: float) -> None:
-        self._rate_hz = frame_rate_hz
+    def __init__(self, frame_rate_hz: float | None) -> None:
+        self._rate_hz = frame_rate_hz  # None: frames come at any rate, and nothing is compared
         self.reset()
 
     def reset(self) -> None:
@@ -43,13 +43,10 @@ class RateWatch:
         self._least: tuple[float, float] | None = None
 
     def note(self, t_s: float, t_mono_s: float) -> str:
-        """Take a dwell's last frame, stream and monotonic seconds; return what is wrong.
-
-        Monotonic seconds of 0 are not known.
-        """
+        """Take a dwell's end, stream and monotonic seconds (0: unknown); return what is wrong."""
         arrivals = self._arrivals
         arrivals.append((t_s, t_mono_s))
-        if not t_mono_s:
+        if not (t_mono_s and self._rate_hz):
             return ""
         self._follow(t_s, t_mono_s - t_s)
         if len(arrivals) <= 2 * _STRETCH:

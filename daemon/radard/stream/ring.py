@@ -37,19 +37,10 @@ class DwellShape:
     hop_s: float  # stream time from one dwell to the next
     frame_rate_hz: float  # of stream time
 
-    @classmethod
-    def of(cls, *, dwell_s: float, hop_s: float, frame_rate_hz: float, n_cpi: int) -> "DwellShape":
-        """Return the shape whose spectrogram has `dwell_s` of columns, CPIs of `n_cpi`."""
-        n_columns = max(2, round(dwell_s * frame_rate_hz))
-        return cls(n_slow=n_columns + n_cpi - 1, hop_s=hop_s, frame_rate_hz=frame_rate_hz)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Dwell:
-    """The block of frames that is judged together.
-
-    `frames` is a view that is good until the next `FrameRing.next_item`.
-    """
+    """Frames that are judged together, in a view, good until the next `FrameRing.next_item`."""
 
     frames: NDArray[np.complex64]  # (n_slow, n_range), oldest first; lost rows repeat the last
     valid: NDArray[np.bool_]  # (n_slow,), False for frames that were lost or unusable
@@ -59,9 +50,7 @@ class Dwell:
     n_lost: int = 0  # rows that are not valid
     longest_gap_s: float = 0.0  # longest run of them
     t_mono_s: float = 0.0  # when the last frame arrived, on the host's clock; 0 in recordings
-    # Frames that the ring had taken when this dwell ended: the difference of two dwells' numbers
-    # is how many frames are new in the later one. 0 for a dwell of its own.
-    end_frame: int = 0
+    end_frame: int = 0  # frames that the ring had taken at its end; 0 for a dwell of its own
 
     @property
     def is_whole(self) -> bool:
@@ -301,9 +290,7 @@ class FrameRing:
         valid = self._valid[at : at + self._shape.n_slow].copy()
         gaps = [len(list(run)) for is_here, run in groupby(valid.tolist()) if not is_here]
         t_s, gap_s = (self._index + 1) / rate_hz, max(gaps, default=0) / rate_hz
-        dwell = Dwell(
-            rows, valid, self.axis, rate_hz, t_s, sum(gaps), gap_s, t_mono_s, self._taken
-        )
+        dwell = Dwell(rows, valid, self.axis, rate_hz, t_s, sum(gaps), gap_s, t_mono_s, end)
         self._before_s, self._lead_s = self._lead_s, math.inf
         # The next dwell is due a hop later, or is the first whole one behind a gap.
         self._hops += 1

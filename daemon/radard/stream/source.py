@@ -51,20 +51,16 @@ class FrameSource(Protocol):
     @property
     def stream(self) -> StreamInfo:
         """Axis and rate of the frames; a live one without a `run_id` is given one."""
-        ...
 
     @property
     def is_live(self) -> bool:
         """Whether frames come from a device now (a simulated one is live)."""
-        ...
 
     def frames(self) -> Iterator[Frame]:
         """Yield frames until the source ends."""
-        ...
 
     def close(self) -> None:
         """Let go of the port or file; frames() then ends."""
-        ...
 
 
 def speed_factor(text: str, port: Port) -> float | None:
@@ -137,7 +133,6 @@ class LiveSource:
         return self._device.stats
 
     def close(self) -> None:
-        """Close the port; `frames` then ends."""
         self._device.close()
 
     def _read(self) -> Iterator[Frame]:
@@ -215,7 +210,6 @@ class ReplaySource:
             start_s, offset = 0.0, index + 1
 
     def close(self) -> None:
-        """End the replay; `frames` then ends."""
         self.playback.close()
 
 

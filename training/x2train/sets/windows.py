@@ -88,9 +88,7 @@ def windows_of(
     radar = passage.site.radar
     axis, rate_hz = radar.axis(), radar.frame_rate_hz
     settings = settings.at(rate_hz)
-    shape = DwellShape.of(
-        dwell_s=settings.dwell_s, hop_s=HOP_S, frame_rate_hz=rate_hz, n_cpi=settings.n_cpi
-    )
+    shape = settings.dwell_shape(HOP_S, rate_hz)
     remover, gate = ClutterRemover(), Gate(GATE, HOP_S)
     stream = FeatureStream(settings, MAP_FEATURES)
     rows: list[dict[str, Any]] = []

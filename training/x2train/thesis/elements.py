@@ -62,9 +62,7 @@ class ElementSpec:
     @property
     def shape(self) -> DwellShape:
         """Of the frames that make its columns."""
-        return DwellShape.of(
-            dwell_s=self.dwell_s, hop_s=1.0, frame_rate_hz=self.frame_rate_hz, n_cpi=self.n_cpi
-        )
+        return self.features.dwell_shape(1.0, self.frame_rate_hz)
 
     @property
     def features(self) -> FeatureSettings:
