@@ -1,4 +1,4 @@
-"""Byte pipes: a serial port or pyserial URL, a pair in memory, a pseudo-terminal.
+"""Byte pipes: a serial port or pyserial URL, a pair of sockets, a pseudo-terminal.
 
 `read` waits for the first bytes, empty when the time is over; `write` sends everything; both raise
 `TransportClosed` once the far end or the port is gone.
@@ -9,9 +9,8 @@ import errno
 import os
 import re
 import select
-import threading
+import socket
 import tty
-from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Protocol
@@ -23,6 +22,7 @@ from x2radar.errors import NoPort, PortBusy, PortDenied, PortError, PortNotFound
 _READ_SIZE = 1 << 16  # most bytes of one read: more than any system's buffer of a serial port
 _WRITE_TIMEOUT_S = 5.0  # until a port counts as gone: ten times what its buffers take
 _BAUD = 115_200  # of XeThru modules; ports on USB ignore it
+_OVER = "the far end of the memory pair is closed"
 TTY_CLASS = Path("/sys/class/tty")
 
 
@@ -121,68 +121,45 @@ def _port_error(url: str, err: Exception) -> PortError:
     return PortError(f"{url}: cannot be opened: {getattr(inner, 'strerror', None) or text}")
 
 
-class MemoryTransport:
-    """One end of a pair in memory, bounded, so that a fast writer waits; see `memory_pair`."""
+class SocketTransport:
+    """One end of a pair of sockets, bounded, so that a fast writer waits; see `memory_pair`."""
 
-    _far: "MemoryTransport"
-
-    def __init__(self, changed: threading.Condition, capacity: int, *, keeps_pieces: bool) -> None:
-        self._changed = changed
-        self._capacity = capacity
-        self._keeps_pieces = keeps_pieces
-        self._unread: deque[bytes] = deque()
-        self._is_closed = False
+    def __init__(self, end: socket.socket) -> None:
+        self._end = end
 
     def read(self, timeout_s: float) -> bytes:
         """Return what the far end wrote; wait up to `timeout_s` for the first byte."""
-        with self._changed:
-            self._changed.wait_for(lambda: self._unread or self._is_over(), max(timeout_s, 0))
-            if not self._unread:
-                self._check()
-            n = min(1, len(self._unread)) if self._keeps_pieces else len(self._unread)
-            data = b"".join(self._unread.popleft() for _ in range(n))
-            self._changed.notify_all()
-            return data
+        try:
+            self._end.settimeout(max(timeout_s, 0))
+            data = self._end.recv(_READ_SIZE)
+        except (TimeoutError, BlockingIOError):
+            return b""
+        except OSError:
+            data = b""
+        if not data:
+            raise TransportClosed(_OVER)
+        return data
 
     def write(self, data: bytes) -> None:
-        """Send `data`; waits while the far end is `capacity` bytes behind."""
-        if not data:
-            return
-        unread = self._far._unread
-        with self._changed:
-            self._changed.wait_for(
-                lambda: self._is_over() or sum(map(len, unread)) < self._capacity
-            )
-            self._check()
-            unread.append(bytes(data))
-            self._changed.notify_all()
+        """Send `data`; waits while the far end has much to read."""
+        try:
+            self._end.settimeout(None)
+            self._end.sendall(data)
+        except OSError as err:
+            raise TransportClosed(_OVER) from err
 
     def close(self) -> None:
-        """Close both directions; what was not read here is dropped."""
-        with self._changed:
-            self._is_closed = True
-            self._unread.clear()
-            self._changed.notify_all()
-
-    def _is_over(self) -> bool:
-        return self._is_closed or self._far._is_closed
-
-    def _check(self) -> None:
-        if self._is_over():
-            raise TransportClosed("the far end of the memory pair is closed")
+        """Close both directions, for who waits in another thread as well."""
+        with contextlib.suppress(OSError):
+            self._end.shutdown(socket.SHUT_RDWR)
+        self._end.close()
 
 
-def memory_pair(
-    capacity: int = 1 << 17, *, keeps_pieces: bool = False
-) -> tuple[MemoryTransport, MemoryTransport]:
-    """Return two connected ends; each waits to write while `capacity` bytes are unread.
-
-    With `keeps_pieces` a read returns what one write sent.
-    """
-    changed = threading.Condition()
-    near, far = (MemoryTransport(changed, capacity, keeps_pieces=keeps_pieces) for _ in "nf")
-    near._far, far._far = far, near
-    return near, far
+def memory_pair(*, keeps_pieces: bool = False) -> tuple[SocketTransport, SocketTransport]:
+    """Return two connected ends; with `keeps_pieces` a read returns what one write sent."""
+    kind = socket.SOCK_SEQPACKET if keeps_pieces else socket.SOCK_STREAM
+    near, far = socket.socketpair(type=kind)
+    return SocketTransport(near), SocketTransport(far)
 
 
 class PtyTransport:
