@@ -1,4 +1,4 @@
-"""SIGINT and SIGTERM while a command works: they raise, set an event, or wait for a moment."""
+"""SIGINT and SIGTERM while a command works: they raise, or wait for a moment."""
 
 import _thread
 import contextlib
@@ -8,7 +8,6 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from queue import Empty, SimpleQueue
 from types import FrameType
 
 from x2radar.startup import STOP, end_at_once
@@ -20,43 +19,6 @@ class Interrupted(KeyboardInterrupt):
     Python kills itself with SIGINT at its end when a plain KeyboardInterrupt has gone through any
     `exec`, as of a dataclass that is being made, even if it was caught.
     """
-
-
-class HandlerEvent(threading.Event):
-    """An event that a signal handler may set while its own thread waits for it, or clears it.
-
-    A plain Event takes a lock for either, and the handler would wait for it for ever.
-    """
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._is_set = False
-        self._woken = SimpleQueue[None]()
-
-    def is_set(self) -> bool:
-        """Return whether it is set."""
-        return self._is_set
-
-    def set(self) -> None:
-        """Set it, and wake who waits."""
-        self._is_set = True
-        self._woken.put(None)
-
-    def clear(self) -> None:
-        """Be not set; a `set` that comes in between is not lost."""
-        self._is_set = False
-        with contextlib.suppress(Empty):
-            while True:
-                self._woken.get_nowait()
-
-    def wait(self, timeout: float | None = None) -> bool:
-        """Wait until it is set, at most so many seconds (rarely less); return whether it is."""
-        if not self.is_set():
-            with contextlib.suppress(Empty):
-                self._woken.get(timeout=None if timeout is None else max(0.0, timeout))
-                if self.is_set():
-                    self._woken.put(None)  # for the next one that waits
-        return self.is_set()
 
 
 _held: list[int] | None = None  # signals that came where none may raise
