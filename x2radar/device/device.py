@@ -17,7 +17,7 @@ from x2radar.device.bring_up import BringUp
 from x2radar.device.link import READ_S, RETRIES, Deadlines, Link
 from x2radar.device.transport import Transport
 from x2radar.errors import DeviceError, ReadTimeout, TransportClosed
-from x2radar.frame import Closing, Frame, StreamInfo
+from x2radar.frame import Closing, CounterTracker, Frame, StreamInfo
 from x2radar.modules.base import ModuleSettings, SettingsChooser
 from x2radar.modules.x2 import RadarSettings
 from x2radar.wire.messages import GetSystemInfo, Message, Reply, Reset, SetBaudRate, Unknown
@@ -84,7 +84,7 @@ class X2Radar(Closing):
         self._module: BringUp | None = None
         self._halt = threading.Event()
         self._halt_is_ours = True
-        self._next_index = 0
+        self._counter = CounterTracker()
         self._counts: Counter[str] = Counter()
 
     def __enter__(self) -> Self:
@@ -111,8 +111,7 @@ class X2Radar(Closing):
         Raises PortError or TransportClosed if the port cannot be opened or goes away meanwhile,
         DeviceError if the module does not answer, refuses a setting, or is in safe mode.
         """
-        self.close()
-        self._next_index = 0
+        self._counter = CounterTracker()
         self._open(halt, stream=stream)
 
     def reopen(self, *, halt: threading.Event | None = None) -> None:
@@ -180,7 +179,6 @@ class X2Radar(Closing):
         module, self._module = self._module, None
         if module is not None:
             module.close()
-            self._next_index = module.next_index
 
     def _open(self, halt: threading.Event | None, *, stream: bool) -> None:
         self.close()
@@ -196,7 +194,6 @@ class X2Radar(Closing):
             module.start()
         except BaseException:
             self._module = None
-            self._next_index = module.next_index
             module.link.close()
             raise
 
@@ -223,7 +220,7 @@ class X2Radar(Closing):
             Link, name=self.name, deadlines=self._deadlines, counts=self._counts, halt=self._halt
         )
         return BringUp(
-            lambda listener: link(self._connect(), listener), self.settings, self._next_index
+            lambda listener: link(self._connect(), listener), self.settings, self._counter
         )
 
     def _opened(self) -> BringUp:
