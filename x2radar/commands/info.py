@@ -99,10 +99,8 @@ def describe_recording(path: Path) -> dict[str, Any]:
     with open_recording(path) as reader:
         axis = asdict(reader.stream.axis)
         axis["range_m"] = [float(reader.stream.axis.range_m[k]) for k in (0, -1)]
-        if reader.paths:
-            files = reader.paths
-        else:
-            files = tuple(path.iterdir()) if path.is_dir() else format_of(path).files(path)
+        whole = path.iterdir() if path.is_dir() else format_of(path).files(path)
+        files = reader.paths or whole
         return {
             "path": str(path),
             "format": format_of(path).name,

@@ -151,11 +151,9 @@ def _labels(name: str | None, port: Port, radar: X2Radar, counter: int) -> "list
 
 def free_bytes(*paths: Path) -> float:
     """Return the least free space where `paths` are made, in bytes; inf when unknown."""
-    least = math.inf
-    for path in paths:
-        with suppress(OSError):
-            least = min(least, shutil.disk_usage(path.parent).free)
-    return least
+    with suppress(OSError):
+        return min((shutil.disk_usage(path.parent).free for path in paths), default=math.inf)
+    return math.inf
 
 
 @contextmanager

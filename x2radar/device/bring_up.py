@@ -88,8 +88,6 @@ class BringUp:
                     self.link.listen(self.link.deadlines.restart_s)
                 self._reset()
                 self._configure()
-        except SafeModeError:
-            raise
         except DeviceError as err:
             with contextlib.suppress(TransportClosed):
                 self._check_safe_mode(self.link.ask(Ping(), self.link.deadlines.ping_every_s), err)

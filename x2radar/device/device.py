@@ -4,6 +4,7 @@
 moves the bytes and repeats commands, `reconnect` opens a lost device again.
 """
 
+import contextlib
 import threading
 import time
 import uuid
@@ -202,16 +203,12 @@ class X2Radar(Closing):
             return
         self._module = module = self._bring_up()
         order_code = ""
-        try:
+        with contextlib.closing(module.link), contextlib.suppress(DeviceError):
             ask = GetSystemInfo(InfoItem.ORDER_CODE)
             answer = module.link.command(ask, resends=1, wait_s=_ASK_S)
             if isinstance(answer, Reply) and isinstance(answer.value, str):
                 order_code = answer.value
-        except DeviceError:
-            pass
-        finally:
-            self._module = None
-            module.link.close()
+        self._module = None
         self.settings, self._choose = self._choose(order_code), None
 
     def _bring_up(self) -> BringUp:

@@ -118,7 +118,8 @@ def _meaning(message: Message | None) -> str:
             return ""
         case Pong(code):
             return wire_ids.PONG_NAMES.get(code, "streams").replace("_", " ")
-    return "streams"
+        case _:
+            return "streams"
 
 
 def _refuse_locked(path: str) -> None:

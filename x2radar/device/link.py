@@ -147,10 +147,9 @@ class Link:
                     return Ack()
                 unanswered += 1
                 if unanswered > resends:
-                    if isinstance(command, Reset):
-                        words = "no answer to a reset; is it an XeThru X2 module?"
-                        raise DeviceError(f"{self.name}: {words}")
-                    raise DeviceError(f"{self.name}: no answer to {command}")
+                    hint = "a reset; is it an XeThru X2 module?"
+                    asked = hint if isinstance(command, Reset) else command
+                    raise DeviceError(f"{self.name}: no answer to {asked}")
             elif isinstance(reply, ErrorReply):
                 code = reply.code
                 if code not in _AGAIN or time.monotonic() > busy_until_s:

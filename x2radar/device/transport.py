@@ -12,6 +12,7 @@ import select
 import socket
 import tty
 from collections.abc import Iterator
+from io import FileIO
 from pathlib import Path
 from typing import Protocol
 
@@ -166,39 +167,35 @@ class PtyTransport:
     """The master side of a pseudo-terminal; the slave side is kept open for who comes back."""
 
     def __init__(self) -> None:
-        self._master, self._slave = os.openpty()
-        tty.setraw(self._slave)
-        os.set_blocking(self._master, False)
-        self.path = os.ttyname(self._slave)
+        master, slave = os.openpty()
+        tty.setraw(slave)
+        os.set_blocking(master, False)
+        self.path = os.ttyname(slave)
+        self._master, self._slave = FileIO(master, "r+"), FileIO(slave)
 
     def read(self, timeout_s: float) -> bytes:
         """Return what was written to the terminal; wait up to `timeout_s` for it."""
-        with self._open_master() as master:
-            ready, _, _ = select.select([master], [], [], max(timeout_s, 0))
-            return os.read(master, _READ_SIZE) if ready else b""
+        with self._still_open():
+            ready, _, _ = select.select([self._master], [], [], max(timeout_s, 0))
+            return self._master.read(_READ_SIZE) or b"" if ready else b""
 
     def write(self, data: bytes) -> None:
         """Send all of `data`; waits while the terminal's buffer is full."""
         left = memoryview(data)
         while left:
-            with self._open_master() as master:
-                _, ready, _ = select.select([], [master], [], 1.0)
-                with contextlib.suppress(BlockingIOError):
-                    left = left[os.write(master, left) if ready else 0 :]
+            with self._still_open():
+                select.select([], [self._master], [], 1.0)
+                left = left[self._master.write(left) or 0 :]
 
     @contextlib.contextmanager
-    def _open_master(self) -> Iterator[int]:
-        """Lend the master's descriptor; closed before or meanwhile means TransportClosed."""
+    def _still_open(self) -> Iterator[None]:
+        """Raise TransportClosed if the terminal is closed, before or meanwhile: a ValueError."""
         try:
-            # select refuses -1 with a ValueError.
-            yield self._master
+            yield
         except (OSError, ValueError) as err:
             raise TransportClosed(f"{self.path}: the pseudo-terminal is closed") from err
 
     def close(self) -> None:
         """Close both ends of the terminal."""
-        descriptors = self._master, self._slave
-        self._master = self._slave = -1
-        for descriptor in descriptors:
-            if descriptor >= 0:
-                os.close(descriptor)
+        self._master.close()
+        self._slave.close()
