@@ -51,14 +51,10 @@ def interrupts() -> Iterator[None]:
     A signal is not lost where Python drops what is raised (`__del__`, a callback of a weak
     reference, as the lock of an import has one): it comes again a moment later.
     """
-    own: dict[signal.Signals, object] = {}
-    hook = sys.unraisablehook
-    if threading.current_thread() is threading.main_thread():
-        for number in STOP:
-            before = signal.getsignal(number)
-            if before in {signal.SIG_DFL, signal.default_int_handler, end_at_once}:
-                own[number] = before
-                signal.signal(number, _interrupt)
+    hook, plain = sys.unraisablehook, {signal.SIG_DFL, signal.default_int_handler, end_at_once}
+    is_main = threading.current_thread() is threading.main_thread()
+    own = [number for number in STOP if is_main and signal.getsignal(number) in plain]
+    before = {number: signal.signal(number, _interrupt) for number in own}
 
     def again(dropped: "sys.UnraisableHookArgs") -> None:
         if isinstance(dropped.exc_value, Interrupted):
@@ -72,8 +68,8 @@ def interrupts() -> Iterator[None]:
     try:
         yield
     finally:
-        for number, handler in own.items():
-            signal.signal(number, handler)  # type: ignore[arg-type]
+        for number, handler in before.items():
+            signal.signal(number, handler)
         if own:
             sys.unraisablehook = hook
 

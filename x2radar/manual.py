@@ -1,8 +1,4 @@
-"""Man page and shell completion of a command, made from its parser, so that neither can be old.
-
-`add_manual` adds --print-man and --print-completion. `whole` is the parser with all subcommands,
-where the command itself parses them one by one.
-"""
+"""Man page and shell completion of a command, made from its parser, so that neither can be old."""
 
 import argparse
 import re
@@ -33,7 +29,7 @@ _WIDTH = 73  # man indents by seven
 
 
 def add_manual(parser: Parser, whole: Callable[[], Parser] | None = None) -> None:
-    """Add --print-man and --print-completion to a command's parser."""
+    """Add --print-man and --print-completion; `whole` makes the parser of all subcommands."""
     add = partial(parser.add_argument, action=_Print, const=whole)
     add("--print-man", nargs=0, help="print the man page and exit")
     text = "print a script that completes this command, and exit"
@@ -74,7 +70,7 @@ class _Print(argparse.Action):
     """Print the man page, or completion for a shell where one is given, and end."""
 
     def __call__(self, parser: argparse.ArgumentParser, *given: Any) -> None:
-        """Print; `const` makes the parser with all subcommands, if this one is not whole."""
+        """Print, of the parser that `const` makes, if this one is not whole."""
         whole = self.const() if self.const else parser
         text = completion(whole, given[1]) if self.nargs is None else man_page(whole)
         print(text, end="")  # noqa: T201 - what was asked for

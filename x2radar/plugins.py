@@ -21,10 +21,6 @@ class Plugin:
     about: str  # group, name and distribution, for messages
     made: Any  # what the entry point names
 
-    def call(self, *args: Any, **options: Any) -> Any:
-        """Call what the entry point names; see `guard`."""
-        return self.guard(lambda: self.made(*args, **options))
-
     def guard(self, work: Callable[[], Any]) -> Any:
         """Return what `work` does; PluginError for what goes wrong, but not on purpose, in it."""
         try:

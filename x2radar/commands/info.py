@@ -139,7 +139,7 @@ def _summary(facts: dict[str, Any]) -> dict[str, str]:
     """Return the facts of `describe_recording` as rows for people."""
     axis, device = facts["axis"], facts["device"]
     low_m, high_m = axis["range_m"]
-    measured = facts["measured_rate_hz"]
+    measured, sampler_hz = facts["measured_rate_hz"], axis["sample_rate_hz"]
     labels = sorted({label for _, _, label in facts["labels"]})
     return {
         "format": f"{facts['format']}, {facts['kind']}",
@@ -152,9 +152,7 @@ def _summary(facts: dict[str, Any]) -> dict[str, str]:
         f"{axis['bin_length_m'] * 1e3:.3f} mm",
         "pulse": f"{axis['carrier_hz'] / 1e9:g} GHz, bandwidth "
         + (f"{axis['bandwidth_hz'] / 1e9:g} GHz" if axis["bandwidth_hz"] else "unknown"),
-        "sampler": f"{axis['sample_rate_hz'] / 1e9:g} GS/s"
-        if axis["sample_rate_hz"]
-        else "unknown",
+        "sampler": f"{sampler_hz / 1e9:g} GS/s" if sampler_hz else "unknown",
         "started": facts["started_utc"] or "unknown",
         "device": device.get("name", "unknown"),
         "labels": f"{len(facts['labels'])} ({', '.join(labels)})" if labels else "none",

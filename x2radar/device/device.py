@@ -165,8 +165,17 @@ class X2Radar(Closing):
 
         Asks once, on a port opened for that, as `open` does otherwise; raises as `open`.
         """
-        self._halt = threading.Event()
-        self._identify()
+        if self._choose is None:
+            return
+        self._module = module = self._bring_up()
+        order_code = ""
+        with contextlib.closing(module.link), contextlib.suppress(DeviceError):
+            ask = GetSystemInfo(InfoItem.ORDER_CODE)
+            answer = module.link.command(ask, resends=1, wait_s=_ASK_S)
+            if isinstance(answer, Reply) and isinstance(answer.value, str):
+                order_code = answer.value
+        self._module = None
+        self.settings, self._choose = self._choose(order_code), None
 
     def wrap_transport(self, wrap: Callable[[Transport], Transport]) -> None:
         """Put what `wrap` returns in the place of every transport, from the next opening on."""
@@ -187,7 +196,7 @@ class X2Radar(Closing):
         self._halt_is_ours = halt is None
         self.stream = None
         if stream:
-            self._identify()
+            self.identify()
         self._module = module = self._bring_up()
         if not stream:
             return
@@ -197,19 +206,6 @@ class X2Radar(Closing):
             self._module = None
             module.link.close()
             raise
-
-    def _identify(self) -> None:
-        if self._choose is None:
-            return
-        self._module = module = self._bring_up()
-        order_code = ""
-        with contextlib.closing(module.link), contextlib.suppress(DeviceError):
-            ask = GetSystemInfo(InfoItem.ORDER_CODE)
-            answer = module.link.command(ask, resends=1, wait_s=_ASK_S)
-            if isinstance(answer, Reply) and isinstance(answer.value, str):
-                order_code = answer.value
-        self._module = None
-        self.settings, self._choose = self._choose(order_code), None
 
     def _bring_up(self) -> BringUp:
         # With the event of this opening, whatever becomes of the radar meanwhile.

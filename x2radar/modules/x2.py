@@ -1,7 +1,4 @@
-"""What the X2 module is told before it streams: frozen, checked at construction.
-
-Owns the chip's limits, the table of pulse generators, and the commands that configure it.
-"""
+"""What the X2 module is told before it streams: frozen, checked at construction."""
 
 import math
 from collections.abc import Iterator, Mapping
