@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from x2radar.device.device import X2Radar
 from x2radar.device.reconnect import ReconnectingRadar
@@ -207,8 +208,7 @@ def _stacked(
             break
     n_rows = rows[-1].index - rows[0].index + 1 if rows else 0
     dtype = SAMPLE_DTYPES[stream.axis.kind]
-    made: Any = np.full((n_rows, stream.axis.n_range), np.nan, dtype)
+    made: NDArray[Any] = np.full((n_rows, stream.axis.n_range), np.nan, dtype)
     for frame in rows:
         made[frame.index - rows[0].index] = frame.samples
-    samples: Samples = made
-    return samples
+    return made

@@ -181,7 +181,6 @@ def count_by_stamps(stamp_s: NDArray[np.float64]) -> tuple[NDArray[np.uint32], f
 def _with_losses(room: NDArray[np.float64]) -> NDArray[np.int64]:
     """Return frame numbers, from 0, for the room that each stamp leaves before it."""
     lost = np.minimum.accumulate(room[::-1])[::-1]
-    index: NDArray[np.int64] = np.arange(room.size) + np.maximum(lost - lost[0], 0).astype(
-        np.int64
-    )
+    index = np.arange(room.size, dtype=np.int64)
+    index += np.maximum(lost - lost[0], 0).astype(np.int64)
     return index
