@@ -16,6 +16,7 @@ from x2radar.modules.base import ModuleSettings
 from x2radar.ports import named_port, parse_port
 from x2radar.radars import make_radar
 from x2radar.recording.about import SAMPLE_DTYPES
+from x2radar.recording.registry import open_recording
 
 if TYPE_CHECKING:
     from x2radar.device.aio import AsyncRadar
@@ -175,9 +176,6 @@ def read_frames(
     >>> samples.shape, np.flatnonzero(np.isnan(samples[:, 0])).tolist()
     ((52, 8), [10, 11])
     """
-    # Late: h5py takes a while.
-    from x2radar.recording.registry import open_recording  # noqa: PLC0415
-
     with open_recording(path) as recording:
         stream = recording.stream
         n = _frames_in(_LONGEST_S if duration_s is None else duration_s, stream.frame_rate_hz)

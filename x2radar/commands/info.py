@@ -5,7 +5,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from x2radar.commands import Commands, add_command
 from x2radar.device.device import X2Radar
@@ -14,11 +14,10 @@ from x2radar.errors import DeviceError
 from x2radar.frame import FrameCounts
 from x2radar.ports import is_port, parse_port
 from x2radar.radars import make_radar
+from x2radar.recording.blocks import BlockReader
+from x2radar.recording.registry import format_of, open_recording
 from x2radar.wire.messages import GetSystemInfo, Message, Ping, Pong, Reply
 from x2radar.wire.wire_ids import PONG_NAMES, InfoItem
-
-if TYPE_CHECKING:
-    from x2radar.recording.blocks import BlockReader
 
 
 def register(commands: Commands) -> None:
@@ -93,9 +92,6 @@ def answers_of(radar: X2Radar, wait_s: float | None = None) -> Iterator[tuple[st
 
 def describe_recording(path: Path) -> dict[str, Any]:
     """Return facts about a recording, JSON-safe, of counters and times, not samples."""
-    # Late: h5py takes a while, and a port does without.
-    from x2radar.recording.registry import format_of, open_recording  # noqa: PLC0415
-
     with open_recording(path) as reader:
         axis = asdict(reader.stream.axis)
         axis["range_m"] = [float(reader.stream.axis.range_m[k]) for k in (0, -1)]
@@ -119,7 +115,7 @@ def describe_recording(path: Path) -> dict[str, Any]:
         }
 
 
-def _counted(reader: "BlockReader") -> dict[str, Any]:
+def _counted(reader: BlockReader) -> dict[str, Any]:
     counts = FrameCounts()
     counters, times_s = reader.lists()
     for counter in counters.tolist():

@@ -24,6 +24,8 @@ from x2radar.device.device import X2Radar
 from x2radar.frame import Frame
 from x2radar.ports import PORT_FORMS, Port, parse_port, parse_speed
 from x2radar.radars import make_radar
+from x2radar.recording.blocks import Label
+from x2radar.recording.capture import CaptureWriter, CapturingTransport
 from x2radar.recording.faults import refuse_taken
 from x2radar.recording.registry import check_name
 from x2radar.sim.scene.scene import load_scene
@@ -32,7 +34,6 @@ from x2radar.startup import STOP
 from x2radar.wall_clock import utc_text
 
 if TYPE_CHECKING:
-    from x2radar.recording.blocks import Label
     from x2radar.recording.parts import RotatingWriter
 
 _MB = 1e6
@@ -64,7 +65,6 @@ def register(commands: Commands) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     # Late, because h5py takes a while and the other subcommands do without it.
-    from x2radar.recording.capture import CaptureWriter, CapturingTransport  # noqa: PLC0415
     from x2radar.recording.parts import RotatingWriter, existing_parts  # noqa: PLC0415
 
     _check(args)
@@ -137,7 +137,7 @@ def _check(args: argparse.Namespace) -> None:
         raise errors.SettingsError(f"--free-floor {args.free_floor:g}: must be 0 or more, in MB")
 
 
-def _labels(name: str | None, port: Port, radar: X2Radar, counter: int) -> "list[Label]":
+def _labels(name: str | None, port: Port, radar: X2Radar, counter: int) -> list[Label]:
     """Return who was there, as the user or the scene says; nobody knows after a restart."""
     if name is not None:
         return [(0.0, math.inf, name)]
