@@ -56,15 +56,14 @@ class BringUp:
         while True:
             try:
                 self.link = self._connect(self._on_message)
+                break
             except PortError:
                 if self.link.halt.is_set() or time.monotonic() > give_up_s:
                     raise
                 self.link.halt.wait(_REOPEN_EVERY_S)
-            else:
-                if self.link.halt.is_set():
-                    # Who set it meanwhile may have closed the port before this one.
-                    self.link.close()
-                return
+        if self.link.halt.is_set():
+            # Who set it meanwhile may have closed the port before this one.
+            self.link.close()
 
     def start(self) -> None:
         """Reset, unless it has just restarted by itself, configure and start; say why if not.

@@ -73,9 +73,8 @@ class X2Radar(Closing):
         run_id: str = "",
     ) -> None:
         self._choose = settings if callable(settings) else None
-        self.settings: ModuleSettings = (
-            RadarSettings() if settings is None or callable(settings) else settings
-        )
+        known = settings if isinstance(settings, ModuleSettings) else RadarSettings()
+        self.settings: ModuleSettings = known
         self.name = name
         self._run_id = run_id or uuid.uuid4().hex
         self.stream: StreamInfo | None = None
