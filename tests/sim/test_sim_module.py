@@ -2,7 +2,6 @@
 
 import math
 import time
-from contextlib import closing
 from dataclasses import asdict
 from itertools import islice
 
@@ -289,7 +288,7 @@ def test_faster_than_time_it_waits_for_a_reader_who_is_late(speed):
     """Before, a factor that the computer cannot keep up with lost frames, and so decisions."""
     m = module(EMPTY)
     near, far = memory_pair()
-    with served(far, m, speed), closing(near):
+    with served(far, m, speed):
         near.write(wire(MANUAL))
         time.sleep(0.2)  # at 50 times real time ten seconds: five times what a late host may be
         decoder, received = PacketDecoder(), []

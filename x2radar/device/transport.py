@@ -1,4 +1,4 @@
-"""Byte pipes: a serial port or pyserial URL, a pair of sockets, a pseudo-terminal.
+"""Byte pipes: a serial port or pyserial URL, a pair in memory, a pseudo-terminal.
 
 `read` waits for the first bytes, empty when the time is over; `write` sends everything; both raise
 `TransportClosed` once the far end or the port is gone.
@@ -9,9 +9,10 @@ import errno
 import os
 import re
 import select
-import socket
+import threading
 import tty
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Callable, Iterator
 from io import FileIO
 from pathlib import Path
 from typing import Protocol
@@ -23,7 +24,7 @@ from x2radar.errors import NoPort, PortBusy, PortDenied, PortError, PortNotFound
 _READ_SIZE = 1 << 16  # most bytes of one read: more than any system's buffer of a serial port
 _WRITE_TIMEOUT_S = 5.0  # until a port counts as gone: ten times what its buffers take
 _BAUD = 115_200  # of XeThru modules; ports on USB ignore it
-_OVER = "the far end of the memory pair is closed"
+_MAX_UNREAD = 1 << 17  # bytes that wait in memory before who writes more waits
 TTY_CLASS = Path("/sys/class/tty")
 
 
@@ -122,45 +123,56 @@ def _port_error(url: str, err: Exception) -> PortError:
     return PortError(f"{url}: cannot be opened: {getattr(inner, 'strerror', None) or text}")
 
 
-class SocketTransport:
-    """One end of a pair of sockets, bounded, so that a fast writer waits; see `memory_pair`."""
+class MemoryTransport:
+    """One end of a pair in memory, bounded, so that a fast writer waits; see `memory_pair`."""
 
-    def __init__(self, end: socket.socket) -> None:
-        self._end = end
+    _far: "MemoryTransport"
+
+    def __init__(self, changed: threading.Condition, *, keeps_pieces: bool) -> None:
+        self._changed = changed
+        self._keeps_pieces = keeps_pieces
+        self._unread: deque[bytes] = deque()
+        self._is_closed = False
 
     def read(self, timeout_s: float) -> bytes:
         """Return what the far end wrote; wait up to `timeout_s` for the first byte."""
-        try:
-            self._end.settimeout(max(timeout_s, 0))
-            data = self._end.recv(_READ_SIZE)
-        except (TimeoutError, BlockingIOError):
-            return b""
-        except OSError:
-            data = b""
-        if not data:
-            raise TransportClosed(_OVER)
-        return data
+        with self._waited(lambda: bool(self._unread), max(timeout_s, 0)):
+            n = min(1, len(self._unread)) if self._keeps_pieces else len(self._unread)
+            return b"".join(self._unread.popleft() for _ in range(n))
 
     def write(self, data: bytes) -> None:
         """Send `data`; waits while the far end has much to read."""
-        try:
-            self._end.settimeout(None)
-            self._end.sendall(data)
-        except OSError as err:
-            raise TransportClosed(_OVER) from err
+        unread = self._far._unread
+        with self._waited(lambda: not self._is_over() and sum(map(len, unread)) < _MAX_UNREAD):
+            unread.append(bytes(data))
 
     def close(self) -> None:
-        """Close both directions, for who waits in another thread as well."""
-        with contextlib.suppress(OSError):
-            self._end.shutdown(socket.SHUT_RDWR)
-        self._end.close()
+        """Close both directions; what was not read here is dropped."""
+        with self._changed:
+            self._is_closed = True
+            self._unread.clear()
+            self._changed.notify_all()
+
+    def _is_over(self) -> bool:
+        return self._is_closed or self._far._is_closed
+
+    @contextlib.contextmanager
+    def _waited(self, is_ready: Callable[[], bool], wait_s: float | None = None) -> Iterator[None]:
+        """Wait for what is to be changed; TransportClosed if it will never be ready."""
+        with self._changed:
+            self._changed.wait_for(lambda: is_ready() or self._is_over(), wait_s)
+            if self._is_over() and not is_ready():
+                raise TransportClosed("the far end of the memory pair is closed")
+            yield
+            self._changed.notify_all()
 
 
-def memory_pair(*, keeps_pieces: bool = False) -> tuple[SocketTransport, SocketTransport]:
+def memory_pair(*, keeps_pieces: bool = False) -> tuple[MemoryTransport, MemoryTransport]:
     """Return two connected ends; with `keeps_pieces` a read returns what one write sent."""
-    kind = socket.SOCK_SEQPACKET if keeps_pieces else socket.SOCK_STREAM
-    near, far = socket.socketpair(type=kind)
-    return SocketTransport(near), SocketTransport(far)
+    changed = threading.Condition()
+    near, far = (MemoryTransport(changed, keeps_pieces=keeps_pieces) for _ in "nf")
+    near._far, far._far = far, near
+    return near, far
 
 
 class PtyTransport:
