@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from x2radar.device.device import X2Radar
 from x2radar.device.reconnect import ReconnectingRadar
@@ -15,6 +16,7 @@ from x2radar.modules.base import ModuleSettings
 from x2radar.ports import named_port, parse_port
 from x2radar.radars import make_radar
 from x2radar.recording.about import SAMPLE_DTYPES
+from x2radar.recording.registry import open_recording
 
 if TYPE_CHECKING:
     from x2radar.device.aio import AsyncRadar
@@ -174,9 +176,6 @@ def read_frames(
     >>> samples.shape, np.flatnonzero(np.isnan(samples[:, 0])).tolist()
     ((52, 8), [10, 11])
     """
-    # Late: h5py takes a while.
-    from x2radar.recording.registry import open_recording  # noqa: PLC0415
-
     with open_recording(path) as recording:
         stream = recording.stream
         n = _frames_in(_LONGEST_S if duration_s is None else duration_s, stream.frame_rate_hz)
@@ -207,8 +206,7 @@ def _stacked(
             break
     n_rows = rows[-1].index - rows[0].index + 1 if rows else 0
     dtype = SAMPLE_DTYPES[stream.axis.kind]
-    made: Any = np.full((n_rows, stream.axis.n_range), np.nan, dtype)
+    made: NDArray[Any] = np.full((n_rows, stream.axis.n_range), np.nan, dtype)
     for frame in rows:
         made[frame.index - rows[0].index] = frame.samples
-    samples: Samples = made
-    return samples
+    return made

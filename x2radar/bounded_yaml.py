@@ -37,7 +37,7 @@ def compose_yaml(text: str) -> yaml.Node | None:
     with _in_one_line():
         node: yaml.Node | None = yaml.compose(text, yaml.SafeLoader)
         if node is not None:
-            _count(node, {}, set())
+            _count(node, {})
         return node
 
 
@@ -74,25 +74,23 @@ def _in_one_line() -> Iterator[None]:
         raise YamlError(msg) from err
 
 
-def _count(node: yaml.Node, known: dict[int, int], above: set[int]) -> int:
+def _count(node: yaml.Node, known: dict[int, int]) -> int:
     """Return the nodes of a tree with aliases written out; look for keys that stand twice."""
-    if id(node) in known:
-        return known[id(node)]
     line = node.start_mark.line + 1
-    if id(node) in above:
-        raise YamlError("an alias to what it stands in", line)
+    if id(node) in known:
+        if known[id(node)] == 0:
+            raise YamlError("an alias to what it stands in", line)
+        return known[id(node)]
     if isinstance(node, yaml.ScalarNode) and len(node.value) > MAX_SCALAR:
         raise YamlError(f"a value of {len(node.value)} characters", line)
     if isinstance(node, yaml.ScalarNode) and "\0" in node.value:
         raise YamlError("a NUL character, which no name or path may have", line)
-    above.add(id(node))
-    n = 1
+    n, known[id(node)] = 1, 0
     if isinstance(node, yaml.SequenceNode):
-        n += sum(_count(item, known, above) for item in node.value)
+        n += sum(_count(item, known) for item in node.value)
     elif isinstance(node, yaml.MappingNode):
-        n += sum(_count(item, known, above) for pair in node.value for item in pair)
+        n += sum(_count(item, known) for pair in node.value for item in pair)
         _check_keys(node)
-    above.discard(id(node))
     if n > MAX_NODES:
         raise YamlError(f"more than {MAX_NODES} values, with aliases written out")
     known[id(node)] = n

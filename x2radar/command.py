@@ -1,8 +1,4 @@
-"""What the three commands share: one-line errors, exit codes, the parser that keeps them.
-
-0 clean, also after SIGINT and SIGTERM; 1 runtime failure; 2 usage; further codes stand in
-the `exit_code` of the errors themselves.
-"""
+"""What the three commands share: one-line errors, exit codes, the parser that keeps them."""
 
 import argparse
 import contextlib
@@ -156,7 +152,7 @@ def installed_version(distribution: str = DISTRIBUTION) -> str:
 def run_command(
     prog: str, body: Body, argv: Sequence[str] | None = None, *, is_loaded: bool = True
 ) -> int:
-    """Run a command's body and turn what it raises into one line and an exit code."""
+    """Run a command's body; turn what it raises into one line and its `exit_code`, else 1."""
     args = list(sys.argv[1:] if argv is None else argv)
     try:
         with interrupts() if is_loaded else contextlib.nullcontext():

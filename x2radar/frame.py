@@ -94,18 +94,18 @@ class Step(Enum):
 
 
 class CounterTracker:
-    """Unwrap a 32-bit frame counter and name every irregularity."""
+    """Unwrap a 32-bit frame counter and name every irregularity; None as `last` is a new start."""
 
     def __init__(self) -> None:
-        self._last: int | None = None
+        self.last: int | None = None
         self.index = -1
 
     def update(self, counter: int) -> tuple[Step, int]:
         """Take a frame's counter; return how it follows, and how many are missing (`Step.GAP`)."""
-        last, self._last = self._last, counter
+        last, self.last = self.last, counter
         if last is None:
-            self.index = 0
-            return Step.FIRST, 0
+            self.index += 1
+            return Step.RESTART if self.index else Step.FIRST, 0
         ahead = (counter - last) % _WRAP
         if ahead == 0:
             return Step.REPEAT, 0
@@ -181,7 +181,6 @@ def count_by_stamps(stamp_s: NDArray[np.float64]) -> tuple[NDArray[np.uint32], f
 def _with_losses(room: NDArray[np.float64]) -> NDArray[np.int64]:
     """Return frame numbers, from 0, for the room that each stamp leaves before it."""
     lost = np.minimum.accumulate(room[::-1])[::-1]
-    index: NDArray[np.int64] = np.arange(room.size) + np.maximum(lost - lost[0], 0).astype(
-        np.int64
-    )
+    index = np.arange(room.size, dtype=np.int64)
+    index += np.maximum(lost - lost[0], 0).astype(np.int64)
     return index

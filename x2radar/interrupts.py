@@ -1,4 +1,4 @@
-"""SIGINT and SIGTERM while a command works: they raise, set an event, or wait for a moment."""
+"""SIGINT and SIGTERM while a command works: they raise, or wait for a moment."""
 
 import _thread
 import contextlib
@@ -8,7 +8,6 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from queue import Empty, SimpleQueue
 from types import FrameType
 
 from x2radar.startup import STOP, end_at_once
@@ -20,43 +19,6 @@ class Interrupted(KeyboardInterrupt):
     Python kills itself with SIGINT at its end when a plain KeyboardInterrupt has gone through any
     `exec`, as of a dataclass that is being made, even if it was caught.
     """
-
-
-class HandlerEvent(threading.Event):
-    """An event that a signal handler may set while its own thread waits for it, or clears it.
-
-    A plain Event takes a lock for either, and the handler would wait for it for ever.
-    """
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._is_set = False
-        self._woken = SimpleQueue[None]()
-
-    def is_set(self) -> bool:
-        """Return whether it is set."""
-        return self._is_set
-
-    def set(self) -> None:
-        """Set it, and wake who waits."""
-        self._is_set = True
-        self._woken.put(None)
-
-    def clear(self) -> None:
-        """Be not set; a `set` that comes in between is not lost."""
-        self._is_set = False
-        with contextlib.suppress(Empty):
-            while True:
-                self._woken.get_nowait()
-
-    def wait(self, timeout: float | None = None) -> bool:
-        """Wait until it is set, at most so many seconds (rarely less); return whether it is."""
-        if not self.is_set():
-            with contextlib.suppress(Empty):
-                self._woken.get(timeout=None if timeout is None else max(0.0, timeout))
-                if self.is_set():
-                    self._woken.put(None)  # for the next one that waits
-        return self.is_set()
 
 
 _held: list[int] | None = None  # signals that came where none may raise
@@ -89,14 +51,10 @@ def interrupts() -> Iterator[None]:
     A signal is not lost where Python drops what is raised (`__del__`, a callback of a weak
     reference, as the lock of an import has one): it comes again a moment later.
     """
-    own: dict[signal.Signals, object] = {}
-    hook = sys.unraisablehook
-    if threading.current_thread() is threading.main_thread():
-        for number in STOP:
-            before = signal.getsignal(number)
-            if before in {signal.SIG_DFL, signal.default_int_handler, end_at_once}:
-                own[number] = before
-                signal.signal(number, _interrupt)
+    hook, plain = sys.unraisablehook, {signal.SIG_DFL, signal.default_int_handler, end_at_once}
+    is_main = threading.current_thread() is threading.main_thread()
+    own = [number for number in STOP if is_main and signal.getsignal(number) in plain]
+    before = {number: signal.signal(number, _interrupt) for number in own}
 
     def again(dropped: "sys.UnraisableHookArgs") -> None:
         if isinstance(dropped.exc_value, Interrupted):
@@ -110,8 +68,8 @@ def interrupts() -> Iterator[None]:
     try:
         yield
     finally:
-        for number, handler in own.items():
-            signal.signal(number, handler)  # type: ignore[arg-type]
+        for number, handler in before.items():
+            signal.signal(number, handler)
         if own:
             sys.unraisablehook = hook
 

@@ -1,9 +1,4 @@
-"""What a setting may be: one table of keys judges settings made in code and scene files.
-
-A settings class writes its fields with `limited` and `one_of`; `Checked` judges an object
-made in code (`SettingsError`), `settings_from` a mapping from a scene file (`SceneError`, with the
-key's path). All else in a scene goes through `checked` with a table of `Key`.
-"""
+"""What a setting may be: one table of keys judges settings made in code and scene files."""
 
 import difflib
 import math
@@ -71,7 +66,7 @@ def _keys_of(cls: type) -> dict[str, Key]:
 
 
 class Checked:
-    """Base of settings that are judged when they are made."""
+    """Base of settings, with fields by `limited` and `one_of`, that are judged when made."""
 
     __slots__ = ()
 

@@ -179,8 +179,7 @@ def _columns(n_frames: int, frame_rate_hz: float) -> tuple[int, NDArray[np.int64
         raise SettingsError(msg)
     stride = max(1, round(frame_rate_hz / _COLUMN_RATE_HZ))
     starts: NDArray[np.int64] = np.arange(0, n_frames - n_cpi + 1, stride, dtype=np.int64)
-    middles_s: Reals = (starts.astype(np.float64) + n_cpi / 2) / frame_rate_hz
-    return n_cpi, starts, middles_s
+    return n_cpi, starts, (starts.astype(np.float64) + n_cpi / 2) / frame_rate_hz
 
 
 def _lines(samples: Samples, axis: FastTimeAxis) -> tuple[NDArray[np.complex128], Reals]:

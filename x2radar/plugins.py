@@ -7,6 +7,7 @@ distribution.
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from importlib import metadata
 from typing import Any
 
 from x2radar.errors import PluginError, X2RadarError
@@ -20,10 +21,6 @@ class Plugin:
 
     about: str  # group, name and distribution, for messages
     made: Any  # what the entry point names
-
-    def call(self, *args: Any, **options: Any) -> Any:
-        """Call what the entry point names; see `guard`."""
-        return self.guard(lambda: self.made(*args, **options))
 
     def guard(self, work: Callable[[], Any]) -> Any:
         """Return what `work` does; PluginError for what goes wrong, but not on purpose, in it."""
@@ -44,11 +41,8 @@ class Plugin:
 
 def find_plugin(group: str, name: str) -> Plugin | None:
     """Return the plug-in of a group with a name; None if there is none, or PluginError."""
-    # Late: the import alone is more than most runs should pay.
-    from importlib.metadata import entry_points  # noqa: PLC0415
-
     # The same distribution may be found twice: once installed, once by its folder.
-    found = {point.value: point for point in entry_points(group=group, name=name)}
+    found = {point.value: point for point in metadata.entry_points(group=group, name=name)}
     if not found:
         return None
     if len(found) > 1:
@@ -66,9 +60,7 @@ def find_plugin(group: str, name: str) -> Plugin | None:
 
 def plugin_names(group: str) -> tuple[str, ...]:
     """Return the names of all plug-ins of a group, for messages; loads none of them."""
-    from importlib.metadata import entry_points  # noqa: PLC0415 - as above
-
-    return tuple(sorted({point.name for point in entry_points(group=group)}))
+    return tuple(sorted({point.name for point in metadata.entry_points(group=group)}))
 
 
 def _distribution(point: Any) -> str:

@@ -66,10 +66,10 @@ def port_settings(port: Port) -> ModuleSettings | SettingsChooser:
 def _connector(
     port: Port, speed: float | None, settings: ModuleSettings | SettingsChooser
 ) -> Callable[[], Transport]:
-    if port.kind != "sim":
-        if port.kind == "auto":
-            # Asked at every connection: a module that was unplugged may come back elsewhere.
-            return lambda: SerialTransport(find_module())
+    if port.kind == "auto":
+        # Asked at every connection: a module that was unplugged may come back elsewhere.
+        return lambda: SerialTransport(find_module())
+    if port.kind == "live":
         return lambda: SerialTransport(port.target)
     text = port.options.get("seed", "0")
     # Not as a float, which takes large seeds for their neighbours.

@@ -94,19 +94,20 @@ def test_a_signal_where_python_drops_it_is_not_lost_and_where_processes_start_it
     assert (done.stdout, done.stderr) == ("heard twice\nstarted\nheard\nand at once\n", "")
 
 
-def test_an_event_that_a_handler_sets_is_never_waited_for_in_the_handler():
+def test_what_a_handler_asks_for_is_never_waited_for_in_the_handler():
     """With a plain Event a daemon under load did not end on SIGTERM."""
     code = """
-        import signal
-        from x2radar.interrupts import HandlerEvent
+        import contextlib, signal
+        from queue import Empty
+        from radard.run.os_signals import Signals
 
-        event = HandlerEvent()
-        signal.signal(signal.SIGALRM, lambda *_: event.set())
+        signals = Signals()
+        signal.signal(signal.SIGALRM, lambda *_: signals.ask("dump"))
         for k in range(4000):
             signal.setitimer(signal.ITIMER_REAL, 1e-6 * (1 + k % 60))
-            while not event.wait(0.002):
-                pass
-            event.clear()
+            while not signals.take("dump"):
+                with contextlib.suppress(Empty):
+                    signals.wake.get(timeout=0.002)
         print("all heard")
     """
     assert ran("-c", textwrap.dedent(code), timeout=60).stdout == "all heard\n"

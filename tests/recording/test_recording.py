@@ -14,7 +14,7 @@ from tests.processes import ran
 from tests.radar_helpers import BASEBAND, frames_of, noise
 from tests.recording_helpers import assert_same_frames, content, record_scene, refused, run
 from x2radar.commands import record as command
-from x2radar.commands.record import record, stop_flag
+from x2radar.commands.record import record, stop_signals
 from x2radar.errors import ReadTimeout, RecordingError
 from x2radar.frame import Frame, StreamInfo
 from x2radar.recording.about import Overrides
@@ -302,28 +302,28 @@ LOOP = {"max_frames": float("inf"), "check_every": 2}
 def test_a_signal_within_a_write_ends_after_it(number):
     writer = Slow(do=lambda: signal.raise_signal(number))
     before = signal.getsignal(number)
-    with stop_flag() as stop:
-        tally = record(frames_of(noise(50)), writer, stop=stop, **LOOP)
+    with stop_signals() as stops:
+        tally = record(frames_of(noise(50)), writer, stops=stops, **LOOP)
     assert (tally.n_frames, tally.is_full) == (5, False)
     assert signal.getsignal(number) is before
 
 
 def test_a_second_signal_interrupts():
-    with stop_flag() as stop:
+    with stop_signals() as stops:
         signal.raise_signal(signal.SIGINT)
-        assert stop.is_set()
+        assert stops == [signal.SIGINT]
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
     seen = []
 
     def elsewhere():
-        with stop_flag() as flag:
-            seen.append(flag.is_set())
+        with stop_signals() as stops:
+            seen.append(list(stops))
 
     thread = threading.Thread(target=elsewhere)
     thread.start()
     thread.join()
-    assert seen == [False]
+    assert seen == [[]]
 
 
 def test_a_stall_is_an_error_unless_told_to_stop():
@@ -332,13 +332,11 @@ def test_a_stall_is_an_error_unless_told_to_stop():
         msg = "no frame"
         raise ReadTimeout(msg)
 
-    stop = threading.Event()
     with pytest.raises(ReadTimeout):
-        record(stalls(), Slow(), stop=stop, **LOOP)
+        record(stalls(), Slow(), stops=[], **LOOP)
     stalled = stalls()
     next(stalled), next(stalled), next(stalled)
-    stop.set()
-    assert record(stalled, Slow(), stop=stop, **LOOP).n_frames == 0
+    assert record(stalled, Slow(), stops=[signal.SIGINT], **LOOP).n_frames == 0
 
 
 def test_record_in_parts_with_a_capture(capsys, tmp_path):

@@ -287,7 +287,7 @@ def test_a_late_host_loses_frames_and_the_counter_goes_on():
 def test_faster_than_time_it_waits_for_a_reader_who_is_late(speed):
     """Before, a factor that the computer cannot keep up with lost frames, and so decisions."""
     m = module(EMPTY)
-    near, far = memory_pair(capacity=1)
+    near, far = memory_pair()
     with served(far, m, speed):
         near.write(wire(MANUAL))
         time.sleep(0.2)  # at 50 times real time ten seconds: five times what a late host may be

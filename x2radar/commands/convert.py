@@ -99,11 +99,9 @@ def convert(
             ) as folder:
                 try:
                     notes = found.write(Path(folder) / out.name, reader)
-                except OSError as err:
-                    raise WriteError.of(out, err) from err
-                except WriteError as err:
+                except (OSError, WriteError) as err:
                     # Its name is that of the file beside it.
-                    raise WriteError.of(out, err.why) from err
+                    raise WriteError.of(out, getattr(err, "why", err)) from err
                 _put_in_place(Path(folder), out)
         except OSError as err:
             raise refuse(out, f"cannot make it there: {err.strerror}") from err

@@ -5,7 +5,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from x2radar.commands import Commands, add_command
 from x2radar.device.device import X2Radar
@@ -14,11 +14,10 @@ from x2radar.errors import DeviceError
 from x2radar.frame import FrameCounts
 from x2radar.ports import is_port, parse_port
 from x2radar.radars import make_radar
+from x2radar.recording.blocks import BlockReader
+from x2radar.recording.registry import format_of, open_recording
 from x2radar.wire.messages import GetSystemInfo, Message, Ping, Pong, Reply
 from x2radar.wire.wire_ids import PONG_NAMES, InfoItem
-
-if TYPE_CHECKING:
-    from x2radar.recording.blocks import BlockReader
 
 
 def register(commands: Commands) -> None:
@@ -93,16 +92,11 @@ def answers_of(radar: X2Radar, wait_s: float | None = None) -> Iterator[tuple[st
 
 def describe_recording(path: Path) -> dict[str, Any]:
     """Return facts about a recording, JSON-safe, of counters and times, not samples."""
-    # Late: h5py takes a while, and a port does without.
-    from x2radar.recording.registry import format_of, open_recording  # noqa: PLC0415
-
     with open_recording(path) as reader:
         axis = asdict(reader.stream.axis)
         axis["range_m"] = [float(reader.stream.axis.range_m[k]) for k in (0, -1)]
-        if reader.paths:
-            files = reader.paths
-        else:
-            files = tuple(path.iterdir()) if path.is_dir() else format_of(path).files(path)
+        whole = path.iterdir() if path.is_dir() else format_of(path).files(path)
+        files = reader.paths or whole
         return {
             "path": str(path),
             "format": format_of(path).name,
@@ -121,7 +115,7 @@ def describe_recording(path: Path) -> dict[str, Any]:
         }
 
 
-def _counted(reader: "BlockReader") -> dict[str, Any]:
+def _counted(reader: BlockReader) -> dict[str, Any]:
     counts = FrameCounts()
     counters, times_s = reader.lists()
     for counter in counters.tolist():
@@ -141,7 +135,7 @@ def _summary(facts: dict[str, Any]) -> dict[str, str]:
     """Return the facts of `describe_recording` as rows for people."""
     axis, device = facts["axis"], facts["device"]
     low_m, high_m = axis["range_m"]
-    measured = facts["measured_rate_hz"]
+    measured, sampler_hz = facts["measured_rate_hz"], axis["sample_rate_hz"]
     labels = sorted({label for _, _, label in facts["labels"]})
     return {
         "format": f"{facts['format']}, {facts['kind']}",
@@ -154,9 +148,7 @@ def _summary(facts: dict[str, Any]) -> dict[str, str]:
         f"{axis['bin_length_m'] * 1e3:.3f} mm",
         "pulse": f"{axis['carrier_hz'] / 1e9:g} GHz, bandwidth "
         + (f"{axis['bandwidth_hz'] / 1e9:g} GHz" if axis["bandwidth_hz"] else "unknown"),
-        "sampler": f"{axis['sample_rate_hz'] / 1e9:g} GS/s"
-        if axis["sample_rate_hz"]
-        else "unknown",
+        "sampler": f"{sampler_hz / 1e9:g} GS/s" if sampler_hz else "unknown",
         "started": facts["started_utc"] or "unknown",
         "device": device.get("name", "unknown"),
         "labels": f"{len(facts['labels'])} ({', '.join(labels)})" if labels else "none",

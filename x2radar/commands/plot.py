@@ -121,5 +121,4 @@ def _image(axes: Any, shown: Map, start_s: float, depth_db: float) -> Any:
 
 
 def _db(power: Reals) -> Reals:
-    least: float = np.finfo(np.float64).tiny
-    return np.asarray(10 * np.log10(np.maximum(power, least)))
+    return np.asarray(10 * np.log10(np.maximum(power, np.finfo(np.float64).tiny)))

@@ -10,7 +10,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass
 from itertools import chain
@@ -22,17 +22,18 @@ from x2radar.command import StatusLine
 from x2radar.commands import Commands, add_command, check_above_zero
 from x2radar.device.device import X2Radar
 from x2radar.frame import Frame
-from x2radar.interrupts import HandlerEvent
 from x2radar.ports import PORT_FORMS, Port, parse_port, parse_speed
 from x2radar.radars import make_radar
+from x2radar.recording.blocks import Label
+from x2radar.recording.capture import CaptureWriter, CapturingTransport
 from x2radar.recording.faults import refuse_taken
 from x2radar.recording.registry import check_name
 from x2radar.sim.scene.scene import load_scene
 from x2radar.sim.scene.stage import Stage
+from x2radar.startup import STOP
 from x2radar.wall_clock import utc_text
 
 if TYPE_CHECKING:
-    from x2radar.recording.blocks import Label
     from x2radar.recording.parts import RotatingWriter
 
 _MB = 1e6
@@ -64,7 +65,6 @@ def register(commands: Commands) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     # Late, because h5py takes a while and the other subcommands do without it.
-    from x2radar.recording.capture import CaptureWriter, CapturingTransport  # noqa: PLC0415
     from x2radar.recording.parts import RotatingWriter, existing_parts  # noqa: PLC0415
 
     _check(args)
@@ -92,7 +92,7 @@ def _run(args: argparse.Namespace) -> int:
         first = next(frames)
         assert radar.stream is not None  # noqa: S101 - known with the first frame
         rate_hz = radar.stream.frame_rate_hz
-        stop = open_now.enter_context(stop_flag())
+        stops = open_now.enter_context(stop_signals())
         writer = RotatingWriter(
             args.file,
             radar.stream,
@@ -107,7 +107,7 @@ def _run(args: argparse.Namespace) -> int:
             tally = record(
                 chain([first], frames),
                 writer,
-                stop=stop,
+                stops=stops,
                 max_frames=max(1, round(args.duration * rate_hz)) if args.duration else math.inf,
                 check_every=max(1, round(rate_hz)),
                 floor_bytes=args.free_floor * _MB,
@@ -137,7 +137,7 @@ def _check(args: argparse.Namespace) -> None:
         raise errors.SettingsError(f"--free-floor {args.free_floor:g}: must be 0 or more, in MB")
 
 
-def _labels(name: str | None, port: Port, radar: X2Radar, counter: int) -> "list[Label]":
+def _labels(name: str | None, port: Port, radar: X2Radar, counter: int) -> list[Label]:
     """Return who was there, as the user or the scene says; nobody knows after a restart."""
     if name is not None:
         return [(0.0, math.inf, name)]
@@ -151,29 +151,27 @@ def _labels(name: str | None, port: Port, radar: X2Radar, counter: int) -> "list
 
 def free_bytes(*paths: Path) -> float:
     """Return the least free space where `paths` are made, in bytes; inf when unknown."""
-    least = math.inf
-    for path in paths:
-        with suppress(OSError):
-            least = min(least, shutil.disk_usage(path.parent).free)
-    return least
+    with suppress(OSError):
+        return min((shutil.disk_usage(path.parent).free for path in paths), default=math.inf)
+    return math.inf
 
 
 @contextmanager
-def stop_flag() -> Iterator[threading.Event]:
-    """Lend an event that the first SIGINT or SIGTERM sets; the second interrupts."""
-    stop = HandlerEvent()
+def stop_signals() -> Iterator[list[int]]:
+    """Lend a list that gets the first SIGINT or SIGTERM; the second interrupts."""
+    stops: list[int] = []
     if threading.current_thread() is not threading.main_thread():
-        yield stop
+        yield stops
         return
 
-    def handle(_number: int, _frame: object) -> None:
-        if stop.is_set():
+    def handle(number: int, _frame: object) -> None:
+        if stops:
             raise KeyboardInterrupt
-        stop.set()
+        stops.append(number)
 
-    before = {n: signal.signal(n, handle) for n in (signal.SIGINT, signal.SIGTERM)}
+    before = {n: signal.signal(n, handle) for n in STOP}
     try:
-        yield stop
+        yield stops
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
@@ -192,13 +190,13 @@ def record(
     frames: Iterator[Frame],
     writer: "RotatingWriter",
     *,
-    stop: threading.Event,
+    stops: Sequence[int],
     max_frames: float,
     check_every: int,
     floor_bytes: float = 0.0,
     paths: tuple[Path, ...] = (),
 ) -> Tally:
-    """Write frames until the stream is long enough, `stop` is set or the disk is full."""
+    """Write frames until the stream is long enough, a signal has come or the disk is full."""
     tally, line, begun_s = Tally(), StatusLine(sys.stderr), time.monotonic()
     try:
         for frame in frames:
@@ -218,10 +216,10 @@ def record(
                     f"{tally.n_frames} frames, {rate_hz:.1f} Hz, {tally.n_lost} lost, "
                     f"{writer.n_bytes / _MB:.1f} MB"
                 )
-            if stop.is_set() or tally.is_full:
+            if stops or tally.is_full:
                 break
     except (errors.ReadTimeout, errors.TransportClosed):
-        if not stop.is_set():
+        if not stops:
             raise
     finally:
         line.clear()

@@ -1,6 +1,7 @@
 """`x2radar scenes` and `x2radar simulate`: what can be simulated, and a module that sends it."""
 
 import argparse
+from contextlib import closing
 
 from x2radar.commands import Commands, add_command
 from x2radar.device.transport import PtyTransport
@@ -54,10 +55,8 @@ def _serve(args: argparse.Namespace) -> int:
     speed = parse_speed(args.speed)
     pty = PtyTransport()
     print(pty.path, flush=True)
-    try:
+    with closing(pty):
         serve(module, pty, speed=speed)
-    finally:
-        pty.close()
     return 0
 
 

@@ -20,12 +20,17 @@ from x2radar.wire.wire_ids import ContentId
 class FrameAssembler:
     """Build frames from messages, with unwrapped counters; `settings` give raw ones an axis.
 
-    Frames that came twice are added to `counts`, as "repeated".
+    Frames that came twice are added to `counts`, as "repeated"; `counter` may go on from before.
     """
 
-    def __init__(self, settings: ModuleSettings, counts: Counter[str] | None = None) -> None:
+    def __init__(
+        self,
+        settings: ModuleSettings,
+        counts: Counter[str] | None = None,
+        counter: CounterTracker | None = None,
+    ) -> None:
         self._settings = settings
-        self._counter = CounterTracker()
+        self._counter = counter or CounterTracker()
         self._said: dict[str, Any] = {}
         self._axis = settings.axis
         self._last: Samples | None = None

@@ -9,12 +9,11 @@ import contextlib
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import replace
 
 from x2radar.device.assemble import FrameAssembler
 from x2radar.device.link import READ_S, RETRIES, Link, Listener
 from x2radar.errors import DeviceError, PortError, RestartRequired, SafeModeError, TransportClosed
-from x2radar.frame import Frame
+from x2radar.frame import CounterTracker, Frame
 from x2radar.modules.base import ModuleSettings
 from x2radar.wire import framing
 from x2radar.wire.codec import encode
@@ -27,22 +26,21 @@ _REOPEN_EVERY_S = 0.1  # well under the half second that a module takes to resta
 class BringUp:
     """A module whose port is open, or on its way to be; the link's `halt` ends every wait.
 
-    Frames of its stream wait in `waiting`, until they are taken; their numbers begin at
-    `next_index`, and the first one is marked as a restart unless it is frame 0.
+    Frames of its stream wait in `waiting`, until they are taken; their numbers go on from those
+    of `count`, and the first one is marked as a restart unless it is frame 0.
     """
 
     def __init__(
-        self, connect: Callable[[Listener], Link], settings: ModuleSettings, next_index: int
+        self, connect: Callable[[Listener], Link], settings: ModuleSettings, count: CounterTracker
     ) -> None:
         self.has_restarted = False
         self.waiting: deque[Frame] = deque()
-        self.next_index = self._first_index = next_index
-        self._assembler = FrameAssembler(settings)
+        self._count = count
         self._connect = connect
         self._commands = settings.startup_commands()
-        self._settings = settings
         self._is_ready = self._is_ours = self._is_streaming = False
         self.link = connect(self._on_message)
+        self._assembler = FrameAssembler(settings, self.link.counts, count)
 
     def close(self) -> None:
         """Tell a started module to stop, as far as it still listens; close the port."""
@@ -58,15 +56,14 @@ class BringUp:
         while True:
             try:
                 self.link = self._connect(self._on_message)
+                break
             except PortError:
                 if self.link.halt.is_set() or time.monotonic() > give_up_s:
                     raise
                 self.link.halt.wait(_REOPEN_EVERY_S)
-            else:
-                if self.link.halt.is_set():
-                    # Who set it meanwhile may have closed the port before this one.
-                    self.link.close()
-                return
+        if self.link.halt.is_set():
+            # Who set it meanwhile may have closed the port before this one.
+            self.link.close()
 
     def start(self) -> None:
         """Reset, unless it has just restarted by itself, configure and start; say why if not.
@@ -90,8 +87,6 @@ class BringUp:
                     self.link.listen(self.link.deadlines.restart_s)
                 self._reset()
                 self._configure()
-        except SafeModeError:
-            raise
         except DeviceError as err:
             with contextlib.suppress(TransportClosed):
                 self._check_safe_mode(self.link.ask(Ping(), self.link.deadlines.ping_every_s), err)
@@ -156,8 +151,7 @@ class BringUp:
             else:
                 # What came before is void; where a stream was before, its numbers go on.
                 self.waiting.clear()
-                self._first_index = self.next_index
-                self._assembler = FrameAssembler(self._settings, self.link.counts)
+                self._count.last = None
                 self._is_streaming = True
                 # Where frames come, only the answer was lost; another start would cut them.
                 self.link.command(start, resends=RETRIES, is_done=lambda: bool(self.waiting))
@@ -180,11 +174,6 @@ class BringUp:
                 # The late answer to a ping that was given up.
                 self._is_ready = True
             case None, _ if self._is_streaming and not self.has_restarted:
-                if (frame := self._assembler.frame(message, arrived_s)) is None:
-                    return
-                if first := self._first_index:
-                    is_restart = frame.restarted or frame.index == 0
-                    frame = replace(frame, index=first + frame.index, restarted=is_restart)
-                self.next_index = frame.index + 1
-                self.waiting.append(frame)
-                self.link.counts.update(frames=1, lost=frame.lost, restarts=frame.restarted)
+                if frame := self._assembler.frame(message, arrived_s):
+                    self.waiting.append(frame)
+                    self.link.counts.update(frames=1, lost=frame.lost, restarts=frame.restarted)

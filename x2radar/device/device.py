@@ -4,6 +4,7 @@
 moves the bytes and repeats commands, `reconnect` opens a lost device again.
 """
 
+import contextlib
 import threading
 import time
 import uuid
@@ -17,7 +18,7 @@ from x2radar.device.bring_up import BringUp
 from x2radar.device.link import READ_S, RETRIES, Deadlines, Link
 from x2radar.device.transport import Transport
 from x2radar.errors import DeviceError, ReadTimeout, TransportClosed
-from x2radar.frame import Closing, Frame, StreamInfo
+from x2radar.frame import Closing, CounterTracker, Frame, StreamInfo
 from x2radar.modules.base import ModuleSettings, SettingsChooser
 from x2radar.modules.x2 import RadarSettings
 from x2radar.wire.messages import GetSystemInfo, Message, Reply, Reset, SetBaudRate, Unknown
@@ -72,9 +73,8 @@ class X2Radar(Closing):
         run_id: str = "",
     ) -> None:
         self._choose = settings if callable(settings) else None
-        self.settings: ModuleSettings = (
-            RadarSettings() if settings is None or callable(settings) else settings
-        )
+        known = settings if isinstance(settings, ModuleSettings) else RadarSettings()
+        self.settings: ModuleSettings = known
         self.name = name
         self._run_id = run_id or uuid.uuid4().hex
         self.stream: StreamInfo | None = None
@@ -84,7 +84,7 @@ class X2Radar(Closing):
         self._module: BringUp | None = None
         self._halt = threading.Event()
         self._halt_is_ours = True
-        self._next_index = 0
+        self._counter = CounterTracker()
         self._counts: Counter[str] = Counter()
 
     def __enter__(self) -> Self:
@@ -111,8 +111,7 @@ class X2Radar(Closing):
         Raises PortError or TransportClosed if the port cannot be opened or goes away meanwhile,
         DeviceError if the module does not answer, refuses a setting, or is in safe mode.
         """
-        self.close()
-        self._next_index = 0
+        self._counter = CounterTracker()
         self._open(halt, stream=stream)
 
     def reopen(self, *, halt: threading.Event | None = None) -> None:
@@ -165,8 +164,17 @@ class X2Radar(Closing):
 
         Asks once, on a port opened for that, as `open` does otherwise; raises as `open`.
         """
-        self._halt = threading.Event()
-        self._identify()
+        if self._choose is None:
+            return
+        self._module = module = self._bring_up()
+        order_code = ""
+        with contextlib.closing(module.link), contextlib.suppress(DeviceError):
+            ask = GetSystemInfo(InfoItem.ORDER_CODE)
+            answer = module.link.command(ask, resends=1, wait_s=_ASK_S)
+            if isinstance(answer, Reply) and isinstance(answer.value, str):
+                order_code = answer.value
+        self._module = None
+        self.settings, self._choose = self._choose(order_code), None
 
     def wrap_transport(self, wrap: Callable[[Transport], Transport]) -> None:
         """Put what `wrap` returns in the place of every transport, from the next opening on."""
@@ -180,7 +188,6 @@ class X2Radar(Closing):
         module, self._module = self._module, None
         if module is not None:
             module.close()
-            self._next_index = module.next_index
 
     def _open(self, halt: threading.Event | None, *, stream: bool) -> None:
         self.close()
@@ -188,7 +195,7 @@ class X2Radar(Closing):
         self._halt_is_ours = halt is None
         self.stream = None
         if stream:
-            self._identify()
+            self.identify()
         self._module = module = self._bring_up()
         if not stream:
             return
@@ -196,26 +203,8 @@ class X2Radar(Closing):
             module.start()
         except BaseException:
             self._module = None
-            self._next_index = module.next_index
             module.link.close()
             raise
-
-    def _identify(self) -> None:
-        if self._choose is None:
-            return
-        self._module = module = self._bring_up()
-        order_code = ""
-        try:
-            ask = GetSystemInfo(InfoItem.ORDER_CODE)
-            answer = module.link.command(ask, resends=1, wait_s=_ASK_S)
-            if isinstance(answer, Reply) and isinstance(answer.value, str):
-                order_code = answer.value
-        except DeviceError:
-            pass
-        finally:
-            self._module = None
-            module.link.close()
-        self.settings, self._choose = self._choose(order_code), None
 
     def _bring_up(self) -> BringUp:
         # With the event of this opening, whatever becomes of the radar meanwhile.
@@ -223,7 +212,7 @@ class X2Radar(Closing):
             Link, name=self.name, deadlines=self._deadlines, counts=self._counts, halt=self._halt
         )
         return BringUp(
-            lambda listener: link(self._connect(), listener), self.settings, self._next_index
+            lambda listener: link(self._connect(), listener), self.settings, self._counter
         )
 
     def _opened(self) -> BringUp:

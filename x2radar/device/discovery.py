@@ -13,19 +13,15 @@ from pathlib import Path
 
 from x2radar import errors
 from x2radar.device.transport import SerialTransport
-from x2radar.wire import framing
-from x2radar.wire.codec import decode_response, encode
-from x2radar.wire.framing import Packet, PacketData, PacketDecoder
-from x2radar.wire.messages import Ping, Pong, Unknown
-from x2radar.wire.wire_ids import PONG_NAMES
+from x2radar.wire import framing, wire_ids
+from x2radar.wire.codec import encode, read_messages
+from x2radar.wire.messages import Message, Ping, Pong, Unknown
 
 _ANSWER_S = 0.3  # how long a port is listened to: a module answers a ping within milliseconds
 
 _BY_ID = Path("/dev/serial/by-id")
 _LOCK_FOLDERS = (Path("/run/lock"), Path("/var/lock"))
 _MAX_AT_ONCE = 16  # ports asked at the same time: more than most machines have
-
-_PING = encode(Ping())
 
 USB_IDS = {
     "03eb:6124": ("XeThru X4 module (Atmel CDC)", "documented"),
@@ -103,30 +99,27 @@ def port_state(path: str) -> tuple[bool, str]:
             errors.PortNotFound: "gone",
         }
         return False, words.get(type(err), "cannot be opened")
-    decoder = PacketDecoder()
+    decoder = framing.PacketDecoder()
     with contextlib.closing(transport), contextlib.suppress(errors.TransportClosed):
-        transport.write(framing.encode(_PING))
+        transport.write(framing.encode(encode(Ping())))
         until_s = time.monotonic() + _ANSWER_S
         while (left_s := until_s - time.monotonic()) > 0:
-            items = decoder.feed(transport.read(left_s))
-            heard = [_meaning(item.data) for item in items if isinstance(item, Packet)]
+            heard = map(_meaning, read_messages(decoder, transport.read(left_s)))
             # Its answer may still stand behind data; but that it is a module is clear.
             if said := max(filter(None, heard), key=lambda said: said != "streams", default=""):
                 return True, said
     return False, "silent"
 
 
-def _meaning(data: PacketData) -> str:
-    if data == _PING:
-        # A line that echoes what it gets.
-        return ""
-    try:
-        message = decode_response(data)
-    except errors.MessageError:
-        return ""
-    if isinstance(message, Pong):
-        return PONG_NAMES.get(message.code, "streams").replace("_", " ")
-    return "" if isinstance(message, Unknown) and not message.name else "streams"
+def _meaning(message: Message | None) -> str:
+    match message:
+        case None | Unknown(name="") | Pong(code=wire_ids.PING_SEED):
+            # Damaged, of no module, or from a line that echoes what it gets.
+            return ""
+        case Pong(code):
+            return wire_ids.PONG_NAMES.get(code, "streams").replace("_", " ")
+        case _:
+            return "streams"
 
 
 def _refuse_locked(path: str) -> None:

@@ -56,43 +56,37 @@ class Deadlines:
     """Until a busy module is asked again."""
 
 
+@dataclass(eq=False)
 class Link:
     """One open port; `listener` gets every message."""
 
-    def __init__(
-        self,
-        transport: Transport,
-        listener: Listener,
-        *,
-        name: str,
-        deadlines: Deadlines,
-        counts: Counter[str],
-        halt: threading.Event,
-    ) -> None:
-        self.name = name
-        self.deadlines = deadlines
-        self.counts = counts
-        self.halt = halt
-        self._transport = transport
-        self._listener = listener
+    transport: Transport
+    listener: Listener
+    name: str
+    deadlines: Deadlines
+    counts: Counter[str]
+    halt: threading.Event
+
+    def __post_init__(self) -> None:
+        """Begin with nothing read and nothing asked."""
         self._decoder = framing.PacketDecoder()
         self._command: Message | None = None
         # Asked now: once the module restarts, its device is no longer there to look at.
-        self.is_usb = bool(getattr(transport, "is_usb", False))
+        self.is_usb = bool(getattr(self.transport, "is_usb", False))
 
     def close(self, farewell: bytes = b"") -> None:
         """Close the port, after sending `farewell` as far as it still goes out."""
-        with contextlib.closing(self._transport), contextlib.suppress(TransportClosed):
+        with contextlib.closing(self.transport), contextlib.suppress(TransportClosed):
             if farewell:
-                self._transport.write(farewell)
+                self.transport.write(farewell)
 
     def pump(self, wait_s: float, out: bytes = b"") -> Message | None:
         """Send `out`; read once, waiting `wait_s` for the first byte; return the reply."""
         if self.halt.is_set():
             raise TransportClosed(f"{self.name} was closed")
         if out:
-            self._transport.write(out)
-        data = self._transport.read(wait_s)
+            self.transport.write(out)
+        data = self.transport.read(wait_s)
         arrived_s = time.monotonic()
         reply: Message | None = None
         for message in read_messages(self._decoder, data):
@@ -104,7 +98,7 @@ class Link:
                 reply, self._command = message, None
             else:
                 command = None
-            self._listener(message, command, arrived_s)
+            self.listener(message, command, arrived_s)
         return reply
 
     def listen(self, wait_s: float) -> None:
@@ -147,10 +141,9 @@ class Link:
                     return Ack()
                 unanswered += 1
                 if unanswered > resends:
-                    if isinstance(command, Reset):
-                        words = "no answer to a reset; is it an XeThru X2 module?"
-                        raise DeviceError(f"{self.name}: {words}")
-                    raise DeviceError(f"{self.name}: no answer to {command}")
+                    hint = "a reset; is it an XeThru X2 module?"
+                    asked = hint if isinstance(command, Reset) else command
+                    raise DeviceError(f"{self.name}: no answer to {asked}")
             elif isinstance(reply, ErrorReply):
                 code = reply.code
                 if code not in _AGAIN or time.monotonic() > busy_until_s:

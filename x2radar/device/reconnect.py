@@ -1,8 +1,4 @@
-"""ReconnectingRadar: a radar that comes back, and says so; time is never stitched silently.
-
-It is opened again with growing, jittered pauses, for ever. Frame numbers go on; the first frame
-afterwards is marked as a restart, because nobody knows how much time passed.
-"""
+"""ReconnectingRadar: a radar that comes back, and says so; time is never stitched silently."""
 
 import threading
 import time

@@ -12,7 +12,8 @@ import select
 import threading
 import tty
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from io import FileIO
 from pathlib import Path
 from typing import Protocol
 
@@ -23,6 +24,7 @@ from x2radar.errors import NoPort, PortBusy, PortDenied, PortError, PortNotFound
 _READ_SIZE = 1 << 16  # most bytes of one read: more than any system's buffer of a serial port
 _WRITE_TIMEOUT_S = 5.0  # until a port counts as gone: ten times what its buffers take
 _BAUD = 115_200  # of XeThru modules; ports on USB ignore it
+_MAX_UNREAD = 1 << 17  # bytes that wait in memory before who writes more waits
 TTY_CLASS = Path("/sys/class/tty")
 
 
@@ -126,36 +128,23 @@ class MemoryTransport:
 
     _far: "MemoryTransport"
 
-    def __init__(self, changed: threading.Condition, capacity: int, *, keeps_pieces: bool) -> None:
+    def __init__(self, changed: threading.Condition, *, keeps_pieces: bool) -> None:
         self._changed = changed
-        self._capacity = capacity
         self._keeps_pieces = keeps_pieces
         self._unread: deque[bytes] = deque()
         self._is_closed = False
 
     def read(self, timeout_s: float) -> bytes:
         """Return what the far end wrote; wait up to `timeout_s` for the first byte."""
-        with self._changed:
-            self._changed.wait_for(lambda: self._unread or self._is_over(), max(timeout_s, 0))
-            if not self._unread:
-                self._check()
+        with self._waited(lambda: bool(self._unread), max(timeout_s, 0)):
             n = min(1, len(self._unread)) if self._keeps_pieces else len(self._unread)
-            data = b"".join(self._unread.popleft() for _ in range(n))
-            self._changed.notify_all()
-            return data
+            return b"".join(self._unread.popleft() for _ in range(n))
 
     def write(self, data: bytes) -> None:
-        """Send `data`; waits while the far end is `capacity` bytes behind."""
-        if not data:
-            return
+        """Send `data`; waits while the far end has much to read."""
         unread = self._far._unread
-        with self._changed:
-            self._changed.wait_for(
-                lambda: self._is_over() or sum(map(len, unread)) < self._capacity
-            )
-            self._check()
+        with self._waited(lambda: not self._is_over() and sum(map(len, unread)) < _MAX_UNREAD):
             unread.append(bytes(data))
-            self._changed.notify_all()
 
     def close(self) -> None:
         """Close both directions; what was not read here is dropped."""
@@ -167,20 +156,21 @@ class MemoryTransport:
     def _is_over(self) -> bool:
         return self._is_closed or self._far._is_closed
 
-    def _check(self) -> None:
-        if self._is_over():
-            raise TransportClosed("the far end of the memory pair is closed")
+    @contextlib.contextmanager
+    def _waited(self, is_ready: Callable[[], bool], wait_s: float | None = None) -> Iterator[None]:
+        """Wait for what is to be changed; TransportClosed if it will never be ready."""
+        with self._changed:
+            self._changed.wait_for(lambda: is_ready() or self._is_over(), wait_s)
+            if self._is_over() and not is_ready():
+                raise TransportClosed("the far end of the memory pair is closed")
+            yield
+            self._changed.notify_all()
 
 
-def memory_pair(
-    capacity: int = 1 << 17, *, keeps_pieces: bool = False
-) -> tuple[MemoryTransport, MemoryTransport]:
-    """Return two connected ends; each waits to write while `capacity` bytes are unread.
-
-    With `keeps_pieces` a read returns what one write sent.
-    """
+def memory_pair(*, keeps_pieces: bool = False) -> tuple[MemoryTransport, MemoryTransport]:
+    """Return two connected ends; with `keeps_pieces` a read returns what one write sent."""
     changed = threading.Condition()
-    near, far = (MemoryTransport(changed, capacity, keeps_pieces=keeps_pieces) for _ in "nf")
+    near, far = (MemoryTransport(changed, keeps_pieces=keeps_pieces) for _ in "nf")
     near._far, far._far = far, near
     return near, far
 
@@ -189,39 +179,35 @@ class PtyTransport:
     """The master side of a pseudo-terminal; the slave side is kept open for who comes back."""
 
     def __init__(self) -> None:
-        self._master, self._slave = os.openpty()
-        tty.setraw(self._slave)
-        os.set_blocking(self._master, False)
-        self.path = os.ttyname(self._slave)
+        master, slave = os.openpty()
+        tty.setraw(slave)
+        os.set_blocking(master, False)
+        self.path = os.ttyname(slave)
+        self._master, self._slave = FileIO(master, "r+"), FileIO(slave)
 
     def read(self, timeout_s: float) -> bytes:
         """Return what was written to the terminal; wait up to `timeout_s` for it."""
-        with self._open_master() as master:
-            ready, _, _ = select.select([master], [], [], max(timeout_s, 0))
-            return os.read(master, _READ_SIZE) if ready else b""
+        with self._still_open():
+            ready, _, _ = select.select([self._master], [], [], max(timeout_s, 0))
+            return self._master.read(_READ_SIZE) or b"" if ready else b""
 
     def write(self, data: bytes) -> None:
         """Send all of `data`; waits while the terminal's buffer is full."""
         left = memoryview(data)
         while left:
-            with self._open_master() as master:
-                _, ready, _ = select.select([], [master], [], 1.0)
-                with contextlib.suppress(BlockingIOError):
-                    left = left[os.write(master, left) if ready else 0 :]
+            with self._still_open():
+                select.select([], [self._master], [], 1.0)
+                left = left[self._master.write(left) or 0 :]
 
     @contextlib.contextmanager
-    def _open_master(self) -> Iterator[int]:
-        """Lend the master's descriptor; closed before or meanwhile means TransportClosed."""
+    def _still_open(self) -> Iterator[None]:
+        """Raise TransportClosed if the terminal is closed, before or meanwhile: a ValueError."""
         try:
-            # select refuses -1 with a ValueError.
-            yield self._master
+            yield
         except (OSError, ValueError) as err:
             raise TransportClosed(f"{self.path}: the pseudo-terminal is closed") from err
 
     def close(self) -> None:
         """Close both ends of the terminal."""
-        descriptors = self._master, self._slave
-        self._master = self._slave = -1
-        for descriptor in descriptors:
-            if descriptor >= 0:
-                os.close(descriptor)
+        self._master.close()
+        self._slave.close()

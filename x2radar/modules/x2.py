@@ -1,14 +1,10 @@
-"""What the X2 module is told before it streams: frozen, checked at construction.
-
-Owns the chip's limits, the table of pulse generators, and the commands that configure it.
-"""
+"""What the X2 module is told before it streams: frozen, checked at construction."""
 
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from x2radar.errors import SettingsError
 from x2radar.frame import FastTimeAxis
 from x2radar.keys import limited, one_of
 from x2radar.modules.base import ModuleSettings
@@ -94,22 +90,10 @@ class RadarSettings(ModuleSettings):
     def for_frame_rate(cls, frame_rate_hz: float, *, output: str = "rf") -> "RadarSettings":
         """Return settings that integrate as long as `frame_rate_hz` allows.
 
-        Fewer iterations (then fewer pulses, then a coarser DAC step) where the sweep would not
-        fit into a frame.
+        One iteration of the usual sweep fits into a frame at 1000 Hz, 64 are the most.
         """
-        if not 1 <= frame_rate_hz <= 1000 or frame_rate_hz % 1:
-            return cls(frame_rate_hz=frame_rate_hz, output=output)
-        for pulses, step in ((16, 4), (8, 4), (4, 8), (4, 16), (2, 32), (1, 64)):
-            budget = PRF_HZ / (frame_rate_hz * 3 * math.ceil((DAC_TOP + 1) / step) * pulses)
-            if budget >= 1:
-                return cls(
-                    frame_rate_hz=frame_rate_hz,
-                    pulses_per_step=pulses,
-                    dac_step=step,
-                    iterations=min(64, int(budget)),
-                    output=output,
-                )
-        raise SettingsError(f"frame_rate_hz = {frame_rate_hz!r}: no sweep is that fast")
+        most = PRF_HZ / (min(max(1, frame_rate_hz), 1000) * 3 * math.ceil((DAC_TOP + 1) / 4) * 16)
+        return cls(frame_rate_hz=frame_rate_hz, iterations=min(64, int(most)), output=output)
 
     @classmethod
     def for_port(cls, rate_hz: float | None, kind: str | None) -> "RadarSettings":

@@ -88,14 +88,13 @@ class X4Settings(ModuleSettings):
         if Key(_LOWEST_HZ, 1000).fault(frame_rate_hz):
             return cls(frame_rate_hz=frame_rate_hz)
         most, slow = 0, cls(frame_rate_hz=_LOWEST_HZ, is_baseband=is_baseband, iterations=1)
-        for pulses in (16, 8, 4, 2, 1):
+        for pulses in (16, 8, 4):
             slow = replace(slow, pulses_per_step=pulses)
             most = int(slow.highest_frame_rate_hz / frame_rate_hz)
             if most >= 16:
                 break
-        # Where no sweep is that fast, this says so.
-        iterations = min(_DEFAULT_ITERATIONS, max(1, most))
-        return replace(slow, frame_rate_hz=frame_rate_hz, iterations=iterations)
+        most = min(_DEFAULT_ITERATIONS, most)
+        return replace(slow, frame_rate_hz=frame_rate_hz, iterations=most)
 
     @classmethod
     def for_port(cls, rate_hz: float | None, kind: str | None) -> "X4Settings":

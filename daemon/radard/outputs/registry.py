@@ -44,7 +44,7 @@ def make_output(output: str, options: SinkOptions, context: SinkContext) -> Sink
         row = find_row(output)
         opener: Opener = importlib.import_module(row.module if row else "").open_from_url
         return opener(output, options, context)
-    plugged: Sink = plugin.call(output, options, context)
+    plugged: Sink = plugin.guard(lambda: plugin.made(output, options, context))
     plugin.check(plugged, _OF_A_SINK)
     return plugged
 

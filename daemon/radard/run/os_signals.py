@@ -10,10 +10,9 @@ import os
 import signal
 import sys
 import threading
+from queue import SimpleQueue
 from types import FrameType
 from typing import Any
-
-from x2radar.interrupts import HandlerEvent
 
 log = logging.getLogger("radard")
 _STOP = {signal.SIGINT: "stop", signal.SIGTERM: "stop"}
@@ -21,10 +20,11 @@ _ASK = {**_STOP, signal.SIGHUP: "reload", signal.SIGUSR1: "dump"}
 
 
 class Signals:
-    """Install the handlers for a `with` block, in the main thread; each sets `wake`."""
+    """Install the handlers for a `with` block, in the main thread; each puts into `wake`."""
 
     def __init__(self) -> None:
-        self.wake = HandlerEvent()
+        # An Event has a lock, for which a handler would wait for ever.
+        self.wake = SimpleQueue[None]()
         self._wishes: set[str] = set()
         self._before: dict[int, Any] = {}
 
@@ -44,7 +44,7 @@ class Signals:
     def ask(self, wish: str) -> None:
         """Ask for 'stop', 'reload' or 'dump', as a signal does; for any thread."""
         self._wishes.add(wish)
-        self.wake.set()
+        self.wake.put(None)
 
     def take(self, wish: str) -> bool:
         """Return whether 'stop', 'reload' or 'dump' was asked for since the last call."""

@@ -12,6 +12,7 @@ import threading
 import time
 from dataclasses import asdict
 from functools import partial
+from queue import Empty
 
 from radard.config.config import Config
 from radard.config.directories import own_folder, runtime_dir, state_lock
@@ -81,7 +82,7 @@ class Keeper:
         with contextlib.suppress(BrokenPipeError, OutputError):
             if not isinstance(self.failure, BrokenPipeError):
                 self.sensor.tell(status or self.sensor.health.status)
-        self._process.signals.wake.set()
+        self._process.signals.wake.put(None)
 
     def _keep(self) -> str:
         """Keep the sensor at work until the end; return why that came."""
@@ -234,8 +235,8 @@ class Process:
             self._look_at_outputs()
             for sensor in self.sensors:
                 sensor.look_up()
-            self.signals.wake.wait(_BEAT_S)
-            self.signals.wake.clear()
+            with contextlib.suppress(Empty):
+                self.signals.wake.get(timeout=_BEAT_S)
             # Before the end that may have been asked for since.
             if self.signals.take("dump"):
                 log.warning("state %s", json.dumps({**self._states(), "threads": stacks()}))

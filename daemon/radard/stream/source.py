@@ -94,7 +94,9 @@ def open_source(
     scheme = _SCHEME.match(port) if parsed.kind == "live" else None
     if scheme and (plugin := find_plugin("radard.sources", scheme[1])) is not None:
         target = parsed.target.partition(":")[2]
-        source: FrameSource = plugin.call(target, parsed.options, speed=factor)
+        source: FrameSource = plugin.guard(
+            lambda: plugin.made(target, parsed.options, speed=factor)
+        )
         plugin.check(source, ("stream", "is_live", "frames", "close"))
         return source
     if parsed.kind == "replay":
