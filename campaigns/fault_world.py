@@ -96,8 +96,7 @@ class World:
         self._plugged_s = 0.0
         self._is_healed = False
         self._n_boots = 0
-        self.tick: Callable[[], object] = lambda: None
-        """Called twice a second."""
+        self.tick: Callable[[], object] = lambda: None  # called twice a second
         self.on_healed: Callable[[], object] = lambda: None
         self.pauses: deque[tuple[float, float]] = deque()
         """When the host stands still, and for how long."""

@@ -49,23 +49,19 @@ from radard.stream.source import CoalescedReads
 from x2radar.device.transport import SerialTransport
 from x2radar.sim.module.host import serve
 
-_STUCK_S = 300
-"""Of real time, for a run that takes a second where nothing else runs."""
+_STUCK_S = 300  # of real time, for a run that takes a second where nothing else runs
 _AFTER_S = 13.0
 """From the end of the faults to that of the run: `fault_run.OUTAGE_S` and two dwells."""
 _MODEL = "fast"
 _RATE_HZ = 20.0  # of injected runs, so that many at once do not starve each other
 _FAULTY_S = (4.0, 8.0)
-_MAX_AFTER_S = 60.0
-"""For a decision after the last fault, by the clock; a busy machine takes long."""
-_OUTAGE_LIMIT_S = 30.0
-"""As `fault_run.OUTAGE_S`, where the machine is busy with other runs."""
+_MAX_AFTER_S = 60.0  # for a decision after the last fault, by the clock; a busy machine takes long
+_OUTAGE_LIMIT_S = 30.0  # as `fault_run.OUTAGE_S`, where the machine is busy with other runs
 _JOIN_S = 60.0
 _CLOCK = SimpleNamespace(now=time.monotonic, sleep=time.sleep)
 _CHUNK = 4096
 _WAIT_S = 0.02
-_MAX_HELD = 1 << 18
-"""Bytes that a stalled line holds back; more are lost, as in a real one."""
+_MAX_HELD = 1 << 18  # bytes that a stalled line holds back; more are lost, as in a real one
 
 
 class Stuck(BaseException):

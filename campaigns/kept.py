@@ -21,8 +21,7 @@ from campaigns.processes import Daemon, end_with, parser_of, wait_for
 from radard.run.control import ask, control_path
 from tests.sink_helpers import MqttBroker
 
-PORT = "sim:human?run=kept"
-"""A simulated module whose stream is the same in every run."""
+PORT = "sim:human?run=kept"  # a simulated module whose stream is the same in every run
 _OWN = {"time", "latency_ms", "alarm"}
 """What tells of the clock on the wall, or of an alarm that was on before a start."""
 

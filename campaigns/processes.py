@@ -13,8 +13,7 @@ import yaml
 
 from tests.processes import environ, started
 
-PATIENCE_S = 120.0
-"""For anything that a busy machine delays."""
+PATIENCE_S = 120.0  # for anything that a busy machine delays
 HARM = {
     "crashes": "a daemon, or a run, that ended otherwise than it should",
     "deadlocks": "a run that did not end",

@@ -21,8 +21,7 @@ from campaigns.kept import House
 from campaigns.processes import CONFIG, Daemon, wait_for
 from tests.processes import ROOT
 
-_SETTLE_S = 120.0
-"""For a daemon to end, on a busy machine."""
+_SETTLE_S = 120.0  # for a daemon to end, on a busy machine
 _PORT = "sim:human"
 
 
