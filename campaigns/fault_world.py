@@ -8,8 +8,8 @@ times; from then on nothing goes wrong any more.
 import random
 import threading
 from collections import deque
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import lru_cache
 from itertools import cycle
 from types import SimpleNamespace
@@ -19,7 +19,6 @@ from unittest.mock import patch
 import numpy as np
 
 from campaigns.fault_run import StampingFirmware
-from x2radar import device
 from x2radar.device.transport import Transport
 from x2radar.errors import PortNotFound, TransportClosed
 from x2radar.modules.base import ModuleSettings
@@ -55,7 +54,7 @@ class Module(SimulatedModule):
 
     def __init__(self, plan: FaultPlan, seed: int, born_s: float) -> None:
         self.born_s = born_s
-        self.n_boots = 0
+        self.has_booted = False  # since its cable was looked at
         firmware = StampingFirmware(lambda: self.born_s + self._now_s)
         super().__init__(load_scene(SCENE), seed, plan, firmware=firmware)
 
@@ -76,7 +75,7 @@ class Module(SimulatedModule):
 
     def _restart(self) -> None:
         super()._restart()
-        self.n_boots += 1
+        self.has_booted = True
 
 
 class World:
@@ -95,10 +94,9 @@ class World:
         self._port: Port | None = None
         self._plugged_s = 0.0
         self._is_healed = False
-        self._n_boots = 0
         self.tick: Callable[[], object] = lambda: None  # called twice a second
         self.on_healed: Callable[[], object] = lambda: None
-        self.pauses: deque[tuple[float, float]] = deque()
+        self.pause: tuple[float, float] | None = None
         """When the host stands still, and for how long."""
 
     def now(self) -> float:
@@ -149,20 +147,14 @@ class World:
             self._tick_s = self._now_s
             self.tick()
 
-    def pause(self) -> None:
-        """Stand still if the host is to do that now; what does not fit into buffers is lost."""
-        if self.pauses and self._now_s >= self.pauses[0][0]:
-            self.sleep(self.pauses.popleft()[1])
-
     def _look_at_cable(self) -> None:
         module = self.module
         if module.has_hung_up:
             self._pull(self._rng.uniform(0.1, 5.0))
             self._seed += 1_000_003
-            plan = {} if self._is_healed else self._plan
-            self.module, self._n_boots = Module(plan, self._seed, self._now_s), 0
-        elif module.n_boots > self._n_boots:
-            self._n_boots = module.n_boots
+            self.module = Module({} if self._is_healed else self._plan, self._seed, self._now_s)
+        elif module.has_booted:
+            module.has_booted = False
             if self.is_usb:
                 self._pull(0.04)
 
@@ -192,7 +184,10 @@ class Port:
     def read(self, timeout_s: float) -> bytes:
         """Return a piece, as the module gave it or as a kernel does."""
         world = self._world
-        world.pause()
+        if world.pause is not None and world.now() >= world.pause[0]:
+            # What does not fit into buffers is lost.
+            (_, pause_s), world.pause = world.pause, None
+            world.sleep(pause_s)
         until_s = world.now() + max(timeout_s, _READ_COST_S)
         while not self._waiting and world.now() < until_s and not self.is_gone:
             world.step(until_s)
@@ -224,23 +219,16 @@ class Port:
             raise TransportClosed(msg)
 
 
-def clock_of(world: World) -> ExitStack:
-    """Let the driver have its time from a world, until what is returned is closed."""
+@contextmanager
+def clock_of(world: World) -> Iterator[None]:
+    """Let this process have its time from a world for a while."""
 
-    class Event(threading.Event):
-        def wait(self, timeout: float | None = None) -> bool:
-            world.sleep(timeout or 0.0)
-            return self.is_set()
+    def wait(event: threading.Event, timeout: float | None = None) -> bool:
+        world.sleep(timeout or 0.0)
+        return event.is_set()
 
-    made = {
-        "time": SimpleNamespace(monotonic=world.now),
-        "threading": SimpleNamespace(Event=Event),
-    }
-    stack = ExitStack()
-    for module in (device.link, device.bring_up, device.device, device.reconnect):
-        for name in vars(module).keys() & made.keys():
-            stack.enter_context(patch.object(module, name, made[name]))
-    return stack
+    with patch("time.monotonic", world.now), patch.object(threading.Event, "wait", wait):
+        yield
 
 
 _SECONDS = {"silent": 15.0, "hang_up": 15.0, "slow_ack": 3.0, "not_ready": 12.0, "merge": 4.0}

@@ -46,6 +46,7 @@ from campaigns.surroundings import CASES, surrounded
 from radard.judge.bundle import load_bundle
 from radard.judge.classifier import Classifier
 from radard.stream.source import CoalescedReads
+from tests.device_helpers import in_thread
 from x2radar.device.transport import SerialTransport
 from x2radar.sim.module.host import serve
 
@@ -81,7 +82,7 @@ def virtual_run(n: int, seed: int) -> dict[str, Any]:
     ends = {"healed_s": healed_s, "end_s": healed_s + _AFTER_S}
     world = World(plan, seed * 1_000_000 + n, **ends, is_usb=rng.random() < 0.5)
     if rng.random() < 0.2:
-        world.pauses.append((rng.uniform(3.0, healed_s), rng.uniform(0.05, 4.0)))
+        world.pause = rng.uniform(3.0, healed_s), rng.uniform(0.05, 4.0)
     found: dict[str, Any] = {"what": ",".join(f"{k}:{value:.3g}" for k, value in plan.items())}
     with clock_of(world):
         connect = world.connect
@@ -237,12 +238,9 @@ def injected_run(n: int, seed: int) -> dict[str, Any]:
             while not halt.wait(0.5):
                 run.tick()
 
-        def play() -> None:
-            serve(Module({}, seed * 1000 + n, 0.0), line, stop=halt.is_set)
-
-        threads = [threading.Thread(target=each, daemon=True) for each in (read, tick, play)]
-        for thread in threads:
-            thread.start()
+        module = Module({}, seed * 1000 + n, 0.0)
+        threads = [in_thread(read), in_thread(tick)]
+        threads.append(in_thread(serve, module, line, stop=halt.is_set))
         time.sleep(random.Random(n).uniform(*_FAULTY_S))  # noqa: S311 - no secret
         line.is_faulty = False
         healed_s, watcher = time.monotonic(), run.watcher
