@@ -41,12 +41,13 @@ os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
 
 from campaigns.fault_run import Run
 from campaigns.fault_world import Module, Over, World, clock_of, drawn_plan
-from campaigns.processes import HARM, end_with, parser_of, wait_for
+from campaigns.processes import HARM, end_with, parser_of
 from campaigns.surroundings import CASES, surrounded
 from radard.judge.bundle import load_bundle
 from radard.judge.classifier import Classifier
 from radard.stream.source import CoalescedReads
 from tests.device_helpers import in_thread
+from tests.waiting import wait_for
 from x2radar.device.transport import SerialTransport
 from x2radar.sim.module.host import serve
 
@@ -251,8 +252,8 @@ def injected_run(n: int, seed: int) -> dict[str, Any]:
             is_well = any(now_s > bad_s + 1.0 for now_s, _ in watcher.wholes[-1:])
             return is_well or not threads[0].is_alive()
 
-        with contextlib.suppress(TimeoutError):
-            wait_for(is_over, "a decision", _MAX_AFTER_S)
+        with contextlib.suppress(AssertionError):
+            wait_for(is_over, _MAX_AFTER_S)
         run.radar.close()
         halt.set()
         for thread in threads:
@@ -264,13 +265,13 @@ def injected_run(n: int, seed: int) -> dict[str, Any]:
     return {**found, "injected": line.n_faults, "recovery": recovery}
 
 
-Judged = tuple[tuple[float, float, str], Counter[str], str]
+Judged = tuple[Counter[str], float, float]
 
 
 def judge(run: Callable[[int, int], dict[str, Any]], seed: int, n: int) -> Judged:
-    """Make run `n`; return how it came back, its counts, and what to say of it."""
+    """Make run `n`, and say on stderr what should not have been; return counts and recovery."""
     found = run(n, seed)
-    watcher, (*_, fault) = found["run"].watcher, found["recovery"]
+    watcher, (stream_s, outage_s, fault) = found["run"].watcher, found["recovery"]
     counts = watcher.tally + Counter(
         runs=1,
         crashes="crash" in found,
@@ -280,22 +281,18 @@ def judge(run: Callable[[int, int], dict[str, Any]], seed: int, n: int) -> Judge
         uncounted=abs(found["run"].radar.stats.lost - watcher.tally["lost"]),
         injected=found.get("injected", 0),
     )
-    notes = [*watcher.notes, fault, found.get("crash"), found.get("deadlock")]
-    is_harm = any(counts[key] for key in HARM)
-    told = f"{n} ({found['what']}): {list(filter(None, notes))}" if is_harm else ""
-    return found["recovery"], counts, told
+    if any(counts[key] for key in HARM):
+        notes = filter(None, [*watcher.notes, fault, found.get("crash"), found.get("deadlock")])
+        print(f"{run.__name__} {n} ({found['what']}): {list(notes)}", file=sys.stderr)
+    return (counts, 0.0, 0.0) if fault else (counts, stream_s, outage_s)
 
 
-def counted(kind: str, results: Iterable[Judged]) -> dict[str, float]:
-    """Count runs of one kind, and say on stderr which were not as they should be."""
-    total: Counter[str] = Counter()
-    stream_s = outage_s = 0.0
-    for (own_stream_s, own_outage_s, fault), counts, told in results:
+def counted(results: Iterable[Judged]) -> dict[str, float]:
+    """Return what runs of one kind have counted, and the longest that one took to come back."""
+    total, stream_s, outage_s = Counter[str](), 0.0, 0.0
+    for counts, *took_s in results:
         total.update(counts)
-        if not fault:
-            stream_s, outage_s = max(stream_s, own_stream_s), max(outage_s, own_outage_s)
-        if told:
-            print(f"{kind} {told}", file=sys.stderr)
+        stream_s, outage_s = map(max, (stream_s, outage_s), took_s)
     return {**total, "recovery_s_max": round(stream_s, 2), "outage_s_max": round(outage_s, 2)}
 
 
@@ -315,10 +312,10 @@ def main() -> int:
     asked = {"all": ",".join(CASES), "none": ""}.get(args.surroundings, args.surroundings)
     with ProcessPoolExecutor(args.jobs) as pool:
         runs = pool.map(partial(judge, virtual_run, args.seed), range(args.runs), chunksize=4)
-        kinds = {"virtual": counted("virtual", runs)}
+        kinds = {"virtual": counted(runs)}
     with ThreadPoolExecutor(args.at_once) as pool:
         runs = pool.map(partial(judge, injected_run, args.seed), range(args.injected))
-        kinds["injected"] = counted("injected", runs)
+        kinds["injected"] = counted(runs)
     cases = surrounded(filter(None, asked.split(",")), is_full=args.full)
     rows = [*kinds.values(), *cases.values()]
     sums = {

@@ -17,9 +17,10 @@ from amqtt.broker import BrokerContext
 from amqtt.plugins.base import BasePlugin
 from amqtt.session import ApplicationMessage
 
-from campaigns.processes import Daemon, end_with, parser_of, wait_for
+from campaigns.processes import Daemon, end_with, parser_of
 from radard.run.control import ask, control_path
 from tests.sink_helpers import MqttBroker
+from tests.waiting import wait_for
 
 PORT = "sim:human?run=kept"  # a simulated module whose stream is the same in every run
 _OWN = {"time", "latency_ms", "alarm"}
@@ -105,7 +106,7 @@ class House:
     def wait_status(self) -> None:
         """Wait until it says how it is: the file of the one before is still there."""
         daemon, pid = self.daemon, self.daemon.process.pid
-        wait_for(lambda: daemon.status().get("pid") == pid or not daemon.is_alive, "a status")
+        wait_for(lambda: daemon.status().get("pid") == pid or not daemon.is_alive)
 
     def stop(self, *, is_slow: bool = False) -> None:
         """End the daemon; where every write waits it may end by force, if it says so."""
@@ -140,8 +141,8 @@ class House:
     def expect(self, key: str, what: str, condition: Callable[[], object]) -> None:
         """Wait for something; note it if it never is, or if the daemon has ended meanwhile."""
         try:
-            wait_for(lambda: condition() or not self.daemon.is_alive, what)
-        except TimeoutError:
+            wait_for(lambda: condition() or not self.daemon.is_alive)
+        except AssertionError:
             self.note(key, f"{what}: {self.daemon.status()}")
         if not self.daemon.is_alive:
             self.note("crashes", f"{what}: it ended: {self.daemon.log[-3000:]}")
@@ -180,8 +181,8 @@ class House:
 
     def let_arrive(self) -> None:
         """Wait until no event is missing; note those that never come."""
-        with contextlib.suppress(TimeoutError):
-            wait_for(lambda: not self.missing(), "events at all outputs")
+        with contextlib.suppress(AssertionError):
+            wait_for(lambda: not self.missing())
         for row in self.missing():
             self.note("lost_events", str(row))
 

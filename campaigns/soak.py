@@ -33,8 +33,8 @@ from websockets.sync.client import connect
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from campaigns.kept import House, records
-from campaigns.processes import Daemon, end_with, parser_of, wait_for
-from tests.waiting import free_port
+from campaigns.processes import Daemon, end_with, parser_of
+from tests.waiting import free_port, wait_for
 
 _EVERY_S = 2.0
 _LAST_ENDS_S = 7200.0
@@ -54,7 +54,7 @@ class Soaked(House):
         daemon = self.daemon
         page = threading.Thread(target=listen, args=(web, halt))
         page.start()
-        wait_for(lambda: daemon.status().get("seq") or not daemon.is_alive, "a decision")
+        wait_for(lambda: daemon.status().get("seq") or not daemon.is_alive)
         end_s = time.monotonic() + seconds
         with contextlib.suppress(OSError, KeyError):
             while time.monotonic() < end_s and daemon.is_alive:

@@ -18,10 +18,10 @@ from pathlib import Path
 from typing import Any
 
 from campaigns.kept import House
-from campaigns.processes import CONFIG, Daemon, wait_for
+from campaigns.processes import CONFIG, SETTLE_S, Daemon
 from tests.processes import ROOT
+from tests.waiting import wait_for
 
-_SETTLE_S = 120.0  # for a daemon to end, on a busy machine
 _PORT = "sim:human"
 
 
@@ -121,16 +121,16 @@ def reload_broken(guard: Guard) -> None:
     for broken in ("alarm: {sensitivity: loud}\n", "alarm: [", "\x00"):
         guard.reload(broken)
         guard.goes_on(1)
-    wait_for(lambda: "old configuration stays" in guard.daemon.log, "a warning")
+    wait_for(lambda: "old configuration stays" in guard.daemon.log)
     guard.reload({**CONFIG, "alarm": {"sensitivity": "low"}})
-    wait_for(lambda: guard.daemon.status().get("sensitivity") == "low", "the reload")
+    wait_for(lambda: guard.daemon.status().get("sensitivity") == "low")
 
 
 def two_daemons(guard: Guard) -> None:
     """Start a second daemon on the same state directory."""
     state = {"service": {"state_dir": str(guard.home / "state")}}
     second = Daemon(guard.root / "second", "--port", _PORT, "-o", "null", config=state)
-    code = second.process.wait(_SETTLE_S)
+    code = second.process.wait(SETTLE_S)
     if code != 78 or "another radard" not in second.log:
         guard.note("unrecovered", f"the second daemon ended with {code}: {second.log}")
 
@@ -160,7 +160,7 @@ def surrounded(names: Iterable[str], *, is_full: bool) -> dict[str, dict[str, An
                 guard.expect("unrecovered", name, lambda: guard.state_is("online"))  # noqa: B023
                 guard.counts["events"] = len(guard.kept())
                 guard.let_arrive()
-            except (TimeoutError, RuntimeError) as err:
+            except (AssertionError, RuntimeError) as err:
                 guard.note("unrecovered", f"{name}: {err}\n{guard.daemon.log[-2000:]}")
             guard.stop()
             seconds = round(time.monotonic() - begun_s)
