@@ -75,6 +75,7 @@ class Guard(House):
         own = {"DISK_MODE": str(self._mode), "DISK_FOLDER": str(self.disk)}
         # What puts the layer before a process.
         self._environment = own | {"LD_PRELOAD": str(layer)} if layer.exists() else {}
+        self.counts |= {"faults": self.kinds, "skipped": sorted(self.skipped)}
         self.start()
         self._still_goes_on("at the start")
 
@@ -119,11 +120,6 @@ class Guard(House):
         """As in `House`; of a page that it has not read again yet nobody knows."""
         with suppress(DatabaseError):
             super().look()
-
-    def finish(self) -> None:
-        """As in `House`, and say what there was."""
-        super().finish()
-        self.counts |= {"faults": dict(self.kinds), "skipped": sorted(self.skipped)}
 
     def stop(self, *, is_slow: bool = False) -> None:
         """End the daemon, once everybody has heard of all events."""
