@@ -77,7 +77,7 @@ class Guard(House):
         self._environment = own | {"LD_PRELOAD": str(layer)} if layer.exists() else {}
         self.counts |= {"faults": self.kinds, "skipped": sorted(self.skipped)}
         self.start()
-        self._still_goes_on("at the start")
+        self.goes_on(self.rng.randint(3, 12), "at the start")
 
     def start(self, *arguments: str) -> None:
         """Start the daemon on the disk, with a recording there."""
@@ -102,12 +102,12 @@ class Guard(House):
             self._is_damaged = True
             self.start()
         self.alarm_again()
-        self._still_goes_on(what)
+        self.goes_on(self.rng.randint(3, 12), what)
         if kind in {"full", "read_only", "broken"}:
             self.expect("silent_stalls", f"{what}: not said", lambda: self.state_is("degraded"))
         time.sleep(self.rng.uniform(*_LASTS_S))
         self._heal()
-        self._still_goes_on(f"after {what}")
+        self.goes_on(self.rng.randint(3, 12), f"after {what}")
         self.expect("unrecovered", what, self._is_well)
         if self._is_damaged:
             self.begin_again()
@@ -176,9 +176,6 @@ class Guard(House):
             file.flush()
             os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
         return f"corrupt {path.name}"
-
-    def _still_goes_on(self, what: str) -> None:
-        self.goes_on(self.rng.randint(3, 12), what)
 
     def _is_well(self) -> bool:
         """Return whether only what lasts is said: a recording that ended, a file put aside."""

@@ -185,21 +185,16 @@ class Watcher:
 
 def _stitched(rows: list[float | None], rate_hz: float) -> str:
     """Return why the frames of a window do not follow each other as they should."""
-    if not _is_full([made_s is not None for made_s in rows], rate_hz):
-        return f"{sum(made_s is None for made_s in rows)} frames missing in it"
+    gaps = [len(list(gap)) for is_lost, gap in groupby(s is None for s in rows) if is_lost]
+    longest = max(gaps, default=0)
+    if sum(gaps) > MAX_LOST * len(rows) or longest > MAX_GAP_S * rate_hz + 1e-6:
+        return f"{sum(gaps)} frames missing in it"
     known = [(k, s) for k, s in enumerate(rows) if s is not None and not math.isnan(s)]
     if not known:
         return "no frame in it can be told"
     first, first_s = known[0]
     off = max(abs((made_s - first_s) * rate_hz - (k - first)) for k, made_s in known)
     return f"time jumps by {off:.1f} frames in it" if off > 0.5 else ""
-
-
-def _is_full(rows: list[bool], rate_hz: float) -> bool:
-    """Return whether so few rows of a window are missing that it may be judged."""
-    longest = max((len(list(gap)) for is_here, gap in groupby(rows) if not is_here), default=0)
-    is_enough = rows.count(False) <= MAX_LOST * len(rows)
-    return is_enough and longest <= MAX_GAP_S * rate_hz + 1e-6
 
 
 class Run:
@@ -233,8 +228,7 @@ class Run:
         self._health = Health(clock=clock.now)
         self._heard_s = clock.now()
         stream = StreamInfo(settings.axis, rate_hz, "module", "campaign")
-        options = {"sensor": {"port": "sim:human"}, "output": ["null"]}
-        config = load_config(environ={}, options=options)
+        config = load_config(environ={}, options={"sensor": {"port": "sim:human"}})
         pipeline = Pipeline(stream, config, classifier)
         self.watcher = Watcher(pipeline.shape.n_slow, rate_hz, clock)
         parts = make_parts(config, pipeline, now=wall_clock, is_live=False)

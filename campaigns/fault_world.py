@@ -5,6 +5,7 @@ and its line have faults, the cable is pulled and put in again, and the host sta
 times; from then on nothing goes wrong any more.
 """
 
+import math
 import random
 import threading
 from collections import deque
@@ -86,14 +87,13 @@ class World:
     ) -> None:
         self._rng = random.Random(seed)  # noqa: S311 - no secret
         self._plan, self._seed, self.is_usb = plan, seed, is_usb
-        self.healed_s, self._end_s = healed_s, end_s
+        self._healed_s, self._end_s = healed_s, end_s
         self._now_s, self._tick_s = 1.0, 1.0
         self.module = Module(plan, seed, self._now_s)
         self.most_read = self._rng.choice((0, _TERMINAL_BYTES, _KERNEL_BYTES))
         """Most bytes of one read; 0 for one piece of what the line made."""
         self._port: Port | None = None
         self._plugged_s = 0.0
-        self._is_healed = False
         self.tick: Callable[[], object] = lambda: None  # called twice a second
         self.on_healed: Callable[[], object] = lambda: None
         self.pause: tuple[float, float] | None = None
@@ -122,16 +122,14 @@ class World:
     def step(self, until_s: float) -> None:
         """Go on to what happens next, at `until_s` at the latest."""
         module = self.module
-        wake_s = self._tick_s + _TICK_S
-        if not self._is_healed:
-            wake_s = min(wake_s, max(self.healed_s, self._now_s))
+        wake_s = min(self._tick_s + _TICK_S, max(self._healed_s, self._now_s))
         next_s = module.next_due_s
         due_s = max(module.born_s + next_s, self._now_s)
         self._now_s = min(due_s, wake_s, until_s)
         if self._now_s >= self._end_s:
             raise Over
-        if self._now_s >= self.healed_s and not self._is_healed:
-            self._is_healed = True
+        if self._now_s >= self._healed_s:
+            self._healed_s, self._plan = math.inf, {}
             module.heal()
             # Somebody puts the cable in again.
             self._plugged_s = min(self._plugged_s, self._now_s)
@@ -152,7 +150,7 @@ class World:
         if module.has_hung_up:
             self._pull(self._rng.uniform(0.1, 5.0))
             self._seed += 1_000_003
-            self.module = Module({} if self._is_healed else self._plan, self._seed, self._now_s)
+            self.module = Module(self._plan, self._seed, self._now_s)
         elif module.has_booted:
             module.has_booted = False
             if self.is_usb:
@@ -171,15 +169,13 @@ class Port:
     def __init__(self, world: World) -> None:
         self._world = world
         self._waiting: deque[bytes] = deque()
-        self._n_waiting = 0  # bytes
         self.is_usb = world.is_usb
         self.is_gone = False
 
     def arrive(self, data: bytes) -> None:
         """Take bytes from the cable; those that no buffer holds are lost."""
-        if taken := data[: _KERNEL_BYTES - self._n_waiting]:
+        if taken := data[: _KERNEL_BYTES - sum(map(len, self._waiting))]:
             self._waiting.append(taken)
-            self._n_waiting += len(taken)
 
     def read(self, timeout_s: float) -> bytes:
         """Return a piece, as the module gave it or as a kernel does."""
@@ -198,9 +194,7 @@ class Port:
             # A kernel hands out what there is, whatever pieces it came in.
             joined = b"".join(self._waiting)
             self._waiting = deque(filter(None, (joined[:n], joined[n:])))
-        piece = self._waiting.popleft()
-        self._n_waiting -= len(piece)
-        return piece
+        return self._waiting.popleft()
 
     def write(self, data: bytes) -> None:
         """Hand the module what the host sends."""
@@ -211,7 +205,6 @@ class Port:
         """Close it; nothing is read from it any more."""
         self.is_gone = True
         self._waiting.clear()
-        self._n_waiting = 0
 
     def _check(self) -> None:
         if self.is_gone:

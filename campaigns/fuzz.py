@@ -25,6 +25,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from functools import partial
 from itertools import islice, takewhile
 from multiprocessing import get_context
@@ -269,16 +270,12 @@ def main() -> int:
     targets = args.targets.split(",")
     share_s = float("inf") if args.inputs else args.seconds / len(targets)
     each: dict[str, Counter[str]] = {}
-    with tempfile.TemporaryDirectory() as folder:
-        worker = Worker(targets, Path(folder))
-        try:
-            for target in targets:
-                inputs = islice(mutations(target, args.seed), args.inputs)
-                count = fed(worker, target, inputs, args.keep, time.monotonic() + share_s)
-                print(f"{target}: {dict(count)}", file=sys.stderr)
-                each[target] = count
-        finally:
-            worker.close()
+    with tempfile.TemporaryDirectory() as folder, closing(Worker(targets, Path(folder))) as worker:
+        for target in targets:
+            inputs = islice(mutations(target, args.seed), args.inputs)
+            count = fed(worker, target, inputs, args.keep, time.monotonic() + share_s)
+            print(f"{target}: {dict(count)}", file=sys.stderr)
+            each[target] = count
     return end_with({**sum(each.values(), Counter[str]()), "targets": each})
 
 

@@ -17,7 +17,7 @@ from amqtt.broker import BrokerContext
 from amqtt.plugins.base import BasePlugin
 from amqtt.session import ApplicationMessage
 
-from campaigns.processes import Daemon, end_with, parser_of
+from campaigns.processes import CONFIG, Daemon, end_with, parser_of
 from radard.run.control import ask, control_path
 from tests.sink_helpers import MqttBroker
 from tests.waiting import wait_for
@@ -65,7 +65,7 @@ class House:
     `before` is code that it runs first. A campaign says in `once` what happens to it.
     """
 
-    config: Mapping[str, Any]
+    config: Mapping[str, Any] = CONFIG
     before = ""
 
     def __init__(self, folder: Path, rng: random.Random, stack: ExitStack) -> None:

@@ -28,7 +28,6 @@ _PORT = "sim:human"
 class Guard(House):
     """A daemon with outputs, and what happens around it."""
 
-    config = CONFIG
     is_full = False
 
     def hold(self, short_s: float, full_s: float) -> None:
