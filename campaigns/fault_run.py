@@ -39,10 +39,8 @@ from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.module.firmware import X2Firmware
 from x2radar.wire.messages import Message
 
-RECOVERY_S = 3.1
-"""Stream time from the last bad frame to the next whole decision: a dwell is 2.45 s long."""
-SPIKED_S = 3.5
-"""The same where samples were spikes: only the worker sees those, and keeps to its hops."""
+RECOVERY_S = 3.1  # stream time from the last bad frame to a whole decision; a dwell is 2.45 s long
+SPIKED_S = 3.5  # the same after spikes: only the worker sees those, and keeps to its hops
 OUTAGE_S = 7.0
 """From the end of all faults to good frames: a stall (1.5 s), an answer that does not come (2 s),
 a pause before another opening (2 s), a reset with its boot (0.75 s), and less than a second."""
@@ -100,10 +98,9 @@ class Watcher:
         self._whole_s = clock.now()
         self._is_silent = self._is_spiked = False
         self._t_s = 0.0
+        # When the last bad frame was read, and its stream time; likewise of whole decisions.
         self.last_bad: tuple[float, float] | None = None
-        """When the last bad frame was read, and its stream time."""
         self.wholes: list[tuple[float, float]] = []
-        """When every whole decision was made, and its stream time."""
 
     def frame(self, frame: Frame) -> None:
         """Take a frame as the driver gives it."""

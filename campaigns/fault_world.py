@@ -33,8 +33,7 @@ _MAX_RATE = 0.1  # one in ten
 _KERNEL_BYTES = 1 << 16
 _TERMINAL_BYTES = 4095  # a Linux terminal gives no more to one read
 _TICK_S = 0.5
-_READ_COST_S = 2e-5
-"""Of a read that finds nothing; else a loop without a pause would stop the clock."""
+_READ_COST_S = 2e-5  # of a read that finds nothing: a loop without a pause would stop the clock
 _KEPT_FRAMES = 1800  # of the scene's echoes, which are then repeated
 SCENE = "human"
 
@@ -90,14 +89,13 @@ class World:
         self._healed_s, self._end_s = healed_s, end_s
         self._now_s, self._tick_s = 1.0, 1.0
         self.module = Module(plan, seed, self._now_s)
+        # Bytes of a read; 0 for one piece of what the line made.
         self.most_read = self._rng.choice((0, _TERMINAL_BYTES, _KERNEL_BYTES))
-        """Most bytes of one read; 0 for one piece of what the line made."""
         self._port: Port | None = None
         self._plugged_s = 0.0
         self.tick: Callable[[], object] = lambda: None  # called twice a second
         self.on_healed: Callable[[], object] = lambda: None
-        self.pause: tuple[float, float] | None = None
-        """When the host stands still, and for how long."""
+        self.pause: tuple[float, float] | None = None  # when the host stands still, and how long
 
     def now(self) -> float:
         """Return the time, in seconds."""

@@ -19,14 +19,12 @@ import contextlib
 import logging
 import os
 import random
-import select
 import signal
 import sys
 import tempfile
 import threading
 import time
 import traceback
-import tty
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
@@ -48,12 +46,11 @@ from radard.judge.classifier import Classifier
 from radard.stream.source import CoalescedReads
 from tests.device_helpers import in_thread
 from tests.waiting import wait_for
-from x2radar.device.transport import SerialTransport
+from x2radar.device.transport import PtyTransport, SerialTransport
 from x2radar.sim.module.host import serve
 
 _STUCK_S = 300  # of real time, for a run that takes a second where nothing else runs
-_AFTER_S = 13.0
-"""From the end of the faults to that of the run: `fault_run.OUTAGE_S` and two dwells."""
+_AFTER_S = 13.0  # from the last fault to the end of a run: `fault_run.OUTAGE_S` and two dwells
 _MODEL = "fast"
 _RATE_HZ = 20.0  # of injected runs, so that many at once do not starve each other
 _FAULTY_S = (4.0, 8.0)
@@ -61,7 +58,6 @@ _MAX_AFTER_S = 60.0  # for a decision after the last fault, by the clock; a busy
 _OUTAGE_LIMIT_S = 30.0  # as `fault_run.OUTAGE_S`, where the machine is busy with other runs
 _JOIN_S = 60.0
 _CLOCK = SimpleNamespace(now=time.monotonic, sleep=time.sleep)
-_CHUNK = 4096
 _WAIT_S = 0.02
 _MAX_HELD = 1 << 18  # bytes that a stalled line holds back; more are lost, as in a real one
 
@@ -135,7 +131,7 @@ def drawn_line(rng: random.Random) -> dict[str, float]:
     return plan | {"longest_s": rng.uniform(0.2, 4.0), "both_ways": rng.random() < 0.5}
 
 
-class FaultyLine:
+class FaultyLine(PtyTransport):
     """A terminal under `link` that a module is served on, with all that is wrong with its cable.
 
     While it `is_faulty` it drops, flips, doubles, invents and holds back stretches of bytes, and
@@ -153,41 +149,34 @@ class FaultyLine:
     def read(self, timeout_s: float) -> bytes:
         """Return what the host has sent, as a `Transport`; nothing while the cable is out."""
         self.write(b"")
-        if self._terminal < 0:
+        if self._master < 0:
             time.sleep(_WAIT_S)
             return b""
-        ready, _, _ = select.select([self._terminal], [], [], min(timeout_s, _WAIT_S))
-        data = os.read(self._terminal, _CHUNK) if ready else b""
+        data = super().read(min(timeout_s, _WAIT_S))
         return self._spoiled(data) if self._plan["both_ways"] else data
 
     def write(self, data: bytes) -> None:
         """Send the host what the line leaves of it, and what was held back before."""
         now_s = time.monotonic()
-        if self._terminal < 0 and (now_s >= self._plug_s or not self.is_faulty):
+        if self._master < 0 and (now_s >= self._plug_s or not self.is_faulty):
             self._plug()
         if len(self._held) < _MAX_HELD:
             self._held += self._spoiled(data)
-        if self._terminal < 0:
+        if self._master < 0:
             self._held = b""
         elif now_s >= self._until_s or not self.is_faulty:
             with contextlib.suppress(BlockingIOError):
-                self._held = self._held[os.write(self._terminal, self._held) :]
+                self._held = self._held[os.write(self._master, self._held) :]
 
     def close(self) -> None:
         """Pull the cable."""
-        if self._terminal >= 0:
-            self.link.unlink()
-            os.close(self._terminal)
-            os.close(self._slave)
-            self._terminal = -1
+        self.link.unlink(missing_ok=True)
+        super().close()
 
     def _plug(self) -> None:
-        # The slave is kept open: a host that closes it and opens it again finds the same one.
-        self._terminal, self._slave = os.openpty()
-        tty.setraw(self._slave)
-        os.set_blocking(self._terminal, False)
+        super().__init__()
         fresh = self.link.with_suffix(".new")
-        fresh.symlink_to(os.ttyname(self._slave))
+        fresh.symlink_to(self.path)
         fresh.rename(self.link)
 
     def _falls(self, kind: str) -> bool:
@@ -213,7 +202,7 @@ class FaultyLine:
             data = rng.randbytes(rng.randint(1, 300)) + data
         if self._falls("stall"):
             self._until_s = time.monotonic() + rng.uniform(0.05, longest_s)
-        if self._falls("pull") and self._terminal >= 0:
+        if self._falls("pull") and self._master >= 0:
             self.close()
             self._plug_s = time.monotonic() + rng.uniform(0.05, longest_s)
         return data

@@ -43,8 +43,7 @@ from x2radar.recording.hdf5_reader import lookup3
 
 MAX_GROWTH_BYTES = 512 << 20
 TIME_LIMIT_S = 3.0
-_CLOCK_LIMIT_S = 60.0
-"""By the clock, for an input that waits; busy machines take long over little work."""
+_CLOCK_LIMIT_S = 60.0  # by the clock, for an input that waits; busy machines take long
 _NUMBERS = (0, 1, 2, 3, 7, 8, 0x7F, 0x80, 0xFF, 0x7FFF, 0xFFFF, 0x7FFFFFFF, 0xFFFFFFFE, 0xFFFFFFFF)
 _LONG = (1 << 40, (1 << 63) - 1, (1 << 64) - 1)
 _WORDS = (

@@ -23,8 +23,7 @@ from tests.sink_helpers import MqttBroker
 from tests.waiting import wait_for
 
 PORT = "sim:human?run=kept"  # a simulated module whose stream is the same in every run
-_OWN = {"time", "latency_ms", "alarm"}
-"""What tells of the clock on the wall, or of an alarm that was on before a start."""
+_OWN = {"time", "latency_ms", "alarm"}  # of the wall clock, or an alarm that was on at a start
 
 
 class EventLog(BasePlugin[BrokerContext]):
