@@ -75,13 +75,11 @@ def read_stamp(samples: NDArray[Any]) -> float | None:
 class StampingFirmware(X2Firmware):
     """An X2 whose frames say when they were made."""
 
-    def __init__(self, now_s: Callable[[], float]) -> None:
-        super().__init__()
-        self._time_s = now_s
+    now_s: Callable[[], float]
 
     def frame_message(self, axis: Any, counter: int, frame: NDArray[Any]) -> Message:
         """As in `Firmware`."""
-        return super().frame_message(axis, counter, stamp(frame, self._time_s()))
+        return super().frame_message(axis, counter, stamp(frame, self.now_s()))
 
 
 class Watcher:

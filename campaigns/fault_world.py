@@ -55,7 +55,8 @@ class Module(SimulatedModule):
     def __init__(self, plan: FaultPlan, seed: int, born_s: float) -> None:
         self.born_s = born_s
         self.has_booted = False  # since its cable was looked at
-        firmware = StampingFirmware(lambda: self.born_s + self._now_s)
+        firmware = StampingFirmware()
+        firmware.now_s = lambda: self.born_s + self._now_s
         super().__init__(load_scene(SCENE), seed, plan, firmware=firmware)
 
     def heal(self) -> None:

@@ -21,15 +21,13 @@ from radard.outputs.mqtt.sink import CommandReader
 from radard.outputs.mqtt.topics import MqttTopics
 from tests import sink_helpers
 from tests.dashboard_helpers import maker
-from tests.web_helpers import Client, decision, event
+from tests.web_helpers import ULID, Client, decision, event
 
 BORDER = b"\n--8<--\n"  # between the parts of an input
-_RIGHT = (503, 507)
 _ANSWER_S = 0.3  # an answer takes a few milliseconds, also on a busy machine
 _HELLO = sink_helpers.hello(
     module={"name": "X2M200", "firmware": "1.2"}, range_offset_m=0.6, bin_length_m=0.03
 )
-_ID = "01J0000000000000000000000A"
 _logged: list[logging.LogRecord] = []
 
 
@@ -41,7 +39,7 @@ def _dashboard(folder: Path) -> Client:
     for name in ("", "radard", "uvicorn", "uvicorn.error", "asyncio", "websockets"):
         logging.getLogger(name).addHandler(watch)
     client: Client = next(maker(folder))(served=True)
-    for record in (_HELLO, decision(), event(_ID)):
+    for record in (_HELLO, decision(), event()):
         client.tell(record)
     return client
 
@@ -77,7 +75,7 @@ def _http(folder: Path, data: bytes) -> None:
     raw = head.replace(b"\r\n", b"\n").replace(b"\n", b"\r\n").replace(b"@LENGTH", length)
     answer = _send(folder, raw + (b"\r\n\r\n" + body if border else b""))
     for line in answer.split(b"\r\n"):
-        if line.startswith(b"HTTP/1.1 5") and int(line[9:12]) not in _RIGHT:
+        if line.startswith(b"HTTP/1.1 5") and int(line[9:12]) not in {503, 507}:
             raise RuntimeError(line.decode(errors="replace"))
 
 
@@ -86,15 +84,15 @@ def _http_seeds(_folder: Path) -> list[bytes]:
     pages = (
         *("/", "/healthz", "/readyz", "/metrics", "/static/app.js", "/api/v1/status"),
         *("/api/v1/decisions?since=1&limit=5", "/api/v1/decisions/1", "/api/v1/config"),
-        *("/api/v1/events?since=24h&kind=alarm&limit=3", f"/api/v1/events/{_ID}/clip"),
-        *(f"/api/v1/events/{_ID}/pictures", f"/api/v1/events/{_ID}/thumbnail"),
+        *("/api/v1/events?since=24h&kind=alarm&limit=3", f"/api/v1/events/{ULID}/clip"),
+        *(f"/api/v1/events/{ULID}/pictures", f"/api/v1/events/{ULID}/thumbnail"),
         *("/api/v1/events/export?format=csv", "/api/v1/sensitivities", "/api/v1/calibration"),
     )
     out = [f"{head.format('GET', page)}\n\n".encode() for page in pages]
     json_head = "\nContent-Type: application/json\nX-Radard: 1\nContent-Length: @LENGTH"
     posts = (
         ("/api/v1/command", {"command": "disarm"}),
-        ("/api/v1/labels", {"event": _ID, "label": "human"}),
+        ("/api/v1/labels", {"event": ULID, "label": "human"}),
         ("/api/v1/zones", {"include": [[0.5, 2.0]], "exclude": []}),
         ("/api/v1/zones", {"forget": True}),
         ("/api/v1/settings", {"alarm": {"sensitivity": "high", "entry_delay_s": 30}}),

@@ -43,7 +43,6 @@ from x2radar.sim.scene.stage import Stage
 from x2radar.wire.codec import read_messages
 from x2radar.wire.framing import PacketDecoder
 
-OWN_ERRORS = (X2RadarError, RadardError)
 _ROOT = Path(__file__).parents[1]
 _SHA_OF_PART = b"sha256-of-the-other-part"
 _META = "xethru_recording_meta.dat"
@@ -273,7 +272,7 @@ def verdict(run: Callable[[], None]) -> tuple[str, str]:
         text = f"{type(err).__name__}: {' '.join(str(err).split())}"
         if any(isinstance(each, MemoryError) for each in _causes(err)):
             return "over_memory", text
-        if not isinstance(err, OWN_ERRORS):
+        if not isinstance(err, X2RadarError | RadardError):
             return "unhandled", text
         if len(str(err)) > 4000 or isinstance(err, RecursionError):
             return "unhandled", f"a message of {len(str(err))} characters"

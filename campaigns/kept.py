@@ -29,11 +29,8 @@ _OWN = {"time", "latency_ms", "alarm"}  # of the wall clock, or an alarm that wa
 class EventLog(BasePlugin[BrokerContext]):
     """In a broker: writes the payload of every message on a topic that ends with /event."""
 
-    async def on_broker_message_received(
-        self, *, client_id: str, message: ApplicationMessage
-    ) -> None:
+    async def on_broker_message_received(self, *, message: ApplicationMessage, **_: str) -> None:
         """Write the payload of an event, a line each."""
-        del client_id
         if message.topic.endswith("/event") and message.data:
             with Path(self.config.path).open("ab") as file:
                 file.write(bytes(message.data) + b"\n")
@@ -168,9 +165,8 @@ class House:
     def missing(self) -> set[tuple[str, str]]:
         """Return the events, with their phase, of which one output was told and another not."""
         told, came = phases(self.records("event")), phases(records(self._at_broker, "event"))
-        kept = set(self.kept())
-        unsaid = {(each, "") for each in kept - {each for each, _ in came}}
-        return (told - came) | unsaid | {row for row in told | came if row[0] not in kept}
+        here_or_there = {each for each, _ in told | came} ^ set(self.kept())
+        return (told - came) | {(each, "in the store, or out, alone") for each in here_or_there}
 
     def untold(self) -> set[tuple[str, str]]:
         """Return the events, with their phase, that did not come to the broker."""

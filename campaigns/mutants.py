@@ -96,20 +96,16 @@ def changes(node: ast.AST) -> Iterator[tuple[str, ast.AST]]:  # noqa: C901, PLR0
             yield f"{ast.unparse(operand)} for {ast.unparse(node)}", operand
         case ast.Compare(left, ops, rest):
             for k, op in enumerate(ops):
-                swapped = [_other(each) if n == k else each for n, each in enumerate(ops)]
+                swapped = [_OTHER[type(each)]() if n == k else each for n, each in enumerate(ops)]
                 yield _in(op, node), ast.Compare(left, swapped, rest)
         case ast.BinOp(left, op, right) if type(op) in _OTHER:
-            yield _in(op, node), ast.BinOp(left, _other(op), right)
+            yield _in(op, node), ast.BinOp(left, _OTHER[type(op)](), right)
         case ast.BoolOp(op, values):
-            yield _in(op, node), ast.BoolOp(_other(op), values)
+            yield _in(op, node), ast.BoolOp(_OTHER[type(op)](), values)
         case ast.Constant(bool() as truth):
             yield f"{not truth} for {truth}", ast.Constant(not truth)
         case ast.Constant(int() | float() as number):
             yield f"{number + 1} for {number}", ast.Constant(number + 1)
-
-
-def _other(op: ast.AST) -> Any:
-    return _OTHER[type(op)]()
 
 
 def _in(op: ast.AST, node: ast.AST) -> str:

@@ -162,6 +162,6 @@ def surrounded(names: Iterable[str], *, is_full: bool) -> dict[str, dict[str, An
             except (AssertionError, RuntimeError) as err:
                 guard.note("unrecovered", f"{name}: {err}\n{guard.daemon.log[-2000:]}")
             guard.stop()
-            seconds = round(time.monotonic() - begun_s)
-            found[name] = {**guard.found, **guard.counts, "seconds": seconds}
+            guard.counts["seconds"] = round(time.monotonic() - begun_s)
+            found[name] = {**guard.found, **guard.counts}
     return found
