@@ -139,10 +139,9 @@ class StudyRecipe:
             spec = self.spec(rate_hz, variant)
             return load_cell(self.data, spec, cell, first, n, rectified=variant.rectified)
 
-        own_hz = cell.frame_rate_hz
-        train = whole = elements(own_hz, 0, self.n_elements)
-        if (rate_hz := variant.train_rate_hz or own_hz) != own_hz:
-            train = elements(rate_hz, 0, self.n_elements)
+        own_hz, other_hz = cell.frame_rate_hz, variant.train_rate_hz
+        whole = elements(own_hz, 0, self.n_elements)
+        train = elements(other_hz, 0, self.n_elements) if other_hz else whole
         train = train.part(0, self.n_train)
         if variant.draws_classes:
             train = drawn_classes(train, np.random.default_rng(self.seed))
@@ -167,10 +166,7 @@ class StudyRecipe:
             train, stop, stopped_by = with_stop(train)
         else:
             stop, stopped_by = recordings, f"{len(recordings.y)} windows of recordings"
-
-        def named(what: str, done: int, total: int) -> None:
-            tell(f"{cell.name} {what}", done, total)
-
+        named: Tell = lambda what, *far: tell(f"{cell.name} {what}", *far)  # noqa: E731
         fitted = fit(train, stop, variant.fit, tell=named)
         if recordings is not None:
             n = len(recordings.y)
