@@ -73,19 +73,14 @@ def features(folder: Path, spec: ElementSpec, body: str) -> Path:
     _map(axes[0, 2], diagram[:, : spec.n_cadence], cadences, "D", "cadence (Hz)")
     type1 = type1_vector(diagram, spec.n_cadence)
     profile = extent_profile(made.frames, n_cpi, PROFILE)
-    extent_m = np.arange(PROFILE) * made.axis.bin_length_m
-    axes[1, 0].plot(extent_m, profile, lw=0.8)
-    axes[1, 0].set(
-        title="range profile of the widest extent",
-        xlabel="behind its first sample (m)",
-        ylabel="amplitude, of its peak",
-    )
-    for axis, vector, name in (
-        (axes[1, 1], type1, "type 1 vector"),
-        (axes[1, 2], np.concatenate([profile, type1]), "type 2 vector"),
-    ):
-        axis.plot(vector, lw=0.8)
-        axis.set(title=name, xlabel="element", ylabel="value")
+    type2 = np.concatenate([profile, type1])
+    axes[1, 0].plot(np.arange(PROFILE) * made.axis.bin_length_m, profile, lw=0.8)
+    axes[1, 1].plot(type1, lw=0.8)
+    axes[1, 2].plot(type2, lw=0.8)
+    title, xlabel = "range profile of the widest extent", "behind its first sample (m)"
+    axes[1, 0].set(title=title, xlabel=xlabel, ylabel="amplitude, of its peak")
+    axes[1, 1].set(title="type 1 vector", xlabel="element", ylabel="value")
+    axes[1, 2].set(title="type 2 vector", xlabel="element", ylabel="value")
     return save(figure, folder / f"features-{body}-{rate_hz}.png")
 
 
@@ -162,7 +157,7 @@ def profiles(path: Path, spec: ElementSpec) -> Path:
 def pulse(path: Path) -> Path:
     """Draw the transmitted pulse and its spectrum (2.3, 2.5)."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3))
-    carrier_hz, sigma_s = 6.8e9, pulse_sigma_s(2.3e9)
+    carrier_hz, sigma_s = _FC_HZ, pulse_sigma_s(_BANDWIDTH_HZ)
     t_s = np.linspace(-1e-9, 1e-9, 2001)
     envelope = np.exp(-(t_s**2) / (2 * sigma_s**2))
     left.plot(t_s * 1e9, envelope * np.cos(2 * np.pi * carrier_hz * t_s), lw=0.8)
