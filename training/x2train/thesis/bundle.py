@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import nn
 
 from radard.alarm.sensitivity import alarm_policy
@@ -62,8 +61,10 @@ def write_thesis_bundle(
     feature = f"thesis_type{cell.vector}"
     inputs = (ModelInput("features", evaluate.x.shape[1:], feature),)
     onnx_bytes, difference = exported(net, inputs, {"features": evaluate.x})
-    temperature = temperature_of(_logits(net, evaluate.x), evaluate.y)
-    z = _logits(net, fresh.x) / temperature
+    with torch.no_grad():
+        known, z = (net(torch.from_numpy(each.x)).double().numpy() for each in (evaluate, fresh))
+    temperature = temperature_of(known, evaluate.y)
+    z /= temperature
     p = np.exp(z - np.logaddexp.reduce(z, axis=1, keepdims=True))
     result = judged(p[None], fresh.y)
     quiet, n_animals = p[:, 0] > PET_LIMIT, len(cell.bodies)
@@ -134,11 +135,6 @@ def folded(fitted: Fitted, repeat: int) -> nn.Sequential:
         layer.load_state_dict({"weight": weight.T.float(), "bias": bias.float()})
         layers += [layer, ACTIVATIONS[net.activation]()]
     return nn.Sequential(*layers[:-1]).eval()
-
-
-def _logits(net: nn.Module, x: NDArray[np.float32]) -> NDArray[np.float64]:
-    with torch.no_grad():
-        return np.asarray(net(torch.from_numpy(x)).numpy(), np.float64)
 
 
 def _stream_metrics(

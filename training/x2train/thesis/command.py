@@ -42,19 +42,14 @@ def register(commands: Commands) -> None:
     _add_data(parser.add_argument_group("data"))
     _add_training(parser.add_argument_group("training"))
     add = parser.add_argument
-    add(
-        "--parts",
-        metavar="LIST",
-        help="of networks (the thesis'), own (our features), switches (section 7 of its plans); "
-        "networks by default, all with --publish",
+    text = (
+        "of networks (the thesis'), own (our features), switches (section 7 of its plans); "
+        "networks by default, all with --publish"
     )
+    add("--parts", metavar="LIST", help=text)
     add("--rows", nargs="+", metavar="NAME", help="of switches, by the page's names (all)")
-    add(
-        "--folder",
-        type=Path,
-        default=Path("build/thesis"),
-        help="of cache and results (build/thesis)",
-    )
+    text = "of cache and results (build/thesis)"
+    add("--folder", type=Path, default=Path("build/thesis"), help=text)
     add("--bundle", type=Path, metavar="PATH", help="train one network for the daemon instead")
     add("--publish", type=Path, metavar="FILE", help="write tables and pictures here")
     add("--kept", action="store_true", help="train nothing: show what earlier runs have kept")
@@ -99,13 +94,8 @@ def _add_training(group: Any) -> None:
     add("--epochs", type=int, default=2000, help="of the whole network, at most (2000)")
     add("--look-every", type=int, default=100, help="epochs between looks (100)")
     add("--patience", type=int, default=2, help="looks without a gain that end it (2)")
-    add(
-        "--finetune",
-        type=Path,
-        nargs="+",
-        metavar="FILE[=LABEL]",
-        help="recordings with labels in them, or of one: pet, dog, cat, human or person",
-    )
+    text = "recordings with labels in them, or of one: pet, dog, cat, human or person"
+    add("--finetune", type=Path, nargs="+", metavar="FILE[=LABEL]", help=text)
     add("--own-epochs", type=int, default=30, help="of the network on our features (30)")
     add("--own-repeats", type=int, default=3, help="its initial weights (3)")
 

@@ -119,8 +119,8 @@ def own_job(recipe: StudyRecipe, cell: Cell, s: OwnSettings) -> Job:
     def train(tell: Tell) -> dict[str, Any]:
         spec = recipe.spec(cell.frame_rate_hz)
         recipe.make(spec, cell, tell)
-        maps, data = load_maps(recipe.data, spec, cell, 0, recipe.n_elements)
-        fresh_maps, fresh = load_maps(recipe.data, spec, cell, FRESH_FROM, recipe.n_fresh)
+        maps, data = load_maps(recipe.folder, spec, cell, 0, recipe.n_elements)
+        fresh_maps, fresh = load_maps(recipe.folder, spec, cell, FRESH_FROM, recipe.n_fresh)
         part = {key: values[:n_train] for key, values in maps.items()}
         rest = {key: values[n_train:] for key, values in maps.items()}
         p_evaluate, p_fresh = [], []

@@ -1,6 +1,7 @@
 """The page and its pictures (figures 2.3 to 5.2): elements, bodies, pulse and results."""
 
 import io
+from collections import defaultdict
 from collections.abc import Sequence
 from itertools import count
 from pathlib import Path
@@ -265,22 +266,16 @@ def _pictures(
     recipe: StudyRecipe, results: Sequence[CellResult], folder: Path
 ) -> dict[str, list[Path]]:
     """Draw all pictures; return their files by heading."""
-    by_label = {label: [r for r in results if r.label == label] for label in MAIN}
-    by_label = {label: chosen for label, chosen in by_label.items() if chosen}
-    pictures: dict[str, list[Path]] = {}
-    if by_label:
-        pictures["Confusion (table 3.1, appendix C)"] = [
-            confusions(folder / f"confusion-{label}.png", chosen)
-            for label, chosen in by_label.items()
-        ]
-        pictures["Confidence over epochs, a good and a poor initialisation (5.1, 5.2)"] = [
+    pictures: dict[str, list[Path]] = defaultdict(list)
+    heading = "Confidence over epochs, a good and a poor initialisation (5.1, 5.2)"
+    for label in MAIN:
+        if chosen := [r for r in results if r.label == label]:
+            path = folder / f"confusion-{label}.png"
+            pictures["Confusion (table 3.1, appendix C)"].append(confusions(path, chosen))
             # Of the set whose repeats differ most in score at their best.
-            confidence(
-                folder / f"confidence-{label}.png",
-                max(chosen, key=lambda r: float(np.ptp(np.min(r.scores[1:], axis=0)))),
-            )
-            for label, chosen in by_label.items()
-        ]
+            widest = max(chosen, key=lambda r: float(np.ptp(np.min(r.scores[1:], axis=0))))
+            path = folder / f"confidence-{label}.png"
+            pictures[heading].append(confidence(path, widest))
     pictures["G, µ, D and both vectors (figures 2.5-2.7, 3.7-3.9)"] = [
         five_scatterers(folder / "five-scatterers.png"),
         *(features(folder, recipe.spec(rate_hz), b) for rate_hz in RATES_HZ for b in BODIES),

@@ -104,11 +104,6 @@ class StudyRecipe:
             raise UsageError(f"elements {self.n_elements}: must be at most {2 * FRESH_FROM}")
 
     @property
-    def data(self) -> Path:
-        """Folder of the shards of elements."""
-        return self.folder / "data"
-
-    @property
     def n_train(self) -> int:
         """Elements before the thesis' evaluation part."""
         return self.n_elements - max(2, self.n_elements // 10 // 2 * 2)
@@ -130,14 +125,14 @@ class StudyRecipe:
             for first, n in ((0, self.n_elements // 2), (FRESH_FROM, self.n_fresh // 2)):
                 text = f"simulate {body} at {spec.frame_rate_hz} Hz"
                 crew = Crew(self.workers, report=partial(tell, text))
-                make_bodies(self.data, spec, body, first, n, crew=crew)
+                make_bodies(self.folder, spec, body, first, n, crew=crew)
 
     def load(self, cell: Cell, variant: Variant) -> tuple[CellData, CellData, CellData]:
         """Return what trains, what evaluates, and the fresh elements."""
 
         def elements(rate_hz: int, first: int, n: int) -> CellData:
             spec = self.spec(rate_hz, variant)
-            return load_cell(self.data, spec, cell, first, n, rectified=variant.rectified)
+            return load_cell(self.folder, spec, cell, first, n, rectified=variant.rectified)
 
         own_hz, other_hz = cell.frame_rate_hz, variant.train_rate_hz
         whole = elements(own_hz, 0, self.n_elements)

@@ -143,7 +143,7 @@ def _shards(folder: Path, spec: ElementSpec, body: str) -> ShardSet:
     about = asdict(spec)
     digest = hashlib.sha256(json.dumps(about, sort_keys=True).encode()).hexdigest()[:8]
     name = f"{body}-{spec.frame_rate_hz}-{digest}"
-    return ShardSet(folder / name, {"set": "thesis elements", "body": body, **about})
+    return ShardSet(folder / "data" / name, {"set": "thesis elements", "body": body, **about})
 
 
 def _bounds(first: int, n: int) -> dict[str, tuple[int, int]]:
