@@ -29,11 +29,6 @@ from x2train.thesis.sets import Cell
 CLASSES = ("pet", "human")
 _MIN_STREAMS, _MAX_STREAMS, _ELEMENTS_A_STREAM = 4, 64, 40
 """Of streams that judge it: as much as fits a training on so many fresh elements."""
-_RECIPE = (
-    "The thesis' network ({layers}, {activation}) on its type {vector} vector, trained on the "
-    "thesis' five-sinusoid bodies: people against {animals} at {rate} Hz. A base line: it knows "
-    "these bodies, not real motion."
-)
 _X2 = {
     "bin_length_m": (0.0034, 0.0040),
     "carrier_hz": (6.4e9, 7.4e9),
@@ -100,17 +95,14 @@ def write_thesis_bundle(
     )
     n_streams = max(_MIN_STREAMS, min(_MAX_STREAMS, recipe.n_fresh // _ELEMENTS_A_STREAM))
     metrics |= _stream_metrics(bundle, rate_hz, (*cell.bodies, "human"), n_streams, tell)
-    training = {
-        "recipe": _RECIPE.format(
-            layers="-".join(map(str, fitted.net.sizes)),
-            activation=fitted.net.activation,
-            vector=cell.vector,
-            animals=" and ".join(f"{body}s" for body in cell.bodies),
-            rate=cell.frame_rate_hz,
-        ),
-        "command": command,
-        "seed": recipe.seed,
-    }
+    layers = "-".join(map(str, fitted.net.sizes))
+    animals = " and ".join(f"{body}s" for body in cell.bodies)
+    text = (
+        f"The thesis' network ({layers}, {fitted.net.activation}) on its type {cell.vector} "
+        f"vector, trained on the thesis' five-sinusoid bodies: people against {animals} at "
+        f"{cell.frame_rate_hz} Hz. A base line: it knows these bodies, not real motion."
+    )
+    training = {"recipe": text, "command": command, "seed": recipe.seed}
     metrics = {key: round(value, 4) if value > 1e-3 else value for key, value in metrics.items()}
     write_bundle(path.parent, bundle, training=training, metrics=metrics, gate={})
     return metrics

@@ -193,12 +193,11 @@ def _parts(args: argparse.Namespace) -> tuple[str, ...]:
 def _jobs(
     args: argparse.Namespace, recipe: "StudyRecipe", parts: tuple[str, ...]
 ) -> Iterator["Job"]:
-    from x2train.thesis.fit import fit_settings  # noqa: PLC0415
     from x2train.thesis.own import RAW, OwnSettings, own_job, raw_job  # noqa: PLC0415
     from x2train.thesis.recipe import network_job, variants, wanted_cells  # noqa: PLC0415
-    from x2train.thesis.sets import load_recordings  # noqa: PLC0415
+    from x2train.thesis.sets import CELLS, load_recordings  # noqa: PLC0415
 
-    cells = tuple(wanted_cells(vector=args.vector, animal=args.animal, rate_hz=args.frame_rate))
+    cells = wanted_cells(args.vector, args.animal, args.frame_rate)
     names = (args.activation,) if args.activation else ("relu", "sigmoid")
     plain = {name: _variant(args, name) for name in names}
     for cell in cells:
@@ -213,9 +212,9 @@ def _jobs(
         # One for every animal and frame rate.
         kinds = dict.fromkeys(replace(cell, vector=2) for cell in cells)
         yield from (own_job(recipe, cell, own) for cell in kinds)
-    tried = next(c for c in (*cells, *wanted_cells()) if c.vector == 2)
+    tried = next(c for c in (*cells, *CELLS) if c.vector == 2)
     if "switches" in parts:
-        base = fit_settings("relu", **_fit_changes(args))
+        base = _variant(args, "relu").fit
         rows: dict[str, Job] = {v.label: network_job(recipe, tried, v) for v in variants(base)}
         rows[RAW] = raw_job(recipe, tried, base)
         if wrong := set(args.rows or ()) - set(rows):
@@ -235,28 +234,20 @@ def _variant(args: argparse.Namespace, activation: str) -> "Variant":
     from x2train.thesis.fit import fit_settings  # noqa: PLC0415
     from x2train.thesis.recipe import Variant  # noqa: PLC0415
 
-    return Variant(
-        label=activation,
-        fit=fit_settings(activation, **_fit_changes(args)),
-        rectified=args.rectified,
-        clutter=args.clutter,
-        noise=args.noise,
-        train_rate_hz=args.train_rate,
-    )
-
-
-def _fit_changes(args: argparse.Namespace) -> dict[str, Any]:
     names = (
         *("error", "optimiser", "momentum", "batch", "decay", "averaging", "sparsity"),
         *("scaling", "output_epochs", "epochs", "look_every", "patience", "repeats", "seed"),
     )
-    return {
-        "layers": _whole_numbers("--layers", args.layers),
-        "pretrain_epochs": _whole_numbers("--pretrain", args.pretrain),
-        "n_outputs": args.outputs,
-        "learning_rate": args.rate,
+    fit = fit_settings(
+        activation,
+        layers=_whole_numbers("--layers", args.layers),
+        pretrain_epochs=_whole_numbers("--pretrain", args.pretrain),
+        n_outputs=args.outputs,
+        learning_rate=args.rate,
         **{name: value for name in names if (value := getattr(args, name)) is not None},
-    }
+    )
+    data = {name: getattr(args, name) for name in ("rectified", "clutter", "noise")}
+    return Variant(label=activation, fit=fit, train_rate_hz=args.train_rate, **data)
 
 
 def _whole_numbers(option: str, text: str) -> tuple[int, ...]:

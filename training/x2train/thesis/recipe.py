@@ -2,7 +2,7 @@
 
 import json
 import statistics
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from hashlib import sha256
@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import TypeAdapter
 
+from radard.config.json_file import parse_json
 from radard.errors import UsageError
 from x2radar.atomic import write_whole
 from x2train.sets.workers import Crew
@@ -111,13 +111,9 @@ class StudyRecipe:
     def spec(self, rate_hz: int, variant: Variant | None = None) -> ElementSpec:
         """Return what the elements of a rate are drawn from."""
         names = ("clutter", "noise", "dwell_s") if variant else ()
-        return ElementSpec(
-            frame_rate_hz=rate_hz,
-            seed=self.seed,
-            n_cpi=self.n_cpi,
-            n_cadence=self.n_cadence,
-            **{name: getattr(variant, name) for name in names},
-        )
+        own: dict[str, Any] = {name: getattr(variant, name) for name in names}
+        own |= {"n_cpi": self.n_cpi, "n_cadence": self.n_cadence}
+        return ElementSpec(frame_rate_hz=rate_hz, seed=self.seed, **own)
 
     def make(self, spec: ElementSpec, cell: Cell, tell: Tell) -> None:
         """Make the elements that a cell needs of one rate."""
@@ -245,9 +241,6 @@ def scores(
     }
 
 
-_RESULT = TypeAdapter(CellResult)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Job:
     """One training that is due; its result is kept, one JSON file each."""
@@ -268,7 +261,7 @@ class Job:
         if not self._path.exists():
             return None
         try:
-            known = _RESULT.validate_json(self._path.read_bytes())
+            known = parse_json(CellResult, self._path.read_bytes())
         except ValueError as err:
             msg = f"{self._path}: no result ({err}); remove it to make it again"
             raise UsageError(msg) from err
@@ -323,16 +316,12 @@ def network_job(
     return Job(recipe.folder, cell.name, variant.label, settings, train)
 
 
-def wanted_cells(
-    *, vector: int | None = None, animal: str | None = None, rate_hz: int | None = None
-) -> Iterator[Cell]:
-    """Yield the thesis' cells, or those that are asked for."""
-    for cell in CELLS:
-        if vector in {None, cell.vector} and animal in {None, cell.animal}:
-            if rate_hz in {None, cell.frame_rate_hz}:
-                yield cell
-            elif rate_hz not in {60, 200} and cell.frame_rate_hz == 60:
-                yield replace(cell, frame_rate_hz=rate_hz)
+def wanted_cells(vector: int | None, animal: str | None, rate_hz: int | None) -> list[Cell]:
+    """Return those of the thesis' cells that are asked for, at any frame rate; None for all."""
+    cells = [c for c in CELLS if vector in {None, c.vector} and animal in {None, c.animal}]
+    if rate_hz is not None:
+        cells = [replace(cell, frame_rate_hz=rate_hz) for cell in cells]
+    return list(dict.fromkeys(cells))
 
 
 def drawn_classes(data: CellData, rng: np.random.Generator) -> CellData:
