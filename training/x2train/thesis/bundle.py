@@ -64,29 +64,24 @@ def write_thesis_bundle(
     result = judged(p[None], fresh.y)
     quiet, n_animals = p[:, 0] > PET_LIMIT, len(cell.bodies)
     alone = {body: quiet[2 * k :: 2 * n_animals] for k, body in enumerate(cell.bodies)}
-    alone["human"] = quiet[1::2]
+    alone["human"], lone = quiet[1::2], "share of lone elements without alarm, "
     metrics = {
         "windows": float(result.n),
         "accuracy": result.total[0] / 100,
         "cross-entropy": result.cross_entropy[0],
         "accuracy pet": result.class1[0] / 100,
         "accuracy human": result.class2[0] / 100,
-        **{
-            f"share of lone elements without alarm, {body}": float(part.mean())
-            for body, part in alone.items()
-        },
+        **{lone + body: float(part.mean()) for body, part in alone.items()},
         DIFFERENCE: difference,
     }
     rate_hz = float(cell.frame_rate_hz)
+    about_hz = (1 - _RATE_SPREAD) * rate_hz, (1 + _RATE_SPREAD) * rate_hz
     bundle = Bundle(
         name=path.name,
         onnx=onnx_bytes,
         inputs=inputs,
         features=recipe.spec(cell.frame_rate_hz).features,
-        stream={
-            "frame_rate_hz": ((1 - _RATE_SPREAD) * rate_hz, (1 + _RATE_SPREAD) * rate_hz),
-            **_X2,
-        },
+        stream={"frame_rate_hz": about_hz, **_X2},
         classes=CLASSES,
         temperature=temperature,
         pet_limit=PET_LIMIT,

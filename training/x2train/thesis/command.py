@@ -106,14 +106,10 @@ def _run(args: argparse.Namespace) -> int:
 
     parts = _parts(args)
     given, args = args, _small(args)
+    sizes = {"n_elements": args.elements // 20 * 20, "n_fresh": args.fresh // 2 * 2}
+    of_maps = {"n_cpi": args.cpi, "n_cadence": args.cadences}
     recipe = StudyRecipe(
-        folder=args.folder,
-        n_elements=args.elements // 20 * 20,
-        n_fresh=args.fresh // 2 * 2,
-        seed=args.seed,
-        n_cpi=args.cpi,
-        n_cadence=args.cadences,
-        workers=args.workers,
+        folder=args.folder, seed=args.seed, workers=args.workers, **sizes, **of_maps
     )
     if args.bundle:
         return _bundle(args, recipe, given)

@@ -128,14 +128,11 @@ def element(spec: ElementSpec, body: str, number: int) -> dict[str, NDArray[np.f
     `in_view` is the share of the time with the torso in the swath.
     """
     made, in_view = dwell(spec, body, number)
-    features = extract(made, spec.features, ("thesis_type2", "range_time"))
-    mu = micro_doppler(made.frames, spec.n_cpi)
+    settings, mu = spec.features, micro_doppler(made.frames, spec.n_cpi)
+    features = extract(made, settings, ("thesis_type2", "range_time"))
+    all_valid = np.ones(mu.shape[1], np.bool_)
     power, valid = time_cells(
-        mu,
-        np.ones(mu.shape[1], np.bool_),
-        spec.frame_rate_hz,
-        cell_s=spec.features.cell_s,
-        n_cells=spec.features.n_cells,
+        mu, all_valid, spec.frame_rate_hz, cell_s=settings.cell_s, n_cells=settings.n_cells
     )
     return {
         "vector": features["thesis_type2"],

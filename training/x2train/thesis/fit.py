@@ -391,7 +391,7 @@ class _Run:
         """Train a stage, and tell of it; or, without a name, the whole network up to a look."""
         s = self.s
         # A new one at every look, so that momentum does not carry over what was averaged.
-        given = {"lr": s.learning_rate, "weight_decay": s.decay}
+        given: dict[str, Any] = {"lr": s.learning_rate, "weight_decay": s.decay}
         optimiser: torch.optim.Optimizer
         if s.optimiser == "momentum":
             optimiser = torch.optim.SGD(weights, momentum=s.momentum, **given)

@@ -145,12 +145,8 @@ def profiles(path: Path, spec: ElementSpec) -> Path:
         ax.plot(made.axis.range_m, amplitude / amplitude.max(), lw=0.8)
         ax.plot(range_m[1:], np.zeros(len(range_m) - 1), "k|", ms=14, label="limbs")
         ax.plot(range_m[0], 0.0, "r^", label="torso")
-        ax.set(
-            title=f"{body}, middle of element {number}",
-            xlabel="range (m)",
-            ylabel="amplitude, of its peak",
-            xlim=(near, far),
-        )
+        ax.set(title=f"{body}, middle of element {number}", xlim=(near, far))
+        ax.set(xlabel="range (m)", ylabel="amplitude, of its peak")
     axes[0].legend()
     return save(figure, path)
 

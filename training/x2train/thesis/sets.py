@@ -84,7 +84,7 @@ def load_cell(
     folder: Path, spec: ElementSpec, cell: Cell, first: int, n: int, *, rectified: bool = False
 ) -> CellData:
     """Return `n` elements of a set: animal and person in turn, `rectified` if asked."""
-    x, in_view = _in_turn(folder, spec, cell, (first, n), ("vector", "in_view"))
+    x, in_view = _in_turn(folder, spec, cell, first, n, "vector", "in_view")
     if cell.vector == 1:
         x = np.ascontiguousarray(x[:, PROFILE:])
     elif rectified:
@@ -96,18 +96,15 @@ def load_maps(
     folder: Path, spec: ElementSpec, cell: Cell, first: int, n: int
 ) -> tuple[dict[str, NDArray[np.float32]], CellData]:
     """Return the maps of a data set, 'mu' and 'range_time', and the set (without vectors)."""
-    *maps, in_view = _in_turn(folder, spec, cell, (first, n), (*_MAPS, "in_view"))
-    made = {
-        name: (values / np.float32(_LEVELS)).astype(np.float32)
-        for name, values in zip(_MAPS, maps, strict=True)
-    }
+    *maps, in_view = _in_turn(folder, spec, cell, first, n, *_MAPS, "in_view")
+    scaled = (np.divide(each, _LEVELS, dtype=np.float32) for each in maps)
+    made = dict(zip(_MAPS, scaled, strict=True))
     return made, CellData.in_turn(np.empty((n // 2 * 2, 0), np.float32), in_view)
 
 
 def _in_turn(
-    folder: Path, spec: ElementSpec, cell: Cell, which: tuple[int, int], keys: tuple[str, ...]
+    folder: Path, spec: ElementSpec, cell: Cell, first: int, n: int, *keys: str
 ) -> list[NDArray[Any]]:
-    first, n = which
     number = np.arange(n // 2)
     parts = []
     for body in (*cell.bodies, "human"):
