@@ -29,8 +29,7 @@ from unittest.mock import patch
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from campaigns.kept import PORT, House, campaign
-from campaigns.processes import CONFIG
+from campaigns.kept import BUSY, House, campaign
 from tests.waiting import wait_for
 
 _MODES = {"slow": b"s", "read_only": b"r", "broken": b"e"}
@@ -38,8 +37,7 @@ _KINDS = ("full", "low", *_MODES, "corrupt")
 _MB = 20
 _LASTS_S = (1.0, 8.0)
 _CONFIG = {
-    **CONFIG,
-    "sensor": {"port": PORT, "speed": "4"},
+    **BUSY,
     "clips": {"keep_mb": 4, "free_mb": 3, "longest_s": 20, "pre_s": 4},
 }
 

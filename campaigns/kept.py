@@ -22,7 +22,9 @@ from radard.run.control import ask, control_path
 from tests.sink_helpers import MqttBroker
 from tests.waiting import wait_for
 
-PORT = "sim:human?run=kept"  # a simulated module whose stream is the same in every run
+# A simulated module whose stream is the same in every run; it has four seconds a second, so that
+# more happens between two disturbances.
+BUSY = {**CONFIG, "sensor": {"port": "sim:human?run=kept", "speed": "4"}}
 _OWN = {"time", "latency_ms", "alarm"}  # of the wall clock, or an alarm that was on at a start
 
 

@@ -18,16 +18,13 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from campaigns.kept import PORT, House, campaign
-from campaigns.processes import CONFIG
+from campaigns.kept import BUSY, House, campaign
 from x2radar.errors import RecordingError
 from x2radar.recording.registry import open_recording
 
 _ALIVE_S = (0.3, 4.0)
 _CONFIG = {
-    **CONFIG,
-    # Stream seconds a second: more happens between two kills.
-    "sensor": {"port": PORT, "speed": "4", "wait": True},
+    **BUSY,
     # An alarm that is on stays on until somebody disarms.
     "alarm": {"sensitivity": "high", "latch_s": 3600},
 }

@@ -218,12 +218,11 @@ def _jobs(
         yield from (rows[name] for name in args.rows or rows)
     if args.finetune:
         wanted = cells if "networks" in parts and not args.publish else (tried,)
+        named = replace(plain[names[0]], label=f"{names[0]} retrained")
         for cell in wanted:
             spec = recipe.spec(cell.frame_rate_hz)
-            named = replace(plain[names[0]], label=f"{names[0]} retrained")
-            yield network_job(
-                recipe, cell, named, load_recordings(args.finetune, spec, cell.vector)
-            )
+            recordings = load_recordings(args.finetune, spec, cell.vector)
+            yield network_job(recipe, cell, named, recordings)
 
 
 def _variant(args: argparse.Namespace, activation: str) -> "Variant":

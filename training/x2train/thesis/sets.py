@@ -165,25 +165,24 @@ def load_recordings(paths: Sequence[Path], spec: ElementSpec, vector: int) -> Ce
         name, _, whole = path.name.rpartition("=")
         is_named = bool(name) and whole in LABELS
         reader = open_recording(str(path.with_name(name) if is_named else path))
-        rate_hz = reader.stream.frame_rate_hz
-        if abs(rate_hz / spec.frame_rate_hz - 1) > 0.05:
-            msg = f"{path}: {rate_hz:g} frames a second; these sets have {spec.frame_rate_hz}"
+        rate_hz, own_hz = spec.frame_rate_hz, reader.stream.frame_rate_hz
+        if abs(own_hz / rate_hz - 1) > 0.05:
+            msg = f"{path}: {own_hz:g} frames a second; these sets have {rate_hz}"
             raise UsageError(msg)
         labels = [label for label in reader.labels if label[2] in LABELS]
         if is_named:
-            labels = [(0.0, reader.n_frames / rate_hz, whole)]
+            labels = [(0.0, reader.n_frames / own_hz, whole)]
         if not labels:
             msg = f"{path}: no labels of {', '.join(LABELS)} in it; FILE=LABEL gives it one"
             raise UsageError(msg)
         samples = np.stack([frame.samples for frame in reader.frames()])
         converter, n_slow = DownConverter(reader.stream.axis), spec.shape.n_slow
         for begin_s, end_s, label in labels:
-            first, last = (round(s * spec.frame_rate_hz) for s in (begin_s, end_s))
+            first, last = (round(s * rate_hz) for s in (begin_s, end_s))
             last = min(last, len(samples)) - n_slow + 1
-            for at in range(first, last, spec.frame_rate_hz):
+            for at in range(first, last, rate_hz):
                 frames, valid = converter.convert(samples[at : at + n_slow]), np.ones(n_slow, bool)
-                t_s = at / spec.frame_rate_hz
-                dwell = Dwell(frames, valid, converter.axis, spec.frame_rate_hz, t_s)
+                dwell = Dwell(frames, valid, converter.axis, rate_hz, at / rate_hz)
                 rows.append(extract(dwell, spec.features, ("thesis_type2",))["thesis_type2"])
                 classes.append(LABELS[label])
     if len(set(classes)) < 2:
