@@ -114,9 +114,8 @@ def dwell(spec: ElementSpec, body: str, number: int) -> tuple[Dwell, float]:
     frames = _CONVERTER.convert(echo + noise)
     low_m, high_m = axis.range_m[[0, -1]]
     in_view = (range_m[:, 0] > low_m) & (range_m[:, 0] < high_m)
-    valid = np.ones(n_slow, np.bool_)
-    made = Dwell(frames, valid, _CONVERTER.axis, rate_hz, n_slow / rate_hz)
-    return made, float(in_view.mean())
+    valid, t_s = np.ones(n_slow, np.bool_), n_slow / rate_hz
+    return Dwell(frames, valid, _CONVERTER.axis, rate_hz, t_s), float(in_view.mean())
 
 
 def element(spec: ElementSpec, body: str, number: int) -> dict[str, NDArray[np.float32]]:

@@ -328,10 +328,8 @@ def drawn_classes(data: CellData, rng: np.random.Generator) -> CellData:
     """Return elements whose classes are drawn by chance, as far as either class reaches."""
     wanted = rng.integers(2, size=len(data.y))
     rank = np.where(wanted == 1, np.cumsum(wanted), np.cumsum(1 - wanted)) - 1
-    n = len(data.y) // 2
-    short = np.flatnonzero(rank >= n)
-    last = int(short[0]) if len(short) else len(wanted)
-    rows = (2 * rank + wanted)[:last]
+    reaches = np.logical_and.accumulate(rank < len(data.y) // 2)
+    rows = (2 * rank + wanted)[reaches]
     return CellData(data.x[rows], data.y[rows], data.in_view[rows])
 
 
