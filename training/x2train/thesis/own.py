@@ -9,7 +9,6 @@ which is about the pulse's width; real and imaginary parts, scaled together to u
 vectors are.
 """
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 from torch import nn
 from torch.nn import functional
 
+from x2train.sets import workers
 from x2train.thesis.elements import ElementSpec, dwell
 from x2train.thesis.fit import FitSettings, Tell, fit
 from x2train.thesis.recipe import FRESH_FROM, Job, StudyRecipe, reached, scores, with_stop
@@ -79,7 +79,7 @@ def _branch(channels: tuple[int, ...]) -> nn.Sequential:
 
 
 def train_maps(
-    maps: Maps, y: NDArray[np.int64], s: OwnSettings, tell: Callable[[int, int], None]
+    maps: Maps, y: NDArray[np.int64], s: OwnSettings, tell: workers.Tell = lambda *_: None
 ) -> TwoMapNet:
     """Return a network trained on two maps of every element with labels `y`."""
     inputs = {name: torch.from_numpy(values[:, None]) for name, values in maps.items()}
