@@ -3,6 +3,7 @@
 import io
 from collections import defaultdict
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 
@@ -23,8 +24,7 @@ from radard.dsp.downconvert import DownConverter
 from radard.stream.ring import Dwell
 from x2radar.atomic import write_whole
 from x2radar.errors import WriteError
-from x2radar.frame import FastTimeAxis
-from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
+from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS, RadarSettings
 from x2radar.sim.bodies.thesis_bodies import THESIS_BODIES, ranges_xyz
 from x2radar.sim.echo import frames as echo_frames
 from x2radar.sim.signal.pulse import pulse_sigma_s
@@ -39,9 +39,9 @@ _Extent = tuple[float, float, float, float]
 _MOVED_S = 0.3  # limbs are apart
 _MIN_DB = -40.0  # as in the thesis' plots
 _NEAR_M, _FAR_M = 1.5, 3.0  # of the torso in the elements that are drawn
-# Figure 2.5: fp, M, fs, ts and fc, and five scatterers between 2.5 and 3 m at its two velocities.
-_FP_HZ, _M, _FS_HZ, _TS_S, _FC_HZ = 200.0, 20, 41e9, 6e-9, 6.8e9
-_N_FAST, _BANDWIDTH_HZ = 768, 2.3e9
+_X2 = RadarSettings().axis
+# Figure 2.5: fp, M and ts, and five scatterers between 2.5 and 3 m at its two velocities.
+_FP_HZ, _M, _TS_S = 200.0, 20, 6e-9
 _RANGES_M = (2.55, 2.7, 2.9, 2.6, 2.8)
 _VELOCITIES_MPS = (0.9, 0.9, 0.9, -1.5, -1.5)
 
@@ -111,15 +111,7 @@ def _map(axis: Axes, power: NDArray[np.floating], extent: _Extent, title: str, l
 
 def five_scatterers(path: Path) -> Path:
     """Draw the range-Doppler map of five points as figure 2.5's text says them."""
-    axis = FastTimeAxis(
-        kind="rf",
-        n_range=_N_FAST,
-        bin_length_m=SPEED_OF_LIGHT_MPS / (2 * _FS_HZ),
-        range_offset_m=SPEED_OF_LIGHT_MPS * _TS_S / 2,
-        carrier_hz=_FC_HZ,
-        bandwidth_hz=_BANDWIDTH_HZ,
-        sample_rate_hz=_FS_HZ,
-    )
+    axis = replace(_X2, range_offset_m=SPEED_OF_LIGHT_MPS * _TS_S / 2)
     t_s = np.arange(_M) / _FP_HZ
     range_m = np.array(_RANGES_M) + t_s[:, None] * np.array(_VELOCITIES_MPS)
     converter = DownConverter(axis)
@@ -154,7 +146,7 @@ def profiles(path: Path, spec: ElementSpec) -> Path:
 def pulse(path: Path) -> Path:
     """Draw the transmitted pulse and its spectrum (2.3, 2.5)."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3))
-    carrier_hz, sigma_s = _FC_HZ, pulse_sigma_s(_BANDWIDTH_HZ)
+    carrier_hz, sigma_s = _X2.carrier_hz, pulse_sigma_s(_X2.bandwidth_hz)
     t_s = np.linspace(-1e-9, 1e-9, 2001)
     envelope = np.exp(-(t_s**2) / (2 * sigma_s**2))
     left.plot(t_s * 1e9, envelope * np.cos(2 * np.pi * carrier_hz * t_s), lw=0.8)
