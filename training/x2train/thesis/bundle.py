@@ -1,5 +1,6 @@
 """A bundle of the thesis' network: the best of its repeats, as the daemon takes it."""
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from x2train.bundle.writing import write_bundle
 from x2train.judge.judging import dwells
 from x2train.judge.verdicts import PET_LIMIT
 from x2train.nets.calibration import temperature_of
+from x2train.thesis.elements import CLUTTER
 from x2train.thesis.fit import ACTIVATIONS, Fitted, Tell
 from x2train.thesis.recipe import StudyRecipe, Variant, judged
 from x2train.thesis.sets import Cell
@@ -37,14 +39,6 @@ _X2 = {
 """About table B.5: all bins of an X2 in its lowest band."""
 _RATE_SPREAD = 0.05  # frame rates this far from the data's show the same vectors
 _VISIT_S = 6.0  # the quickest have left the swath by then
-_SCENE = """
-steps:
-  - {{body: thesis_{body}, duration_s: {visit_s}}}
-clutter:
-  - {{range_m: 0.75, rcs_m2: 30000}}
-  - {{range_m: 1.90, rcs_m2: 60000}}
-  - {{range_m: 3.10, rcs_m2: 400000}}
-"""
 
 
 def write_thesis_bundle(
@@ -136,11 +130,13 @@ def _stream_metrics(
     info = StreamInfo(settings.axis, rate_hz, "x2raw")
     policy = alarm_policy(AlarmSection(), bundle.policy)
     metrics = {"streams of each body": float(n)}
+    room = [{"range_m": range_m, "rcs_m2": rcs_m2} for range_m, rcs_m2 in CLUTTER]
     for body in bodies:
         quiet: list[bool] = []
         alarms = 0
+        step = {"body": f"thesis_{body}", "duration_s": _VISIT_S}
+        scene = parse_scene(json.dumps({"steps": [step], "clutter": room}), body, body)
         for seed in range(n):
-            scene = parse_scene(_SCENE.format(body=body, visit_s=_VISIT_S), body, body)
             stream = EchoStream(scene, seed, settings)
             pipeline = Pipeline(info, Config(), classifier, judges_tracks=False)
             frames = (stream.next() for _ in range(round(_VISIT_S * rate_hz)))

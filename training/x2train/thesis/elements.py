@@ -24,7 +24,7 @@ from x2radar.sim.signal.pulse import ROOM_K, LinkBudget
 
 PROFILE = 392
 BODIES = ("human", "dog", "cat")
-_CLUTTER = ((0.75, 3e4), (1.90, 6e4), (3.10, 4e5))  # range in metres, cross section (`clutter`)
+CLUTTER = ((0.75, 3e4), (1.90, 6e4), (3.10, 4e5))  # range in metres, cross section (`clutter`)
 _ERROR_DB = -120.0  # of echoes: float32's rounding
 _LNA_GAIN = 10.0  # of (2.14)
 _MU_DEPTH_DB = 30.0  # as the bundles' long maps have it
@@ -106,7 +106,7 @@ def dwell(spec: ElementSpec, body: str, number: int) -> tuple[Dwell, float]:
     level = budget.amplitude(range_m, rcs_m2, axis)
     echo = echo_frames(range_m, level, axis, error_db=_ERROR_DB)
     if spec.clutter:
-        still_m, rcs = np.array(_CLUTTER).T
+        still_m, rcs = np.array(CLUTTER).T
         level = budget.amplitude(still_m[None], rcs, axis)
         echo += echo_frames(still_m[None], level, axis, error_db=_ERROR_DB)
     noise = rng.standard_normal(echo.shape, np.float32)
