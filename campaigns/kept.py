@@ -167,8 +167,8 @@ class House:
     def missing(self) -> set[tuple[str, str]]:
         """Return the events, with their phase, of which one output was told and another not."""
         told, came = phases(self.records("event")), phases(records(self._at_broker, "event"))
-        here_or_there = {each for each, _ in told | came} ^ set(self.kept())
-        return (told - came) | {(each, "in the store, or out, alone") for each in here_or_there}
+        alone = {each for each, _ in told | came} ^ set(self.kept())
+        return (told - came) | {(each, "in the store alone, or not in it") for each in alone}
 
     def untold(self) -> set[tuple[str, str]]:
         """Return the events, with their phase, that did not come to the broker."""

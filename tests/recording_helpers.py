@@ -86,11 +86,8 @@ def captured(path, settings=None, *, is_usb=False, n=N):
         return OnUsb(near) if is_usb else near
 
     # The simulated module forgets its READY when the port is opened again: it is pinged.
-    with X2Radar(
-        lambda: CapturingTransport(module(), writer),
-        settings,
-        deadlines=Deadlines(usb_gone_s=0.05),
-    ) as radar:
+    soon = Deadlines(usb_gone_s=0.05)
+    with X2Radar(lambda: CapturingTransport(module(), writer), settings, deadlines=soon) as radar:
         frames = list(islice(radar.frames(), n))
     writer.close()
     return frames
