@@ -20,15 +20,12 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from campaigns.kept import PORT, House, campaign
-from campaigns.processes import CONFIG
+from campaigns.kept import BUSY, House, campaign
 
 _DAY_S = 86_400
 _STEPS_S = (1, 60, 3600, _DAY_S, 200 * _DAY_S, 366 * _DAY_S, 3653 * _DAY_S)
 _CONFIG = {
-    **CONFIG,
-    # Stream seconds a second: more happens between two steps.
-    "sensor": {"port": PORT, "speed": "4"},
+    **BUSY,
     # Some clips, so that the oldest have to go; the store keeps a day, which no step may end.
     "clips": {"keep_mb": 6, "free_mb": 1, "longest_s": 20, "pre_s": 4},
     "store": {"keep_days": 1},

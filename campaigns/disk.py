@@ -29,16 +29,15 @@ from unittest.mock import patch
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from campaigns.kept import PORT, House, campaign
-from campaigns.processes import CONFIG, wait_for
+from campaigns.kept import BUSY, House, campaign
+from tests.waiting import wait_for
 
 _MODES = {"slow": b"s", "read_only": b"r", "broken": b"e"}
 _KINDS = ("full", "low", *_MODES, "corrupt")
 _MB = 20
 _LASTS_S = (1.0, 8.0)
 _CONFIG = {
-    **CONFIG,
-    "sensor": {"port": PORT, "speed": "4"},
+    **BUSY,
     "clips": {"keep_mb": 4, "free_mb": 3, "longest_s": 20, "pre_s": 4},
 }
 
@@ -50,91 +49,48 @@ def _does(*command: str) -> bool:
     return False
 
 
-class Disk:
-    """A small disk, and what may happen to it."""
-
-    def __init__(self, folder: Path, mode: Path, rng: random.Random, stack: ExitStack) -> None:
-        self.folder, self._mode, self._rng = folder, mode, rng
-        layer = mode.with_suffix(".so")
-        self.skipped: set[str] = set()
-        self._mode.write_bytes(b"-")
-        if _does("mount", "-t", "tmpfs", "-o", f"size={_MB}m", "tmpfs", str(folder)):
-            stack.callback(_does, "umount", "-l", str(folder))
-        else:
-            self.skipped |= {"full", "low"}
-        build = ("gcc", "-shared", "-fPIC", "-O1", "-o", str(layer))
-        if not _does(*build, str(Path(__file__).parent / "disk_layer.c"), "-ldl"):
-            self.skipped |= set(_MODES)
-        own = {"DISK_MODE": str(mode), "DISK_FOLDER": str(folder), "LD_PRELOAD": str(layer)}
-        # What puts the layer before a process.
-        self.environment = own if layer.exists() else {}
-
-    def fail(self, kind: str) -> str:
-        """Let something happen; return what is to be known of it."""
-        if kind in _MODES:
-            self._set(_MODES[kind])
-        elif kind == "corrupt":
-            return self._corrupt()
-        else:
-            left = 0 if kind == "full" else self._rng.randint(20_000, 2_000_000)
-            with suppress(OSError), (self.folder / "filler").open("wb", buffering=0) as file:
-                while (free := shutil.disk_usage(self.folder).free) > left:
-                    file.write(bytes(min(65_536, max(1, free - left))))
-        return kind
-
-    def heal(self) -> None:
-        """Let it be well."""
-        self._set(b"-")
-        (self.folder / "filler").unlink(missing_ok=True)
-
-    def _set(self, mode: bytes) -> None:
-        # In place: the layer has the file mapped.
-        with self._mode.open("r+b") as file:
-            file.write(mode)
-
-    def _corrupt(self) -> str:
-        """Overwrite some pages of one file; return its name."""
-        files = (p for p in self.folder.rglob("*") if p.suffix in {".db", ".db-wal", ".h5"})
-        path = self._rng.choice(sorted(p for p in files if p.stat().st_size))
-        with suppress(FileNotFoundError), path.open("r+b") as file:
-            times = os.fstat(file.fileno())
-            for _ in range(self._rng.randint(1, 4)):
-                file.seek(4096 * self._rng.randrange(1 + path.stat().st_size // 4096))
-                file.write(self._rng.randbytes(self._rng.randint(1, 4096)))
-            # A disk that goes bad dates nothing: clips go by their dates.
-            file.flush()
-            os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
-        return f"corrupt {path.name}"
-
-
 class Guard(House):
-    """A daemon on such a disk."""
+    """A daemon on a small disk, and what may happen to that."""
 
     config = _CONFIG
 
     def __init__(self, folder: Path, rng: random.Random, stack: ExitStack) -> None:
         super().__init__(folder, rng, stack)
-        self.disk = Disk(self.store.parent, folder / "mode", rng, stack)
-        self.state = self.disk.folder / "state"
+        self.disk, self._mode = self.store.parent, folder / "mode"
+        self.state = self.disk / "state"
         self._is_damaged = False
         self.kinds: Counter[str] = Counter()
+        self.skipped: set[str] = set()
+        self._mode.write_bytes(b"-")
+        if _does("mount", "-t", "tmpfs", "-o", f"size={_MB}m", "tmpfs", str(self.disk)):
+            stack.callback(_does, "umount", "-l", str(self.disk))
+        else:
+            self.skipped |= {"full", "low"}
+        layer = folder / "mode.so"
+        build = ("gcc", "-shared", "-fPIC", "-O1", "-o", str(layer))
+        if not _does(*build, str(Path(__file__).parent / "disk_layer.c"), "-ldl"):
+            self.skipped |= set(_MODES)
+        own = {"DISK_MODE": str(self._mode), "DISK_FOLDER": str(self.disk)}
+        # What puts the layer before a process.
+        self._environment = own | {"LD_PRELOAD": str(layer)} if layer.exists() else {}
+        self.counts |= {"faults": self.kinds, "skipped": sorted(self.skipped)}
         self.start()
-        self._still_goes_on("at the start")
+        self.goes_on(self.rng.randint(3, 12), "at the start")
 
     def start(self, *arguments: str) -> None:
         """Start the daemon on the disk, with a recording there."""
-        with patch.dict(os.environ, self.disk.environment):
-            super().start("--record", str(self.disk.folder / "rec.h5"), *arguments)
+        with patch.dict(os.environ, self._environment):
+            super().start("--record", str(self.disk / "rec.h5"), *arguments)
 
     def once(self, k: int) -> None:
         """Let one thing happen to the disk, for a while."""
         kind = _KINDS[k % len(_KINDS)]
-        if kind in self.disk.skipped:
+        if kind in self.skipped:
             return
         self.kinds[kind] += 1
         self.alarm_again()
         time.sleep(self.rng.uniform(0.0, 2.0))
-        what = self.disk.fail(kind)
+        what = self._fail(kind)
         if kind == "corrupt":
             self._is_damaged = True
         if self.rng.random() < 1 / 3:
@@ -144,18 +100,18 @@ class Guard(House):
             self._is_damaged = True
             self.start()
         self.alarm_again()
-        self._still_goes_on(what)
+        self.goes_on(self.rng.randint(3, 12), what)
         if kind in {"full", "read_only", "broken"}:
             self.expect("silent_stalls", f"{what}: not said", lambda: self.state_is("degraded"))
         time.sleep(self.rng.uniform(*_LASTS_S))
-        self.disk.heal()
-        self._still_goes_on(f"after {what}")
+        self._heal()
+        self.goes_on(self.rng.randint(3, 12), f"after {what}")
         self.expect("unrecovered", what, self._is_well)
         if self._is_damaged:
             self.begin_again()
         self.look()
         self.look_at_clips()
-        for path in self.disk.folder.glob("rec*.h5"):
+        for path in self.disk.glob("rec*.h5"):
             path.unlink()
 
     def look(self) -> None:
@@ -163,20 +119,15 @@ class Guard(House):
         with suppress(DatabaseError):
             super().look()
 
-    def finish(self) -> None:
-        """As in `House`, and say what there was."""
-        super().finish()
-        self.counts |= {"faults": dict(self.kinds), "skipped": sorted(self.disk.skipped)}
-
     def stop(self, *, is_slow: bool = False) -> None:
         """End the daemon, once everybody has heard of all events."""
-        with suppress(TimeoutError):
-            wait_for(lambda: not self.untold(), "events at the broker", 20)
+        with suppress(AssertionError):
+            wait_for(lambda: not self.untold(), 20)
         super().stop(is_slow=is_slow)
 
     def revive(self) -> None:
         """Start it again where it is well."""
-        self.disk.heal()
+        self._heal()
         self.start()
 
     def missing(self) -> set[tuple[str, str]]:
@@ -187,8 +138,42 @@ class Guard(House):
             return super().missing()
         return {("store", "unreadable")}
 
-    def _still_goes_on(self, what: str) -> None:
-        self.goes_on(self.rng.randint(3, 12), what)
+    def _fail(self, kind: str) -> str:
+        """Let something happen; return what is to be known of it."""
+        if kind in _MODES:
+            self._set(_MODES[kind])
+        elif kind == "corrupt":
+            return self._corrupt()
+        else:
+            left = 0 if kind == "full" else self.rng.randint(20_000, 2_000_000)
+            with suppress(OSError), (self.disk / "filler").open("wb", buffering=0) as file:
+                while (free := shutil.disk_usage(self.disk).free) > left:
+                    file.write(bytes(min(65_536, max(1, free - left))))
+        return kind
+
+    def _heal(self) -> None:
+        """Let it be well."""
+        self._set(b"-")
+        (self.disk / "filler").unlink(missing_ok=True)
+
+    def _set(self, mode: bytes) -> None:
+        # In place: the layer has the file mapped.
+        with self._mode.open("r+b") as file:
+            file.write(mode)
+
+    def _corrupt(self) -> str:
+        """Overwrite some pages of one file; return its name."""
+        files = (p for p in self.disk.rglob("*") if p.suffix in {".db", ".db-wal", ".h5"})
+        path = self.rng.choice(sorted(p for p in files if p.stat().st_size))
+        with suppress(FileNotFoundError), path.open("r+b") as file:
+            times = os.fstat(file.fileno())
+            for _ in range(self.rng.randint(1, 4)):
+                file.seek(4096 * self.rng.randrange(1 + path.stat().st_size // 4096))
+                file.write(self.rng.randbytes(self.rng.randint(1, 4096)))
+            # A disk that goes bad dates nothing: clips go by their dates.
+            file.flush()
+            os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
+        return f"corrupt {path.name}"
 
     def _is_well(self) -> bool:
         """Return whether only what lasts is said: a recording that ended, a file put aside."""

@@ -39,10 +39,8 @@ from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.module.firmware import X2Firmware
 from x2radar.wire.messages import Message
 
-RECOVERY_S = 3.1
-"""Stream time from the last bad frame to the next whole decision: a dwell is 2.45 s long."""
-SPIKED_S = 3.5
-"""The same where samples were spikes: only the worker sees those, and keeps to its hops."""
+RECOVERY_S = 3.1  # stream time from the last bad frame to a whole decision; a dwell is 2.45 s long
+SPIKED_S = 3.5  # the same after spikes: only the worker sees those, and keeps to its hops
 OUTAGE_S = 7.0
 """From the end of all faults to good frames: a stall (1.5 s), an answer that does not come (2 s),
 a pause before another opening (2 s), a reset with its boot (0.75 s), and less than a second."""
@@ -77,13 +75,11 @@ def read_stamp(samples: NDArray[Any]) -> float | None:
 class StampingFirmware(X2Firmware):
     """An X2 whose frames say when they were made."""
 
-    def __init__(self, now_s: Callable[[], float]) -> None:
-        super().__init__()
-        self._time_s = now_s
+    now_s: Callable[[], float]
 
     def frame_message(self, axis: Any, counter: int, frame: NDArray[Any]) -> Message:
         """As in `Firmware`."""
-        return super().frame_message(axis, counter, stamp(frame, self._time_s()))
+        return super().frame_message(axis, counter, stamp(frame, self.now_s()))
 
 
 class Watcher:
@@ -100,10 +96,9 @@ class Watcher:
         self._whole_s = clock.now()
         self._is_silent = self._is_spiked = False
         self._t_s = 0.0
+        # When the last bad frame was read, and its stream time; likewise of whole decisions.
         self.last_bad: tuple[float, float] | None = None
-        """When the last bad frame was read, and its stream time."""
         self.wholes: list[tuple[float, float]] = []
-        """When every whole decision was made, and its stream time."""
 
     def frame(self, frame: Frame) -> None:
         """Take a frame as the driver gives it."""
@@ -185,21 +180,16 @@ class Watcher:
 
 def _stitched(rows: list[float | None], rate_hz: float) -> str:
     """Return why the frames of a window do not follow each other as they should."""
-    if not _is_full([made_s is not None for made_s in rows], rate_hz):
-        return f"{sum(made_s is None for made_s in rows)} frames missing in it"
+    gaps = [len(list(gap)) for is_lost, gap in groupby(s is None for s in rows) if is_lost]
+    longest = max(gaps, default=0)
+    if sum(gaps) > MAX_LOST * len(rows) or longest > MAX_GAP_S * rate_hz + 1e-6:
+        return f"{sum(gaps)} frames missing in it"
     known = [(k, s) for k, s in enumerate(rows) if s is not None and not math.isnan(s)]
     if not known:
         return "no frame in it can be told"
     first, first_s = known[0]
     off = max(abs((made_s - first_s) * rate_hz - (k - first)) for k, made_s in known)
     return f"time jumps by {off:.1f} frames in it" if off > 0.5 else ""
-
-
-def _is_full(rows: list[bool], rate_hz: float) -> bool:
-    """Return whether so few rows of a window are missing that it may be judged."""
-    longest = max((len(list(gap)) for is_here, gap in groupby(rows) if not is_here), default=0)
-    is_enough = rows.count(False) <= MAX_LOST * len(rows)
-    return is_enough and longest <= MAX_GAP_S * rate_hz + 1e-6
 
 
 class Run:
@@ -233,8 +223,7 @@ class Run:
         self._health = Health(clock=clock.now)
         self._heard_s = clock.now()
         stream = StreamInfo(settings.axis, rate_hz, "module", "campaign")
-        options = {"sensor": {"port": "sim:human"}, "output": ["null"]}
-        config = load_config(environ={}, options=options)
+        config = load_config(environ={}, options={"sensor": {"port": "sim:human"}})
         pipeline = Pipeline(stream, config, classifier)
         self.watcher = Watcher(pipeline.shape.n_slow, rate_hz, clock)
         parts = make_parts(config, pipeline, now=wall_clock, is_live=False)

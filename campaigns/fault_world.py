@@ -5,11 +5,12 @@ and its line have faults, the cable is pulled and put in again, and the host sta
 times; from then on nothing goes wrong any more.
 """
 
+import math
 import random
 import threading
 from collections import deque
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import lru_cache
 from itertools import cycle
 from types import SimpleNamespace
@@ -19,7 +20,6 @@ from unittest.mock import patch
 import numpy as np
 
 from campaigns.fault_run import StampingFirmware
-from x2radar import device
 from x2radar.device.transport import Transport
 from x2radar.errors import PortNotFound, TransportClosed
 from x2radar.modules.base import ModuleSettings
@@ -33,8 +33,7 @@ _MAX_RATE = 0.1  # one in ten
 _KERNEL_BYTES = 1 << 16
 _TERMINAL_BYTES = 4095  # a Linux terminal gives no more to one read
 _TICK_S = 0.5
-_READ_COST_S = 2e-5
-"""Of a read that finds nothing; else a loop without a pause would stop the clock."""
+_READ_COST_S = 2e-5  # of a read that finds nothing: a loop without a pause would stop the clock
 _KEPT_FRAMES = 1800  # of the scene's echoes, which are then repeated
 SCENE = "human"
 
@@ -55,8 +54,9 @@ class Module(SimulatedModule):
 
     def __init__(self, plan: FaultPlan, seed: int, born_s: float) -> None:
         self.born_s = born_s
-        self.n_boots = 0
-        firmware = StampingFirmware(lambda: self.born_s + self._now_s)
+        self.has_booted = False  # since its cable was looked at
+        firmware = StampingFirmware()
+        firmware.now_s = lambda: self.born_s + self._now_s
         super().__init__(load_scene(SCENE), seed, plan, firmware=firmware)
 
     def heal(self) -> None:
@@ -76,7 +76,7 @@ class Module(SimulatedModule):
 
     def _restart(self) -> None:
         super()._restart()
-        self.n_boots += 1
+        self.has_booted = True
 
 
 class World:
@@ -87,20 +87,16 @@ class World:
     ) -> None:
         self._rng = random.Random(seed)  # noqa: S311 - no secret
         self._plan, self._seed, self.is_usb = plan, seed, is_usb
-        self.healed_s, self._end_s = healed_s, end_s
+        self._healed_s, self._end_s = healed_s, end_s
         self._now_s, self._tick_s = 1.0, 1.0
         self.module = Module(plan, seed, self._now_s)
+        # Bytes of a read; 0 for one piece of what the line made.
         self.most_read = self._rng.choice((0, _TERMINAL_BYTES, _KERNEL_BYTES))
-        """Most bytes of one read; 0 for one piece of what the line made."""
         self._port: Port | None = None
         self._plugged_s = 0.0
-        self._is_healed = False
-        self._n_boots = 0
-        self.tick: Callable[[], object] = lambda: None
-        """Called twice a second."""
+        self.tick: Callable[[], object] = lambda: None  # called twice a second
         self.on_healed: Callable[[], object] = lambda: None
-        self.pauses: deque[tuple[float, float]] = deque()
-        """When the host stands still, and for how long."""
+        self.pause: tuple[float, float] | None = None  # when the host stands still, and how long
 
     def now(self) -> float:
         """Return the time, in seconds."""
@@ -125,16 +121,14 @@ class World:
     def step(self, until_s: float) -> None:
         """Go on to what happens next, at `until_s` at the latest."""
         module = self.module
-        wake_s = self._tick_s + _TICK_S
-        if not self._is_healed:
-            wake_s = min(wake_s, max(self.healed_s, self._now_s))
+        wake_s = min(self._tick_s + _TICK_S, max(self._healed_s, self._now_s))
         next_s = module.next_due_s
         due_s = max(module.born_s + next_s, self._now_s)
         self._now_s = min(due_s, wake_s, until_s)
         if self._now_s >= self._end_s:
             raise Over
-        if self._now_s >= self.healed_s and not self._is_healed:
-            self._is_healed = True
+        if self._now_s >= self._healed_s:
+            self._healed_s, self._plan = math.inf, {}
             module.heal()
             # Somebody puts the cable in again.
             self._plugged_s = min(self._plugged_s, self._now_s)
@@ -150,20 +144,14 @@ class World:
             self._tick_s = self._now_s
             self.tick()
 
-    def pause(self) -> None:
-        """Stand still if the host is to do that now; what does not fit into buffers is lost."""
-        if self.pauses and self._now_s >= self.pauses[0][0]:
-            self.sleep(self.pauses.popleft()[1])
-
     def _look_at_cable(self) -> None:
         module = self.module
         if module.has_hung_up:
             self._pull(self._rng.uniform(0.1, 5.0))
             self._seed += 1_000_003
-            plan = {} if self._is_healed else self._plan
-            self.module, self._n_boots = Module(plan, self._seed, self._now_s), 0
-        elif module.n_boots > self._n_boots:
-            self._n_boots = module.n_boots
+            self.module = Module(self._plan, self._seed, self._now_s)
+        elif module.has_booted:
+            module.has_booted = False
             if self.is_usb:
                 self._pull(0.04)
 
@@ -180,20 +168,21 @@ class Port:
     def __init__(self, world: World) -> None:
         self._world = world
         self._waiting: deque[bytes] = deque()
-        self._n_waiting = 0  # bytes
         self.is_usb = world.is_usb
         self.is_gone = False
 
     def arrive(self, data: bytes) -> None:
         """Take bytes from the cable; those that no buffer holds are lost."""
-        if taken := data[: _KERNEL_BYTES - self._n_waiting]:
+        if taken := data[: _KERNEL_BYTES - sum(map(len, self._waiting))]:
             self._waiting.append(taken)
-            self._n_waiting += len(taken)
 
     def read(self, timeout_s: float) -> bytes:
         """Return a piece, as the module gave it or as a kernel does."""
         world = self._world
-        world.pause()
+        if world.pause is not None and world.now() >= world.pause[0]:
+            # What does not fit into buffers is lost.
+            (_, pause_s), world.pause = world.pause, None
+            world.sleep(pause_s)
         until_s = world.now() + max(timeout_s, _READ_COST_S)
         while not self._waiting and world.now() < until_s and not self.is_gone:
             world.step(until_s)
@@ -204,9 +193,7 @@ class Port:
             # A kernel hands out what there is, whatever pieces it came in.
             joined = b"".join(self._waiting)
             self._waiting = deque(filter(None, (joined[:n], joined[n:])))
-        piece = self._waiting.popleft()
-        self._n_waiting -= len(piece)
-        return piece
+        return self._waiting.popleft()
 
     def write(self, data: bytes) -> None:
         """Hand the module what the host sends."""
@@ -217,7 +204,6 @@ class Port:
         """Close it; nothing is read from it any more."""
         self.is_gone = True
         self._waiting.clear()
-        self._n_waiting = 0
 
     def _check(self) -> None:
         if self.is_gone:
@@ -225,23 +211,16 @@ class Port:
             raise TransportClosed(msg)
 
 
-def clock_of(world: World) -> ExitStack:
-    """Let the driver have its time from a world, until what is returned is closed."""
+@contextmanager
+def clock_of(world: World) -> Iterator[None]:
+    """Let this process have its time from a world for a while."""
 
-    class Event(threading.Event):
-        def wait(self, timeout: float | None = None) -> bool:
-            world.sleep(timeout or 0.0)
-            return self.is_set()
+    def wait(event: threading.Event, timeout: float | None = None) -> bool:
+        world.sleep(timeout or 0.0)
+        return event.is_set()
 
-    made = {
-        "time": SimpleNamespace(monotonic=world.now),
-        "threading": SimpleNamespace(Event=Event),
-    }
-    stack = ExitStack()
-    for module in (device.link, device.bring_up, device.device, device.reconnect):
-        for name in vars(module).keys() & made.keys():
-            stack.enter_context(patch.object(module, name, made[name]))
-    return stack
+    with patch("time.monotonic", world.now), patch.object(threading.Event, "wait", wait):
+        yield
 
 
 _SECONDS = {"silent": 15.0, "hang_up": 15.0, "slow_ack": 3.0, "not_ready": 12.0, "merge": 4.0}

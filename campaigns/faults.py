@@ -19,14 +19,12 @@ import contextlib
 import logging
 import os
 import random
-import select
 import signal
 import sys
 import tempfile
 import threading
 import time
 import traceback
-import tty
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
@@ -41,31 +39,27 @@ os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
 
 from campaigns.fault_run import Run
 from campaigns.fault_world import Module, Over, World, clock_of, drawn_plan
-from campaigns.processes import HARM, end_with, parser_of, wait_for
+from campaigns.processes import HARM, end_with, parser_of
 from campaigns.surroundings import CASES, surrounded
 from radard.judge.bundle import load_bundle
 from radard.judge.classifier import Classifier
 from radard.stream.source import CoalescedReads
-from x2radar.device.transport import SerialTransport
+from tests.device_helpers import in_thread
+from tests.waiting import wait_for
+from x2radar.device.transport import PtyTransport, SerialTransport
 from x2radar.sim.module.host import serve
 
-_STUCK_S = 300
-"""Of real time, for a run that takes a second where nothing else runs."""
-_AFTER_S = 13.0
-"""From the end of the faults to that of the run: `fault_run.OUTAGE_S` and two dwells."""
+_STUCK_S = 300  # of real time, for a run that takes a second where nothing else runs
+_AFTER_S = 13.0  # from the last fault to the end of a run: `fault_run.OUTAGE_S` and two dwells
 _MODEL = "fast"
 _RATE_HZ = 20.0  # of injected runs, so that many at once do not starve each other
 _FAULTY_S = (4.0, 8.0)
-_MAX_AFTER_S = 60.0
-"""For a decision after the last fault, by the clock; a busy machine takes long."""
-_OUTAGE_LIMIT_S = 30.0
-"""As `fault_run.OUTAGE_S`, where the machine is busy with other runs."""
+_MAX_AFTER_S = 60.0  # for a decision after the last fault, by the clock; a busy machine takes long
+_OUTAGE_LIMIT_S = 30.0  # as `fault_run.OUTAGE_S`, where the machine is busy with other runs
 _JOIN_S = 60.0
 _CLOCK = SimpleNamespace(now=time.monotonic, sleep=time.sleep)
-_CHUNK = 4096
 _WAIT_S = 0.02
-_MAX_HELD = 1 << 18
-"""Bytes that a stalled line holds back; more are lost, as in a real one."""
+_MAX_HELD = 1 << 18  # bytes that a stalled line holds back; more are lost, as in a real one
 
 
 class Stuck(BaseException):
@@ -85,7 +79,7 @@ def virtual_run(n: int, seed: int) -> dict[str, Any]:
     ends = {"healed_s": healed_s, "end_s": healed_s + _AFTER_S}
     world = World(plan, seed * 1_000_000 + n, **ends, is_usb=rng.random() < 0.5)
     if rng.random() < 0.2:
-        world.pauses.append((rng.uniform(3.0, healed_s), rng.uniform(0.05, 4.0)))
+        world.pause = rng.uniform(3.0, healed_s), rng.uniform(0.05, 4.0)
     found: dict[str, Any] = {"what": ",".join(f"{k}:{value:.3g}" for k, value in plan.items())}
     with clock_of(world):
         connect = world.connect
@@ -137,7 +131,7 @@ def drawn_line(rng: random.Random) -> dict[str, float]:
     return plan | {"longest_s": rng.uniform(0.2, 4.0), "both_ways": rng.random() < 0.5}
 
 
-class FaultyLine:
+class FaultyLine(PtyTransport):
     """A terminal under `link` that a module is served on, with all that is wrong with its cable.
 
     While it `is_faulty` it drops, flips, doubles, invents and holds back stretches of bytes, and
@@ -155,41 +149,34 @@ class FaultyLine:
     def read(self, timeout_s: float) -> bytes:
         """Return what the host has sent, as a `Transport`; nothing while the cable is out."""
         self.write(b"")
-        if self._terminal < 0:
+        if self._master < 0:
             time.sleep(_WAIT_S)
             return b""
-        ready, _, _ = select.select([self._terminal], [], [], min(timeout_s, _WAIT_S))
-        data = os.read(self._terminal, _CHUNK) if ready else b""
+        data = super().read(min(timeout_s, _WAIT_S))
         return self._spoiled(data) if self._plan["both_ways"] else data
 
     def write(self, data: bytes) -> None:
         """Send the host what the line leaves of it, and what was held back before."""
         now_s = time.monotonic()
-        if self._terminal < 0 and (now_s >= self._plug_s or not self.is_faulty):
+        if self._master < 0 and (now_s >= self._plug_s or not self.is_faulty):
             self._plug()
         if len(self._held) < _MAX_HELD:
             self._held += self._spoiled(data)
-        if self._terminal < 0:
+        if self._master < 0:
             self._held = b""
         elif now_s >= self._until_s or not self.is_faulty:
             with contextlib.suppress(BlockingIOError):
-                self._held = self._held[os.write(self._terminal, self._held) :]
+                self._held = self._held[os.write(self._master, self._held) :]
 
     def close(self) -> None:
         """Pull the cable."""
-        if self._terminal >= 0:
-            self.link.unlink()
-            os.close(self._terminal)
-            os.close(self._slave)
-            self._terminal = -1
+        self.link.unlink(missing_ok=True)
+        super().close()
 
     def _plug(self) -> None:
-        # The slave is kept open: a host that closes it and opens it again finds the same one.
-        self._terminal, self._slave = os.openpty()
-        tty.setraw(self._slave)
-        os.set_blocking(self._terminal, False)
+        super().__init__()
         fresh = self.link.with_suffix(".new")
-        fresh.symlink_to(os.ttyname(self._slave))
+        fresh.symlink_to(self.path)
         fresh.rename(self.link)
 
     def _falls(self, kind: str) -> bool:
@@ -215,7 +202,7 @@ class FaultyLine:
             data = rng.randbytes(rng.randint(1, 300)) + data
         if self._falls("stall"):
             self._until_s = time.monotonic() + rng.uniform(0.05, longest_s)
-        if self._falls("pull") and self._terminal >= 0:
+        if self._falls("pull") and self._master >= 0:
             self.close()
             self._plug_s = time.monotonic() + rng.uniform(0.05, longest_s)
         return data
@@ -241,12 +228,9 @@ def injected_run(n: int, seed: int) -> dict[str, Any]:
             while not halt.wait(0.5):
                 run.tick()
 
-        def play() -> None:
-            serve(Module({}, seed * 1000 + n, 0.0), line, stop=halt.is_set)
-
-        threads = [threading.Thread(target=each, daemon=True) for each in (read, tick, play)]
-        for thread in threads:
-            thread.start()
+        module = Module({}, seed * 1000 + n, 0.0)
+        threads = [in_thread(read), in_thread(tick)]
+        threads.append(in_thread(serve, module, line, stop=halt.is_set))
         time.sleep(random.Random(n).uniform(*_FAULTY_S))  # noqa: S311 - no secret
         line.is_faulty = False
         healed_s, watcher = time.monotonic(), run.watcher
@@ -257,8 +241,8 @@ def injected_run(n: int, seed: int) -> dict[str, Any]:
             is_well = any(now_s > bad_s + 1.0 for now_s, _ in watcher.wholes[-1:])
             return is_well or not threads[0].is_alive()
 
-        with contextlib.suppress(TimeoutError):
-            wait_for(is_over, "a decision", _MAX_AFTER_S)
+        with contextlib.suppress(AssertionError):
+            wait_for(is_over, _MAX_AFTER_S)
         run.radar.close()
         halt.set()
         for thread in threads:
@@ -270,13 +254,13 @@ def injected_run(n: int, seed: int) -> dict[str, Any]:
     return {**found, "injected": line.n_faults, "recovery": recovery}
 
 
-Judged = tuple[tuple[float, float, str], Counter[str], str]
+Judged = tuple[Counter[str], float, float]
 
 
 def judge(run: Callable[[int, int], dict[str, Any]], seed: int, n: int) -> Judged:
-    """Make run `n`; return how it came back, its counts, and what to say of it."""
+    """Make run `n`, and say on stderr what should not have been; return counts and recovery."""
     found = run(n, seed)
-    watcher, (*_, fault) = found["run"].watcher, found["recovery"]
+    watcher, (stream_s, outage_s, fault) = found["run"].watcher, found["recovery"]
     counts = watcher.tally + Counter(
         runs=1,
         crashes="crash" in found,
@@ -286,22 +270,18 @@ def judge(run: Callable[[int, int], dict[str, Any]], seed: int, n: int) -> Judge
         uncounted=abs(found["run"].radar.stats.lost - watcher.tally["lost"]),
         injected=found.get("injected", 0),
     )
-    notes = [*watcher.notes, fault, found.get("crash"), found.get("deadlock")]
-    is_harm = any(counts[key] for key in HARM)
-    told = f"{n} ({found['what']}): {list(filter(None, notes))}" if is_harm else ""
-    return found["recovery"], counts, told
+    if any(counts[key] for key in HARM):
+        notes = filter(None, [*watcher.notes, fault, found.get("crash"), found.get("deadlock")])
+        print(f"{run.__name__} {n} ({found['what']}): {list(notes)}", file=sys.stderr)
+    return (counts, 0.0, 0.0) if fault else (counts, stream_s, outage_s)
 
 
-def counted(kind: str, results: Iterable[Judged]) -> dict[str, float]:
-    """Count runs of one kind, and say on stderr which were not as they should be."""
-    total: Counter[str] = Counter()
-    stream_s = outage_s = 0.0
-    for (own_stream_s, own_outage_s, fault), counts, told in results:
+def counted(results: Iterable[Judged]) -> dict[str, float]:
+    """Return what runs of one kind have counted, and the longest that one took to come back."""
+    total, stream_s, outage_s = Counter[str](), 0.0, 0.0
+    for counts, *took_s in results:
         total.update(counts)
-        if not fault:
-            stream_s, outage_s = max(stream_s, own_stream_s), max(outage_s, own_outage_s)
-        if told:
-            print(f"{kind} {told}", file=sys.stderr)
+        stream_s, outage_s = map(max, (stream_s, outage_s), took_s)
     return {**total, "recovery_s_max": round(stream_s, 2), "outage_s_max": round(outage_s, 2)}
 
 
@@ -321,10 +301,10 @@ def main() -> int:
     asked = {"all": ",".join(CASES), "none": ""}.get(args.surroundings, args.surroundings)
     with ProcessPoolExecutor(args.jobs) as pool:
         runs = pool.map(partial(judge, virtual_run, args.seed), range(args.runs), chunksize=4)
-        kinds = {"virtual": counted("virtual", runs)}
+        kinds = {"virtual": counted(runs)}
     with ThreadPoolExecutor(args.at_once) as pool:
         runs = pool.map(partial(judge, injected_run, args.seed), range(args.injected))
-        kinds["injected"] = counted("injected", runs)
+        kinds["injected"] = counted(runs)
     cases = surrounded(filter(None, asked.split(",")), is_full=args.full)
     rows = [*kinds.values(), *cases.values()]
     sums = {

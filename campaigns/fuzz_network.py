@@ -5,13 +5,11 @@ somebody may ask, so that every input gets as far as it can. An answer of 5xx bu
 run) and 507 (the disk), or anything that the server logs with a traceback, is unhandled.
 """
 
-import atexit
 import contextlib
 import json
 import logging
 import socket
 import struct
-import tempfile
 from functools import lru_cache
 from pathlib import Path
 from unittest.mock import patch
@@ -23,46 +21,33 @@ from radard.outputs.mqtt.sink import CommandReader
 from radard.outputs.mqtt.topics import MqttTopics
 from tests import sink_helpers
 from tests.dashboard_helpers import maker
-from tests.web_helpers import decision, event
+from tests.web_helpers import ULID, Client, decision, event
 
-BORDER = b"\n--8<--\n"
-"""Between the parts of an input."""
-_RIGHT = (503, 507)
-_ANSWER_S = 0.3
-"""An answer takes a few milliseconds, also on a busy machine."""
+BORDER = b"\n--8<--\n"  # between the parts of an input
+_ANSWER_S = 0.3  # an answer takes a few milliseconds, also on a busy machine
 _HELLO = sink_helpers.hello(
     module={"name": "X2M200", "firmware": "1.2"}, range_offset_m=0.6, bin_length_m=0.03
 )
-_ID = "01J0000000000000000000000A"
-
-
-class Unhandled(Exception):
-    """The server has failed at an input."""
-
-
 _logged: list[logging.LogRecord] = []
 
 
 @lru_cache(maxsize=1)
-def _dashboard() -> int:
-    """Return the port of a dashboard that has heard of a decision and an event."""
+def _dashboard(folder: Path) -> Client:
+    """Return a client of a dashboard that has heard of a decision and an event."""
     watch = logging.Handler()
     watch.emit = _logged.append  # type: ignore[method-assign]
     for name in ("", "radard", "uvicorn", "uvicorn.error", "asyncio", "websockets"):
         logging.getLogger(name).addHandler(watch)
-    folder = tempfile.TemporaryDirectory()
-    atexit.register(folder.cleanup)
-    made = maker(Path(folder.name))
-    client = next(made)(served=True)
-    atexit.register(next, made, None)
-    for record in (_HELLO, decision(), event(_ID)):
+    client: Client = next(maker(folder))(served=True)
+    for record in (_HELLO, decision(), event()):
         client.tell(record)
-    return client.port
+    return client
 
 
-def _send(data: bytes) -> bytes:
-    """Send the dashboard bytes and no more; return what comes back."""
-    address = ("127.0.0.1", _dashboard())
+def _send(folder: Path, data: bytes) -> bytes:
+    """Send the dashboard bytes and no more; return what comes back, raise what it has logged."""
+    # Behind the folder of one input, which is emptied.
+    address = ("127.0.0.1", _dashboard(folder.parent).port)
     _logged.clear()
     answer = b""
     line = socket.create_connection(address, timeout=_ANSWER_S)
@@ -79,19 +64,19 @@ def _send(data: bytes) -> bytes:
             answer = (answer + part)[:1_000_000]
     for record in _logged:
         if record.exc_info and record.exc_info[0] is not None:
-            raise Unhandled(repr(record.exc_info[1]))
+            raise RuntimeError(repr(record.exc_info[1]))
     return answer
 
 
-def _http(_folder: Path, data: bytes) -> None:
+def _http(folder: Path, data: bytes) -> None:
     """Send a request; its head says @LENGTH for the length of the body behind the border."""
     head, border, body = data.partition(BORDER)
     length = str(len(body)).encode()
     raw = head.replace(b"\r\n", b"\n").replace(b"\n", b"\r\n").replace(b"@LENGTH", length)
-    answer = _send(raw + (b"\r\n\r\n" + body if border else b""))
+    answer = _send(folder, raw + (b"\r\n\r\n" + body if border else b""))
     for line in answer.split(b"\r\n"):
-        if line.startswith(b"HTTP/1.1 5") and int(line[9:12]) not in _RIGHT:
-            raise Unhandled(line.decode(errors="replace"))
+        if line.startswith(b"HTTP/1.1 5") and int(line[9:12]) not in {503, 507}:
+            raise RuntimeError(line.decode(errors="replace"))
 
 
 def _http_seeds(_folder: Path) -> list[bytes]:
@@ -99,15 +84,15 @@ def _http_seeds(_folder: Path) -> list[bytes]:
     pages = (
         *("/", "/healthz", "/readyz", "/metrics", "/static/app.js", "/api/v1/status"),
         *("/api/v1/decisions?since=1&limit=5", "/api/v1/decisions/1", "/api/v1/config"),
-        *("/api/v1/events?since=24h&kind=alarm&limit=3", f"/api/v1/events/{_ID}/clip"),
-        *(f"/api/v1/events/{_ID}/pictures", f"/api/v1/events/{_ID}/thumbnail"),
+        *("/api/v1/events?since=24h&kind=alarm&limit=3", f"/api/v1/events/{ULID}/clip"),
+        *(f"/api/v1/events/{ULID}/pictures", f"/api/v1/events/{ULID}/thumbnail"),
         *("/api/v1/events/export?format=csv", "/api/v1/sensitivities", "/api/v1/calibration"),
     )
     out = [f"{head.format('GET', page)}\n\n".encode() for page in pages]
     json_head = "\nContent-Type: application/json\nX-Radard: 1\nContent-Length: @LENGTH"
     posts = (
         ("/api/v1/command", {"command": "disarm"}),
-        ("/api/v1/labels", {"event": _ID, "label": "human"}),
+        ("/api/v1/labels", {"event": ULID, "label": "human"}),
         ("/api/v1/zones", {"include": [[0.5, 2.0]], "exclude": []}),
         ("/api/v1/zones", {"forget": True}),
         ("/api/v1/settings", {"alarm": {"sensitivity": "high", "entry_delay_s": 30}}),
@@ -128,11 +113,11 @@ _UPGRADE = (
 )
 
 
-def _websocket(_folder: Path, data: bytes) -> None:
+def _websocket(folder: Path, data: bytes) -> None:
     """Open a page's WebSocket and send frames: as they are, or texts behind borders as frames."""
     if data[:1] == b"{":
         data = b"".join(_frame(1, text) for text in data.split(BORDER))
-    _send(_UPGRADE + data)
+    _send(folder, _UPGRADE + data)
 
 
 def _frame(opcode: int, payload: bytes) -> bytes:
@@ -148,20 +133,14 @@ def _websocket_seeds(_folder: Path) -> list[bytes]:
     return [text, *frames, b"".join(frames)]
 
 
-@lru_cache(maxsize=1)
-def _reader() -> CommandReader:
-    folder = tempfile.TemporaryDirectory()
-    atexit.register(folder.cleanup)
-    (code := Path(folder.name) / "code").write_text("1234\n")
-    return CommandReader(MqttSection(code_file=code), now_s=lambda: 0.0)
-
-
-def _mqtt(_folder: Path, data: bytes) -> None:
+def _mqtt(folder: Path, data: bytes) -> None:
     """Read a message on a command's topic: the topic, a border, and the payload."""
+    (code := folder / "code").write_text("1234\n")
+    reader = CommandReader(MqttSection(code_file=code))
     topic, _, payload = data.partition(BORDER)
     with contextlib.suppress(ValueError, ConfigError):
         # A topic that is no UTF-8 is refused by brokers and the library.
-        _reader().read(topic.decode(errors="replace"), payload, is_retained=False)
+        reader.read(topic.decode(errors="replace"), payload, is_retained=False)
 
 
 def _mqtt_seeds(_folder: Path) -> list[bytes]:
@@ -204,7 +183,7 @@ def _fleet(_folder: Path, data: bytes) -> None:
     for line in (*table(rows), *(json.dumps(row) for row in rows)):
         if not line.isprintable():
             # A stranger's text must not steer a terminal.
-            raise Unhandled(repr(line[:80]))
+            raise ValueError(repr(line[:80]))
 
 
 def _fleet_seeds(_folder: Path) -> list[bytes]:

@@ -30,23 +30,19 @@ from radard.judge.bundle import load_bundle
 from radard.log import EventLog
 from tests.clutter_helpers import calibration
 from tests.radar_helpers import BASEBAND
-from tests.recording_helpers import make, quanta
+from tests.recording_helpers import captured, make, quanta
 from x2radar.commands.convert import convert
 from x2radar.commands.decode import describe, read_trace
-from x2radar.device.device import X2Radar
 from x2radar.errors import X2RadarError
 from x2radar.modules.x2 import RadarSettings
 from x2radar.recording import capture
 from x2radar.recording.hdf5_reader import lookup3
 from x2radar.recording.registry import open_recording
-from x2radar.sim.module.host import connect
-from x2radar.sim.module.module import SimulatedModule
 from x2radar.sim.scene.scene import load_scene, scene_names
 from x2radar.sim.scene.stage import Stage
 from x2radar.wire.codec import read_messages
 from x2radar.wire.framing import PacketDecoder
 
-OWN_ERRORS = (X2RadarError, RadardError)
 _ROOT = Path(__file__).parents[1]
 _SHA_OF_PART = b"sha256-of-the-other-part"
 _META = "xethru_recording_meta.dat"
@@ -130,14 +126,8 @@ def _p4xx_seeds(folder: Path) -> list[bytes]:
 
 
 def _session(folder: Path, output: Literal["rf", "iq", "ap"]) -> Path:
-    """Capture a short session."""
-    path, settings = folder / f"{output}.x2cap", RadarSettings(output=output)
-    writer = capture.CaptureWriter(path, {"settings": {"output": output}, "port": "sim:dog"})
-    module = SimulatedModule(load_scene("dog"), 1)
-    line = lambda: capture.CapturingTransport(connect(lambda: module, None), writer)  # noqa: E731
-    with X2Radar(line, settings) as radar:
-        list(islice(radar.frames(), 3))
-    writer.close()
+    path = folder / f"{output}.x2cap"
+    captured(path, RadarSettings(output=output), n=3)
     return path
 
 
@@ -282,7 +272,7 @@ def verdict(run: Callable[[], None]) -> tuple[str, str]:
         text = f"{type(err).__name__}: {' '.join(str(err).split())}"
         if any(isinstance(each, MemoryError) for each in _causes(err)):
             return "over_memory", text
-        if not isinstance(err, OWN_ERRORS):
+        if not isinstance(err, X2RadarError | RadardError):
             return "unhandled", text
         if len(str(err)) > 4000 or isinstance(err, RecursionError):
             return "unhandled", f"a message of {len(str(err))} characters"

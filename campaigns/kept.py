@@ -17,24 +17,22 @@ from amqtt.broker import BrokerContext
 from amqtt.plugins.base import BasePlugin
 from amqtt.session import ApplicationMessage
 
-from campaigns.processes import Daemon, end_with, parser_of, wait_for
+from campaigns.processes import CONFIG, Daemon, end_with, parser_of
 from radard.run.control import ask, control_path
 from tests.sink_helpers import MqttBroker
+from tests.waiting import wait_for
 
-PORT = "sim:human?run=kept"
-"""A simulated module whose stream is the same in every run."""
-_OWN = {"time", "latency_ms", "alarm"}
-"""What tells of the clock on the wall, or of an alarm that was on before a start."""
+# A simulated module whose stream is the same in every run; it has four seconds a second, so that
+# more happens between two disturbances.
+BUSY = {**CONFIG, "sensor": {"port": "sim:human?run=kept", "speed": "4"}}
+_OWN = {"time", "latency_ms", "alarm"}  # of the wall clock, or an alarm that was on at a start
 
 
 class EventLog(BasePlugin[BrokerContext]):
     """In a broker: writes the payload of every message on a topic that ends with /event."""
 
-    async def on_broker_message_received(
-        self, *, client_id: str, message: ApplicationMessage
-    ) -> None:
+    async def on_broker_message_received(self, *, message: ApplicationMessage, **_: str) -> None:
         """Write the payload of an event, a line each."""
-        del client_id
         if message.topic.endswith("/event") and message.data:
             with Path(self.config.path).open("ab") as file:
                 file.write(bytes(message.data) + b"\n")
@@ -46,11 +44,11 @@ class EventLog(BasePlugin[BrokerContext]):
         path: str = ""
 
 
-def records(path: Path, kind: str) -> Iterator[dict[str, Any]]:
-    """Yield the records of a type in JSON Lines; the last line of a killed run may be torn."""
+def records(path: Path, *kinds: str) -> Iterator[dict[str, Any]]:
+    """Yield the records of some types in JSON Lines; the last line of a killed run may be torn."""
     for line in path.read_text().splitlines() if path.exists() else ():
         with contextlib.suppress(ValueError):
-            if (row := json.loads(line))["type"] == kind:
+            if (row := json.loads(line))["type"] in kinds:
                 yield row
 
 
@@ -65,10 +63,8 @@ class House:
     `before` is code that it runs first. A campaign says in `once` what happens to it.
     """
 
-    config: Mapping[str, Any]
+    config: Mapping[str, Any] = CONFIG
     before = ""
-    compares = True
-    """Whether its decisions are held against those of a run that nothing happens to."""
 
     def __init__(self, folder: Path, rng: random.Random, stack: ExitStack) -> None:
         self._at_broker = folder / "broker.events"
@@ -106,7 +102,7 @@ class House:
     def wait_status(self) -> None:
         """Wait until it says how it is: the file of the one before is still there."""
         daemon, pid = self.daemon, self.daemon.process.pid
-        wait_for(lambda: daemon.status().get("pid") == pid or not daemon.is_alive, "a status")
+        wait_for(lambda: daemon.status().get("pid") == pid or not daemon.is_alive)
 
     def stop(self, *, is_slow: bool = False) -> None:
         """End the daemon; where every write waits it may end by force, if it says so."""
@@ -141,8 +137,8 @@ class House:
     def expect(self, key: str, what: str, condition: Callable[[], object]) -> None:
         """Wait for something; note it if it never is, or if the daemon has ended meanwhile."""
         try:
-            wait_for(lambda: condition() or not self.daemon.is_alive, what)
-        except TimeoutError:
+            wait_for(lambda: condition() or not self.daemon.is_alive)
+        except AssertionError:
             self.note(key, f"{what}: {self.daemon.status()}")
         if not self.daemon.is_alive:
             self.note("crashes", f"{what}: it ended: {self.daemon.log[-3000:]}")
@@ -171,9 +167,8 @@ class House:
     def missing(self) -> set[tuple[str, str]]:
         """Return the events, with their phase, of which one output was told and another not."""
         told, came = phases(self.records("event")), phases(records(self._at_broker, "event"))
-        kept = set(self.kept())
-        unsaid = {(each, "") for each in kept - {each for each, _ in came}}
-        return (told - came) | unsaid | {row for row in told | came if row[0] not in kept}
+        alone = {each for each, _ in told | came} ^ set(self.kept())
+        return (told - came) | {(each, "in the store alone, or not in it") for each in alone}
 
     def untold(self) -> set[tuple[str, str]]:
         """Return the events, with their phase, that did not come to the broker."""
@@ -181,8 +176,8 @@ class House:
 
     def let_arrive(self) -> None:
         """Wait until no event is missing; note those that never come."""
-        with contextlib.suppress(TimeoutError):
-            wait_for(lambda: not self.missing(), "events at all outputs")
+        with contextlib.suppress(AssertionError):
+            wait_for(lambda: not self.missing())
         for row in self.missing():
             self.note("lost_events", str(row))
 
@@ -249,8 +244,7 @@ class House:
         behind that differs by right.
         """
         n, is_same, k = 0, True, 0
-        for line in self.out.read_text().splitlines():
-            row = json.loads(line)
+        for row in records(self.out, "hello", "event", "decision"):
             if row["type"] == "hello":
                 is_same, k = True, 0
             is_same = is_same and row.get("kind") != "fault"
@@ -280,14 +274,13 @@ def campaign(doc: str | None, option: str, kind: type[House]) -> int:
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         house = kind(folder, random.Random(args.seed), stack)  # noqa: S311 - no secret
-        house.counts[option] = args.n
-        expected = house.reference(60 if args.n < 10 else 600) if house.compares else []
+        house.counts.setdefault(option, args.n)
+        expected = house.reference(60 if args.n < 10 else 600)
         try:
             for k in range(args.n):
                 house.once(k)
             house.finish()
         finally:
             house.stop()
-        if house.compares:
-            house.counts["decisions"] = house.look_at_decisions(expected)
+        house.counts["decisions"] = house.look_at_decisions(expected)
     return end_with({**house.counts, **house.found})

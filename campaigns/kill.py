@@ -6,7 +6,8 @@
 A daemon on a simulated module with people in it is killed and started again on the same state
 directory, store and broker; every other kill comes within 20 ms of an event. In between it is
 armed and disarmed. A recording may lack a second before the last decision. The last line is one
-JSON object: kills, events and the harm, which gives exit code 1.
+JSON object: kills, events, decisions (those compared with a run that nobody killed) and the harm,
+which gives exit code 1.
 """
 
 import random
@@ -17,16 +18,13 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from campaigns.kept import House, campaign
-from campaigns.processes import CONFIG
+from campaigns.kept import BUSY, House, campaign
 from x2radar.errors import RecordingError
 from x2radar.recording.registry import open_recording
 
 _ALIVE_S = (0.3, 4.0)
 _CONFIG = {
-    **CONFIG,
-    # Stream seconds a second: more happens between two kills.
-    "sensor": {"port": "sim:human", "speed": "4", "wait": True},
+    **BUSY,
     # An alarm that is on stays on until somebody disarms.
     "alarm": {"sensitivity": "high", "latch_s": 3600},
 }
@@ -36,7 +34,6 @@ class Killed(House):
     """A daemon that is killed, and what must outlive it."""
 
     config = _CONFIG
-    compares = False
 
     def __init__(self, folder: Path, rng: random.Random, stack: ExitStack) -> None:
         super().__init__(folder, rng, stack)

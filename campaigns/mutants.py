@@ -74,8 +74,7 @@ _OTHER: dict[type[ast.AST], type[ast.AST]] = {
     ast.BitXor: ast.BitAnd,
 }
 _TALK = {"log", "_log", "warning", "info", "debug", "exception"}
-_SLOWER = 5
-"""A mutant's tests may take so many times as long as all of them usually do."""
+_SLOWER = 5  # a mutant's tests may take so many times as long as all of them usually do
 
 
 def changes(node: ast.AST) -> Iterator[tuple[str, ast.AST]]:  # noqa: C901, PLR0912 - a table
@@ -97,20 +96,16 @@ def changes(node: ast.AST) -> Iterator[tuple[str, ast.AST]]:  # noqa: C901, PLR0
             yield f"{ast.unparse(operand)} for {ast.unparse(node)}", operand
         case ast.Compare(left, ops, rest):
             for k, op in enumerate(ops):
-                swapped = [_other(each) if n == k else each for n, each in enumerate(ops)]
+                swapped = [_OTHER[type(each)]() if n == k else each for n, each in enumerate(ops)]
                 yield _in(op, node), ast.Compare(left, swapped, rest)
         case ast.BinOp(left, op, right) if type(op) in _OTHER:
-            yield _in(op, node), ast.BinOp(left, _other(op), right)
+            yield _in(op, node), ast.BinOp(left, _OTHER[type(op)](), right)
         case ast.BoolOp(op, values):
-            yield _in(op, node), ast.BoolOp(_other(op), values)
+            yield _in(op, node), ast.BoolOp(_OTHER[type(op)](), values)
         case ast.Constant(bool() as truth):
             yield f"{not truth} for {truth}", ast.Constant(not truth)
         case ast.Constant(int() | float() as number):
             yield f"{number + 1} for {number}", ast.Constant(number + 1)
-
-
-def _other(op: ast.AST) -> Any:
-    return _OTHER[type(op)]()
 
 
 def _in(op: ast.AST, node: ast.AST) -> str:
@@ -122,8 +117,7 @@ class Mutator(ast.NodeTransformer):
 
     def __init__(self, wanted: int = -1) -> None:
         self.wanted = wanted
-        self.found: list[tuple[int, str]] = []
-        """Line and change of each."""
+        self.found: list[tuple[int, str]] = []  # line and change of each
 
     def visit(self, node: ast.AST) -> Any:
         """Return the node, or what stands in its place."""
@@ -157,12 +151,8 @@ def in_fork(work: Callable[[], int], limit_s: float) -> int:
         quiet = os.open(os.devnull, os.O_RDWR)
         for fd in (0, 1, 2):
             os.dup2(quiet, fd)
-        code = 70
-        try:
-            os.chdir(ROOT)
-            code = int(work())
-        finally:
-            os._exit(code)
+        # Without an end: a mutant may have left threads that do not.
+        os._exit(work())
 
     process = get_context("fork").Process(target=run)
     process.start()
@@ -225,6 +215,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0, help="of the choice")
     parser.add_argument("--line", type=int, help="only mutants of this line")
     args = parser.parse_args()
+    os.chdir(ROOT)
     # What takes long to load, once; nothing of the project.
     for library in ("numpy", "pytest", "yaml", "pydantic", "serial", "h5py"):
         importlib.import_module(library)

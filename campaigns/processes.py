@@ -4,8 +4,7 @@ import argparse
 import contextlib
 import json
 import subprocess
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +12,7 @@ import yaml
 
 from tests.processes import environ, started
 
-PATIENCE_S = 120.0
-"""For anything that a busy machine delays."""
+SETTLE_S = 120.0  # for a daemon to end, on a busy machine
 HARM = {
     "crashes": "a daemon, or a run, that ended otherwise than it should",
     "deadlocks": "a run that did not end",
@@ -46,17 +44,6 @@ def parser_of(doc: str | None) -> argparse.ArgumentParser:
     harm = "\n".join(f"{key}: {what}" for key, what in HARM.items())
     plain = argparse.RawDescriptionHelpFormatter
     return argparse.ArgumentParser(description=doc, epilog=harm, formatter_class=plain)
-
-
-def wait_for(condition: Callable[[], Any], what: str, timeout_s: float = PATIENCE_S) -> Any:
-    """Return what `condition` returns once that is true; raises TimeoutError."""
-    end_s = time.monotonic() + timeout_s
-    while not (found := condition()):
-        if time.monotonic() > end_s:
-            msg = f"waited in vain for {what}"
-            raise TimeoutError(msg)
-        time.sleep(0.02)
-    return found
 
 
 def end_with(found: Mapping[str, Any]) -> int:
@@ -117,7 +104,7 @@ class Daemon:
         """End it as a user would; return its exit code, -9 if it had to be killed."""
         self.process.terminate()
         try:
-            return self.process.wait(PATIENCE_S)
+            return self.process.wait(SETTLE_S)
         except subprocess.TimeoutExpired:
             self.process.kill()
             return self.process.wait()

@@ -33,13 +33,13 @@ from websockets.sync.client import connect
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from campaigns.kept import House, records
-from campaigns.processes import Daemon, end_with, parser_of, wait_for
-from tests.waiting import free_port
+from campaigns.processes import Daemon, end_with, parser_of
+from tests.device_helpers import in_thread
+from tests.waiting import free_port, wait_for
 
 _EVERY_S = 2.0
 _LAST_ENDS_S = 7200.0
-_WALL = {"time", "latency_ms", "simulated", "replayed"}
-"""What tells of the clock on the wall, or that it is a replay."""
+_WALL = {"time", "latency_ms", "simulated", "replayed"}  # of the wall clock, or a replay
 
 
 class Soaked(House):
@@ -52,9 +52,8 @@ class Soaked(House):
         web, samples, halt = free_port(), [], threading.Event()
         self.start("--port", port, *arguments, "-o", f"http://127.0.0.1:{web}")
         daemon = self.daemon
-        page = threading.Thread(target=listen, args=(web, halt))
-        page.start()
-        wait_for(lambda: daemon.status().get("seq") or not daemon.is_alive, "a decision")
+        page = in_thread(listen, web, halt)
+        wait_for(lambda: daemon.status().get("seq") or not daemon.is_alive)
         end_s = time.monotonic() + seconds
         with contextlib.suppress(OSError, KeyError):
             while time.monotonic() < end_s and daemon.is_alive:

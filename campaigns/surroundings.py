@@ -18,18 +18,16 @@ from pathlib import Path
 from typing import Any
 
 from campaigns.kept import House
-from campaigns.processes import CONFIG, Daemon, wait_for
+from campaigns.processes import CONFIG, SETTLE_S, Daemon
 from tests.processes import ROOT
+from tests.waiting import wait_for
 
-_SETTLE_S = 120.0
-"""For a daemon to end, on a busy machine."""
 _PORT = "sim:human"
 
 
 class Guard(House):
     """A daemon with outputs, and what happens around it."""
 
-    config = CONFIG
     is_full = False
 
     def hold(self, short_s: float, full_s: float) -> None:
@@ -122,16 +120,16 @@ def reload_broken(guard: Guard) -> None:
     for broken in ("alarm: {sensitivity: loud}\n", "alarm: [", "\x00"):
         guard.reload(broken)
         guard.goes_on(1)
-    wait_for(lambda: "old configuration stays" in guard.daemon.log, "a warning")
+    wait_for(lambda: "old configuration stays" in guard.daemon.log)
     guard.reload({**CONFIG, "alarm": {"sensitivity": "low"}})
-    wait_for(lambda: guard.daemon.status().get("sensitivity") == "low", "the reload")
+    wait_for(lambda: guard.daemon.status().get("sensitivity") == "low")
 
 
 def two_daemons(guard: Guard) -> None:
     """Start a second daemon on the same state directory."""
     state = {"service": {"state_dir": str(guard.home / "state")}}
     second = Daemon(guard.root / "second", "--port", _PORT, "-o", "null", config=state)
-    code = second.process.wait(_SETTLE_S)
+    code = second.process.wait(SETTLE_S)
     if code != 78 or "another radard" not in second.log:
         guard.note("unrecovered", f"the second daemon ended with {code}: {second.log}")
 
@@ -161,9 +159,9 @@ def surrounded(names: Iterable[str], *, is_full: bool) -> dict[str, dict[str, An
                 guard.expect("unrecovered", name, lambda: guard.state_is("online"))  # noqa: B023
                 guard.counts["events"] = len(guard.kept())
                 guard.let_arrive()
-            except (TimeoutError, RuntimeError) as err:
+            except (AssertionError, RuntimeError) as err:
                 guard.note("unrecovered", f"{name}: {err}\n{guard.daemon.log[-2000:]}")
             guard.stop()
-            seconds = round(time.monotonic() - begun_s)
-            found[name] = {**guard.found, **guard.counts, "seconds": seconds}
+            guard.counts["seconds"] = round(time.monotonic() - begun_s)
+            found[name] = {**guard.found, **guard.counts}
     return found

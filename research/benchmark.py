@@ -69,7 +69,7 @@ def _alarm_lines(args: argparse.Namespace) -> list[str]:
 
 
 def _element_lines(args: argparse.Namespace) -> list[str]:
-    data, kept = args.folder / "data", Kept(args.folder / "scores")
+    kept = Kept(args.folder / "scores")
     if args.kept:
         return list(table(kept.largest(args.seed)))
     tasks = tasks_named(args.tasks, args.elements, args.fresh)
@@ -80,15 +80,15 @@ def _element_lines(args: argparse.Namespace) -> list[str]:
             sizes = {"n_elements": args.elements, "n_fresh": args.fresh, "workers": args.workers}
             StudyRecipe(folder=args.folder, seed=SEED, **sizes).make(task.spec, task.cell, tell)
     if args.data_only:
-        return [str(data)]
+        return [str(args.folder / "data")]
     scores = []
     for entrant in entrants:
         for task in tasks:
             key = entrant.kept_as
             made = kept.load(task, key, args.seed) if key else None
             if made is None:
-                p = entrant.run(task, data, args.seed)
-                made = score(task, entrant, args.seed, p, task.test(data))
+                p = entrant.run(task, args.folder, args.seed)
+                made = score(task, entrant, args.seed, p, task.test(args.folder))
                 kept.save(task, key or entrant.name, made)
             scores.append(made)
             say(f"{made.task} {entrant.name}: {100 * made.accuracy:.1f} %")

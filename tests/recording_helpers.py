@@ -1,27 +1,35 @@
 """Recordings and commands that the tests of files and formats share."""
 
 from dataclasses import replace
-from itertools import chain
+from itertools import chain, islice
 
 import numpy as np
 import pytest
 
 import x2radar
+from tests.device_helpers import OnUsb
 from tests.radar_helpers import BASEBAND, noise
 from tests.sim_helpers import axis_with
 from x2radar.cli import main as x2radar_main
+from x2radar.device.device import X2Radar
+from x2radar.device.link import Deadlines
 from x2radar.errors import RecordingError
 from x2radar.frame import CounterTracker, StreamInfo
 from x2radar.modules.x2 import RadarSettings
 from x2radar.recording.blocks import Block
+from x2radar.recording.capture import CaptureWriter, CapturingTransport
 from x2radar.recording.hdf5_writer import RecordingWriter, write_labels
 from x2radar.recording.registry import open_recording
+from x2radar.sim.module.host import connect
+from x2radar.sim.module.module import SimulatedModule
+from x2radar.sim.scene.scene import load_scene
 
 RATE_HZ = 60.25
 SETTINGS = RadarSettings()
 RF = axis_with("rf", 48, SETTINGS.axis.bin_length_m, SETTINGS.axis.range_offset_m)
 AXES = {"rf": RF, "baseband": BASEBAND}
 COUNTERS = [4294967290, 4294967291, 4294967294, 3, 4, 4, 5, 900_000_000, 900_000_001]
+N = 90  # frames of a capture
 LABELS = [(0.0, 0.05, "human"), (0.05, 0.1125, "dog")]
 
 
@@ -66,6 +74,23 @@ def record_scene(path, scene, *, n, lost=()):
                 if frame.index == n:
                     break
     return path
+
+
+def captured(path, settings=None, *, is_usb=False, n=N):
+    """Capture a session with a simulated module; returns its frames."""
+    settings = settings or RadarSettings()
+    writer = CaptureWriter(path, {"settings": {"output": settings.output}, "port": "sim:dog"})
+
+    def module():
+        near = connect(lambda: SimulatedModule(load_scene("dog"), 1), None)
+        return OnUsb(near) if is_usb else near
+
+    # The simulated module forgets its READY when the port is opened again: it is pinged.
+    soon = Deadlines(usb_gone_s=0.05)
+    with X2Radar(lambda: CapturingTransport(module(), writer), settings, deadlines=soon) as radar:
+        frames = list(islice(radar.frames(), n))
+    writer.close()
+    return frames
 
 
 def content(reader):

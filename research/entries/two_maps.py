@@ -21,5 +21,5 @@ def scores(train: Elements, test: Elements, seed: int) -> NDArray[np.float64]:
         return {"mu": elements.mu, "range_time": elements.range_time}
 
     y = train.is_person.astype(np.int64)
-    net = train_maps(maps(train), y, OwnSettings(seed=seed), lambda _epoch: None)
+    net = train_maps(maps(train), y, OwnSettings(seed=seed))
     return predict_maps(net, maps(test))[:, 1]

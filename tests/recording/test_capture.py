@@ -5,11 +5,9 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from tests.device_helpers import OnUsb, wire
-from tests.recording_helpers import assert_same_frames, content, refused, run
+from tests.device_helpers import wire
+from tests.recording_helpers import N, assert_same_frames, captured, content, refused, run
 from x2radar.commands.convert import convert
-from x2radar.device.device import X2Radar
-from x2radar.device.link import Deadlines
 from x2radar.errors import RecordingError
 from x2radar.modules.x2 import RadarSettings
 from x2radar.recording.capture import (
@@ -19,35 +17,9 @@ from x2radar.recording.capture import (
     TO_MODULE,
     Capture,
     CaptureWriter,
-    CapturingTransport,
 )
 from x2radar.recording.registry import open_recording
-from x2radar.sim.module.host import connect
-from x2radar.sim.module.module import SimulatedModule
-from x2radar.sim.scene.scene import load_scene
 from x2radar.wire.messages import Ack, Data, Ping, Reset
-
-N = 90
-
-
-def captured(path, settings=None, *, is_usb=False, n=N):
-    """Capture a session with a simulated module; returns its frames."""
-    settings = settings or RadarSettings()
-    writer = CaptureWriter(path, {"settings": {"output": settings.output}, "port": "sim:dog"})
-
-    def module():
-        near = connect(lambda: SimulatedModule(load_scene("dog"), 1), None)
-        return OnUsb(near) if is_usb else near
-
-    # The simulated module forgets its READY when the port is opened again: it is pinged.
-    with X2Radar(
-        lambda: CapturingTransport(module(), writer),
-        settings,
-        deadlines=Deadlines(usb_gone_s=0.05),
-    ) as radar:
-        frames = list(islice(radar.frames(), n))
-    writer.close()
-    return frames
 
 
 def written(path, about, *records):

@@ -1,11 +1,11 @@
 """A bundle of the thesis' network: the best of its repeats, as the daemon takes it."""
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import nn
 
 from radard.alarm.sensitivity import alarm_policy
@@ -23,6 +23,7 @@ from x2train.bundle.writing import write_bundle
 from x2train.judge.judging import dwells
 from x2train.judge.verdicts import PET_LIMIT
 from x2train.nets.calibration import temperature_of
+from x2train.thesis.elements import CLUTTER
 from x2train.thesis.fit import ACTIVATIONS, Fitted, Tell
 from x2train.thesis.recipe import StudyRecipe, Variant, judged
 from x2train.thesis.sets import Cell
@@ -30,11 +31,6 @@ from x2train.thesis.sets import Cell
 CLASSES = ("pet", "human")
 _MIN_STREAMS, _MAX_STREAMS, _ELEMENTS_A_STREAM = 4, 64, 40
 """Of streams that judge it: as much as fits a training on so many fresh elements."""
-_RECIPE = (
-    "The thesis' network ({layers}, {activation}) on its type {vector} vector, trained on the "
-    "thesis' five-sinusoid bodies: people against {animals} at {rate} Hz. A base line: it knows "
-    "these bodies, not real motion."
-)
 _X2 = {
     "bin_length_m": (0.0034, 0.0040),
     "carrier_hz": (6.4e9, 7.4e9),
@@ -43,14 +39,6 @@ _X2 = {
 """About table B.5: all bins of an X2 in its lowest band."""
 _RATE_SPREAD = 0.05  # frame rates this far from the data's show the same vectors
 _VISIT_S = 6.0  # the quickest have left the swath by then
-_SCENE = """
-steps:
-  - {{body: thesis_{body}, duration_s: {visit_s}}}
-clutter:
-  - {{range_m: 0.75, rcs_m2: 30000}}
-  - {{range_m: 1.90, rcs_m2: 60000}}
-  - {{range_m: 3.10, rcs_m2: 400000}}
-"""
 
 
 def write_thesis_bundle(
@@ -62,35 +50,32 @@ def write_thesis_bundle(
     feature = f"thesis_type{cell.vector}"
     inputs = (ModelInput("features", evaluate.x.shape[1:], feature),)
     onnx_bytes, difference = exported(net, inputs, {"features": evaluate.x})
-    temperature = temperature_of(_logits(net, evaluate.x), evaluate.y)
-    z = _logits(net, fresh.x) / temperature
+    with torch.no_grad():
+        known, z = (net(torch.from_numpy(each.x)).double().numpy() for each in (evaluate, fresh))
+    temperature = temperature_of(known, evaluate.y)
+    z /= temperature
     p = np.exp(z - np.logaddexp.reduce(z, axis=1, keepdims=True))
     result = judged(p[None], fresh.y)
     quiet, n_animals = p[:, 0] > PET_LIMIT, len(cell.bodies)
     alone = {body: quiet[2 * k :: 2 * n_animals] for k, body in enumerate(cell.bodies)}
-    alone["human"] = quiet[1::2]
+    alone["human"], lone = quiet[1::2], "share of lone elements without alarm, "
     metrics = {
         "windows": float(result.n),
         "accuracy": result.total[0] / 100,
         "cross-entropy": result.cross_entropy[0],
         "accuracy pet": result.class1[0] / 100,
         "accuracy human": result.class2[0] / 100,
-        **{
-            f"share of lone elements without alarm, {body}": float(part.mean())
-            for body, part in alone.items()
-        },
+        **{lone + body: float(part.mean()) for body, part in alone.items()},
         DIFFERENCE: difference,
     }
     rate_hz = float(cell.frame_rate_hz)
+    about_hz = (1 - _RATE_SPREAD) * rate_hz, (1 + _RATE_SPREAD) * rate_hz
     bundle = Bundle(
         name=path.name,
         onnx=onnx_bytes,
         inputs=inputs,
         features=recipe.spec(cell.frame_rate_hz).features,
-        stream={
-            "frame_rate_hz": ((1 - _RATE_SPREAD) * rate_hz, (1 + _RATE_SPREAD) * rate_hz),
-            **_X2,
-        },
+        stream={"frame_rate_hz": about_hz, **_X2},
         classes=CLASSES,
         temperature=temperature,
         pet_limit=PET_LIMIT,
@@ -99,17 +84,14 @@ def write_thesis_bundle(
     )
     n_streams = max(_MIN_STREAMS, min(_MAX_STREAMS, recipe.n_fresh // _ELEMENTS_A_STREAM))
     metrics |= _stream_metrics(bundle, rate_hz, (*cell.bodies, "human"), n_streams, tell)
-    training = {
-        "recipe": _RECIPE.format(
-            layers="-".join(map(str, fitted.net.sizes)),
-            activation=fitted.net.activation,
-            vector=cell.vector,
-            animals=" and ".join(f"{body}s" for body in cell.bodies),
-            rate=cell.frame_rate_hz,
-        ),
-        "command": command,
-        "seed": recipe.seed,
-    }
+    layers = "-".join(map(str, fitted.net.sizes))
+    animals = " and ".join(f"{body}s" for body in cell.bodies)
+    text = (
+        f"The thesis' network ({layers}, {fitted.net.activation}) on its type {cell.vector} "
+        f"vector, trained on the thesis' five-sinusoid bodies: people against {animals} at "
+        f"{cell.frame_rate_hz} Hz. A base line: it knows these bodies, not real motion."
+    )
+    training = {"recipe": text, "command": command, "seed": recipe.seed}
     metrics = {key: round(value, 4) if value > 1e-3 else value for key, value in metrics.items()}
     write_bundle(path.parent, bundle, training=training, metrics=metrics, gate={})
     return metrics
@@ -136,11 +118,6 @@ def folded(fitted: Fitted, repeat: int) -> nn.Sequential:
     return nn.Sequential(*layers[:-1]).eval()
 
 
-def _logits(net: nn.Module, x: NDArray[np.float32]) -> NDArray[np.float64]:
-    with torch.no_grad():
-        return np.asarray(net(torch.from_numpy(x)).numpy(), np.float64)
-
-
 def _stream_metrics(
     bundle: Bundle, rate_hz: float, bodies: tuple[str, ...], n: int, tell: Tell
 ) -> Mapping[str, float]:
@@ -153,11 +130,13 @@ def _stream_metrics(
     info = StreamInfo(settings.axis, rate_hz, "x2raw")
     policy = alarm_policy(AlarmSection(), bundle.policy)
     metrics = {"streams of each body": float(n)}
+    room = [{"range_m": range_m, "rcs_m2": rcs_m2} for range_m, rcs_m2 in CLUTTER]
     for body in bodies:
         quiet: list[bool] = []
         alarms = 0
+        step = {"body": f"thesis_{body}", "duration_s": _VISIT_S}
+        scene = parse_scene(json.dumps({"steps": [step], "clutter": room}), body, body)
         for seed in range(n):
-            scene = parse_scene(_SCENE.format(body=body, visit_s=_VISIT_S), body, body)
             stream = EchoStream(scene, seed, settings)
             pipeline = Pipeline(info, Config(), classifier, judges_tracks=False)
             frames = (stream.next() for _ in range(round(_VISIT_S * rate_hz)))

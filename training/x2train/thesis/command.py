@@ -42,19 +42,14 @@ def register(commands: Commands) -> None:
     _add_data(parser.add_argument_group("data"))
     _add_training(parser.add_argument_group("training"))
     add = parser.add_argument
-    add(
-        "--parts",
-        metavar="LIST",
-        help="of networks (the thesis'), own (our features), switches (section 7 of its plans); "
-        "networks by default, all with --publish",
+    text = (
+        "of networks (the thesis'), own (our features), switches (section 7 of its plans); "
+        "networks by default, all with --publish"
     )
+    add("--parts", metavar="LIST", help=text)
     add("--rows", nargs="+", metavar="NAME", help="of switches, by the page's names (all)")
-    add(
-        "--folder",
-        type=Path,
-        default=Path("build/thesis"),
-        help="of cache and results (build/thesis)",
-    )
+    text = "of cache and results (build/thesis)"
+    add("--folder", type=Path, default=Path("build/thesis"), help=text)
     add("--bundle", type=Path, metavar="PATH", help="train one network for the daemon instead")
     add("--publish", type=Path, metavar="FILE", help="write tables and pictures here")
     add("--kept", action="store_true", help="train nothing: show what earlier runs have kept")
@@ -99,13 +94,8 @@ def _add_training(group: Any) -> None:
     add("--epochs", type=int, default=2000, help="of the whole network, at most (2000)")
     add("--look-every", type=int, default=100, help="epochs between looks (100)")
     add("--patience", type=int, default=2, help="looks without a gain that end it (2)")
-    add(
-        "--finetune",
-        type=Path,
-        nargs="+",
-        metavar="FILE[=LABEL]",
-        help="recordings with labels in them, or of one: pet, dog, cat, human or person",
-    )
+    text = "recordings with labels in them, or of one: pet, dog, cat, human or person"
+    add("--finetune", type=Path, nargs="+", metavar="FILE[=LABEL]", help=text)
     add("--own-epochs", type=int, default=30, help="of the network on our features (30)")
     add("--own-repeats", type=int, default=3, help="its initial weights (3)")
 
@@ -116,14 +106,10 @@ def _run(args: argparse.Namespace) -> int:
 
     parts = _parts(args)
     given, args = args, _small(args)
+    sizes = {"n_elements": args.elements // 20 * 20, "n_fresh": args.fresh // 2 * 2}
+    of_maps = {"n_cpi": args.cpi, "n_cadence": args.cadences}
     recipe = StudyRecipe(
-        folder=args.folder,
-        n_elements=args.elements // 20 * 20,
-        n_fresh=args.fresh // 2 * 2,
-        seed=args.seed,
-        n_cpi=args.cpi,
-        n_cadence=args.cadences,
-        workers=args.workers,
+        folder=args.folder, seed=args.seed, workers=args.workers, **sizes, **of_maps
     )
     if args.bundle:
         return _bundle(args, recipe, given)
@@ -203,12 +189,11 @@ def _parts(args: argparse.Namespace) -> tuple[str, ...]:
 def _jobs(
     args: argparse.Namespace, recipe: "StudyRecipe", parts: tuple[str, ...]
 ) -> Iterator["Job"]:
-    from x2train.thesis.fit import fit_settings  # noqa: PLC0415
     from x2train.thesis.own import RAW, OwnSettings, own_job, raw_job  # noqa: PLC0415
     from x2train.thesis.recipe import network_job, variants, wanted_cells  # noqa: PLC0415
-    from x2train.thesis.sets import load_recordings  # noqa: PLC0415
+    from x2train.thesis.sets import CELLS, load_recordings  # noqa: PLC0415
 
-    cells = tuple(wanted_cells(vector=args.vector, animal=args.animal, rate_hz=args.frame_rate))
+    cells = wanted_cells(args.vector, args.animal, args.frame_rate)
     names = (args.activation,) if args.activation else ("relu", "sigmoid")
     plain = {name: _variant(args, name) for name in names}
     for cell in cells:
@@ -223,9 +208,9 @@ def _jobs(
         # One for every animal and frame rate.
         kinds = dict.fromkeys(replace(cell, vector=2) for cell in cells)
         yield from (own_job(recipe, cell, own) for cell in kinds)
-    tried = next(c for c in (*cells, *wanted_cells()) if c.vector == 2)
+    tried = next(c for c in (*cells, *CELLS) if c.vector == 2)
     if "switches" in parts:
-        base = fit_settings("relu", **_fit_changes(args))
+        base = _variant(args, "relu").fit
         rows: dict[str, Job] = {v.label: network_job(recipe, tried, v) for v in variants(base)}
         rows[RAW] = raw_job(recipe, tried, base)
         if wrong := set(args.rows or ()) - set(rows):
@@ -233,40 +218,31 @@ def _jobs(
         yield from (rows[name] for name in args.rows or rows)
     if args.finetune:
         wanted = cells if "networks" in parts and not args.publish else (tried,)
+        named = replace(plain[names[0]], label=f"{names[0]} retrained")
         for cell in wanted:
             spec = recipe.spec(cell.frame_rate_hz)
-            named = replace(plain[names[0]], label=f"{names[0]} retrained")
-            yield network_job(
-                recipe, cell, named, load_recordings(args.finetune, spec, cell.vector)
-            )
+            recordings = load_recordings(args.finetune, spec, cell.vector)
+            yield network_job(recipe, cell, named, recordings)
 
 
 def _variant(args: argparse.Namespace, activation: str) -> "Variant":
     from x2train.thesis.fit import fit_settings  # noqa: PLC0415
     from x2train.thesis.recipe import Variant  # noqa: PLC0415
 
-    return Variant(
-        label=activation,
-        fit=fit_settings(activation, **_fit_changes(args)),
-        rectified=args.rectified,
-        clutter=args.clutter,
-        noise=args.noise,
-        train_rate_hz=args.train_rate,
-    )
-
-
-def _fit_changes(args: argparse.Namespace) -> dict[str, Any]:
     names = (
         *("error", "optimiser", "momentum", "batch", "decay", "averaging", "sparsity"),
         *("scaling", "output_epochs", "epochs", "look_every", "patience", "repeats", "seed"),
     )
-    return {
-        "layers": _whole_numbers("--layers", args.layers),
-        "pretrain_epochs": _whole_numbers("--pretrain", args.pretrain),
-        "n_outputs": args.outputs,
-        "learning_rate": args.rate,
+    fit = fit_settings(
+        activation,
+        layers=_whole_numbers("--layers", args.layers),
+        pretrain_epochs=_whole_numbers("--pretrain", args.pretrain),
+        n_outputs=args.outputs,
+        learning_rate=args.rate,
         **{name: value for name in names if (value := getattr(args, name)) is not None},
-    }
+    )
+    data = {name: getattr(args, name) for name in ("rectified", "clutter", "noise")}
+    return Variant(label=activation, fit=fit, train_rate_hz=args.train_rate, **data)
 
 
 def _whole_numbers(option: str, text: str) -> tuple[int, ...]:

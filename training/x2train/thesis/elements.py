@@ -24,7 +24,7 @@ from x2radar.sim.signal.pulse import ROOM_K, LinkBudget
 
 PROFILE = 392
 BODIES = ("human", "dog", "cat")
-_CLUTTER = ((0.75, 3e4), (1.90, 6e4), (3.10, 4e5))  # range in metres, cross section (`clutter`)
+CLUTTER = ((0.75, 3e4), (1.90, 6e4), (3.10, 4e5))  # range in metres, cross section (`clutter`)
 _ERROR_DB = -120.0  # of echoes: float32's rounding
 _LNA_GAIN = 10.0  # of (2.14)
 _MU_DEPTH_DB = 30.0  # as the bundles' long maps have it
@@ -104,7 +104,7 @@ def dwell(spec: ElementSpec, body: str, number: int) -> tuple[Dwell, float]:
     level = budget.amplitude(range_m, rcs_m2, axis)
     echo = echo_frames(range_m, level, axis, error_db=_ERROR_DB)
     if spec.clutter:
-        still_m, rcs = np.array(_CLUTTER).T
+        still_m, rcs = np.array(CLUTTER).T
         level = budget.amplitude(still_m[None], rcs, axis)
         echo += echo_frames(still_m[None], level, axis, error_db=_ERROR_DB)
     noise = rng.standard_normal(echo.shape, np.float32)
@@ -112,9 +112,8 @@ def dwell(spec: ElementSpec, body: str, number: int) -> tuple[Dwell, float]:
     frames = _CONVERTER.convert(echo + noise)
     low_m, high_m = axis.range_m[[0, -1]]
     in_view = (range_m[:, 0] > low_m) & (range_m[:, 0] < high_m)
-    valid = np.ones(n_slow, np.bool_)
-    made = Dwell(frames, valid, _CONVERTER.axis, rate_hz, n_slow / rate_hz)
-    return made, float(in_view.mean())
+    valid, t_s = np.ones(n_slow, np.bool_), n_slow / rate_hz
+    return Dwell(frames, valid, _CONVERTER.axis, rate_hz, t_s), float(in_view.mean())
 
 
 def element(spec: ElementSpec, body: str, number: int) -> dict[str, NDArray[np.float32]]:
@@ -126,14 +125,11 @@ def element(spec: ElementSpec, body: str, number: int) -> dict[str, NDArray[np.f
     `in_view` is the share of the time with the torso in the swath.
     """
     made, in_view = dwell(spec, body, number)
-    features = extract(made, spec.features, ("thesis_type2", "range_time"))
-    mu = micro_doppler(made.frames, spec.n_cpi)
+    settings, mu = spec.features, micro_doppler(made.frames, spec.n_cpi)
+    features = extract(made, settings, ("thesis_type2", "range_time"))
+    all_valid = np.ones(mu.shape[1], np.bool_)
     power, valid = time_cells(
-        mu,
-        np.ones(mu.shape[1], np.bool_),
-        spec.frame_rate_hz,
-        cell_s=spec.features.cell_s,
-        n_cells=spec.features.n_cells,
+        mu, all_valid, spec.frame_rate_hz, cell_s=settings.cell_s, n_cells=settings.n_cells
     )
     return {
         "vector": features["thesis_type2"],

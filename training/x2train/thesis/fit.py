@@ -238,14 +238,7 @@ def fit(
     if settings.optimiser == "lbfgs" and start is None:
         seeds = (settings.seed + _SEED_STRIDE * k for k in range(settings.repeats))
         each = [replace(settings, repeats=1, seed=seed) for seed in seeds]
-    parts = []
-    for own in each:
-        run = _Run(train, stop, own, start, tell)
-        if start is None:
-            run.pretrain()
-        run.tune()
-        parts.append(run.result())
-    return _joined(parts, settings.repeats)
+    return _joined([_Run(train, stop, own, start, tell).fitted() for own in each])
 
 
 def scaling_of(
@@ -265,11 +258,11 @@ def scaling_of(
     return mean.astype(np.float32), scale.astype(np.float32)
 
 
-def _joined(parts: list[Fitted], n_repeats: int) -> Fitted:
-    first = parts[0]
-    net = RepeatedMlp(n_repeats, first.net.sizes, first.net.activation, seed=0)
-    states = [part.net.state_dict() for part in parts]
-    net.load_state_dict({key: torch.cat([s[key] for s in states]) for key in states[0]})
+def _joined(parts: list[Fitted]) -> Fitted:
+    first, states = parts[0], [part.net.state_dict() for part in parts]
+    joined = {key: torch.cat([s[key] for s in states]) for key in states[0]}
+    net = RepeatedMlp(len(joined["weights.0"]), first.net.sizes, first.net.activation, seed=0)
+    net.load_state_dict(joined)
     n_looks = max(len(part.scores) for part in parts)
 
     def padded(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -289,7 +282,7 @@ class _Run:
     def __init__(
         self, train: CellData, stop: CellData, s: FitSettings, start: Fitted | None, tell: Tell
     ) -> None:
-        self.s, self.stop, self.tell = s, stop, tell
+        self.s, self.stop, self.start, self.tell = s, stop, start, tell
         self.mean, self.scale = (
             scaling_of(train.x, s.scaling) if start is None else (start.mean, start.scale)
         )
@@ -304,12 +297,21 @@ class _Run:
         self.order = torch.Generator().manual_seed(s.seed + 1)
         self.mean_net = deepcopy(self.net)
         self.best = deepcopy(self.mean_net.state_dict())
-        self.best_score = np.full(s.repeats, np.inf)
         self.steps = 0
-        self.scores: list[list[float]] = []
-        self.confidence: list[list[list[float]]] = []
+        self.scores: list[NDArray[np.float64]] = []
+        self.confidence: list[NDArray[np.float64]] = []
 
-    def pretrain(self) -> None:
+    def fitted(self) -> Fitted:
+        """Train; return every repeat at its best."""
+        if self.start is None:
+            self._pretrain()
+        self._tune()
+        self.net.load_state_dict(self.best)
+        self.net.cpu()
+        scores, confidence = np.array(self.scores), np.array(self.confidence)
+        return Fitted(self.net, self.mean, self.scale, scores, confidence)
+
+    def _pretrain(self) -> None:
         """Train the autoencoders, then the output layer on their codes."""
         s, net = self.s, self.net
         generator = torch.Generator().manual_seed(s.seed + 2)
@@ -343,7 +345,7 @@ class _Run:
 
         self._train(f"autoencoder {k + 1}", [*coder, back, bias], loss, epochs)
 
-    def tune(self) -> None:
+    def _tune(self) -> None:
         """Train the whole network, from look to look."""
         s = self.s
         self.mean_net.load_state_dict(self.net.state_dict())
@@ -356,13 +358,6 @@ class _Run:
             else:
                 self._train("", list(self.net.parameters()), self._loss, s.look_every)
             self._look(epoch)
-
-    def result(self) -> Fitted:
-        """Return every repeat at its best."""
-        self.net.load_state_dict(self.best)
-        self.net.cpu()
-        scores, confidence = np.array(self.scores), np.array(self.confidence)
-        return Fitted(self.net, self.mean, self.scale, scores, confidence)
 
     def _loss(self, part: torch.Tensor) -> torch.Tensor:
         return output_error(self.net(self.x[part]), self.y[part], self.s.error)
@@ -396,17 +391,12 @@ class _Run:
         """Train a stage, and tell of it; or, without a name, the whole network up to a look."""
         s = self.s
         # A new one at every look, so that momentum does not carry over what was averaged.
-        optimiser: torch.optim.Optimizer = (
-            torch.optim.SGD(weights, s.learning_rate, momentum=s.momentum, weight_decay=s.decay)
-            if s.optimiser == "momentum"
-            else torch.optim.AdamW(
-                weights,
-                s.learning_rate,
-                betas=(s.momentum, 0.999),
-                weight_decay=s.decay,
-                fused=True,
-            )
-        )
+        given: dict[str, Any] = {"lr": s.learning_rate, "weight_decay": s.decay}
+        optimiser: torch.optim.Optimizer
+        if s.optimiser == "momentum":
+            optimiser = torch.optim.SGD(weights, momentum=s.momentum, **given)
+        else:
+            optimiser = torch.optim.AdamW(weights, betas=(s.momentum, 0.999), fused=True, **given)
         for epoch in range(1, epochs + 1):
             for part in torch.split(torch.randperm(len(self.x), generator=self.order), s.batch):
                 optimiser.zero_grad()
@@ -432,16 +422,13 @@ class _Run:
             p = probabilities(self.mean_net(inputs).double()).cpu().numpy()
         y = self.stop.y
         truth, scores = of_truth(p, y)
-        self.scores.append(scores.tolist())
-        self.confidence.append(
-            np.stack([truth[:, y == c].mean(axis=1) for c in (0, 1)], axis=1).tolist()
-        )
+        self.confidence.append(np.stack([truth[:, y == c].mean(axis=1) for c in (0, 1)], axis=1))
         if epoch:
-            gained = scores < self.best_score
-            self.best_score = np.where(gained, scores, self.best_score)
+            gained = scores < np.min(self.scores[1:], axis=0, initial=np.inf)
             which = torch.from_numpy(np.flatnonzero(gained))
             for name, value in self.mean_net.state_dict().items():
                 self.best[name][which] = value[which]
+        self.scores.append(scores)
         self.tell(f"whole, best score {scores.min():.3f}", epoch, self.s.epochs)
 
     def _idle(self) -> int:

@@ -9,8 +9,9 @@ which is about the pulse's width; real and imaginary parts, scaled together to u
 vectors are.
 """
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
+from functools import partial
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from torch import nn
 from torch.nn import functional
 
+from x2train.sets import workers
 from x2train.thesis.elements import ElementSpec, dwell
 from x2train.thesis.fit import FitSettings, Tell, fit
 from x2train.thesis.recipe import FRESH_FROM, Job, StudyRecipe, reached, scores, with_stop
@@ -51,8 +53,7 @@ class TwoMapNet(nn.Module):
 
     def __init__(self, shapes: dict[str, tuple[int, ...]], settings: OwnSettings) -> None:
         super().__init__()
-        self.names = tuple(shapes)
-        self.branches = nn.ModuleList(_branch(settings.channels) for _ in shapes)
+        self.branches = nn.ModuleDict({name: _branch(settings.channels) for name in shapes})
         n_in = sum(settings.channels[-1] * (r // 8) * (c // 8) for r, c in shapes.values())
         self.head = nn.Sequential(
             nn.Dropout(settings.dropout),
@@ -64,30 +65,21 @@ class TwoMapNet(nn.Module):
 
     def forward(self, maps: dict[str, torch.Tensor]) -> torch.Tensor:
         """Return logits, shape (n, 2), of maps of shape (n, 1, rows, columns)."""
-        seen_maps = [
-            branch(maps[name]).flatten(1)
-            for name, branch in zip(self.names, self.branches, strict=True)
-        ]
+        seen_maps = [branch(maps[name]).flatten(1) for name, branch in self.branches.items()]
         logits: torch.Tensor = self.head(torch.cat(seen_maps, dim=1))
         return logits
 
 
 def _branch(channels: tuple[int, ...]) -> nn.Sequential:
     layers: list[nn.Module] = []
-    n_in = 1
-    for n_out in channels:
-        layers += [
-            nn.Conv2d(n_in, n_out, 3, padding=1, bias=False),
-            nn.BatchNorm2d(n_out),
-            nn.ReLU(),
-            nn.MaxPool2d(2),
-        ]
-        n_in = n_out
+    for n_in, n_out in pairwise((1, *channels)):
+        layers += [nn.Conv2d(n_in, n_out, 3, padding=1, bias=False), nn.BatchNorm2d(n_out)]
+        layers += [nn.ReLU(), nn.MaxPool2d(2)]
     return nn.Sequential(*layers)
 
 
 def train_maps(
-    maps: Maps, y: NDArray[np.int64], s: OwnSettings, tell: Callable[[int], None]
+    maps: Maps, y: NDArray[np.int64], s: OwnSettings, tell: workers.Tell = lambda *_: None
 ) -> TwoMapNet:
     """Return a network trained on two maps of every element with labels `y`."""
     inputs = {name: torch.from_numpy(values[:, None]) for name, values in maps.items()}
@@ -106,20 +98,17 @@ def train_maps(
                 functional.cross_entropy(logits, wanted[part]).backward()  # type: ignore[no-untyped-call]
                 optimiser.step()
                 rate.step()
-            tell(epoch)
+            tell(epoch, s.epochs)
     return net.eval()
 
 
 def predict_maps(net: TwoMapNet, maps: Maps) -> NDArray[np.float64]:
     """Return probabilities, shape (n, 2), float64."""
-    parts = {
-        name: torch.split(torch.from_numpy(values[:, None]), _AT_ONCE)
-        for name, values in maps.items()
-    }
+    inputs = {name: torch.from_numpy(values[:, None]) for name, values in maps.items()}
+    n = len(next(iter(maps.values())))
+    parts = (slice(at, at + _AT_ONCE) for at in range(0, n, _AT_ONCE))
     with torch.no_grad():
-        logits = [
-            net(dict(zip(parts, part, strict=True))) for part in zip(*parts.values(), strict=True)
-        ]
+        logits = [net({name: values[part] for name, values in inputs.items()}) for part in parts]
     return torch.softmax(torch.cat(logits).double(), dim=1).numpy()
 
 
@@ -130,16 +119,13 @@ def own_job(recipe: StudyRecipe, cell: Cell, s: OwnSettings) -> Job:
     def train(tell: Tell) -> dict[str, Any]:
         spec = recipe.spec(cell.frame_rate_hz)
         recipe.make(spec, cell, tell)
-        maps, data = load_maps(recipe.data, spec, cell, 0, recipe.n_elements)
-        fresh_maps, fresh = load_maps(recipe.data, spec, cell, FRESH_FROM, recipe.n_fresh)
+        maps, data = load_maps(recipe.folder, spec, cell, 0, recipe.n_elements)
+        fresh_maps, fresh = load_maps(recipe.folder, spec, cell, FRESH_FROM, recipe.n_fresh)
         part = {key: values[:n_train] for key, values in maps.items()}
         rest = {key: values[n_train:] for key, values in maps.items()}
         p_evaluate, p_fresh = [], []
         for k in range(s.repeats):
-
-            def done(epochs: int, what: str = f"{name} map network {k + 1}") -> None:
-                tell(what, epochs, s.epochs)
-
+            done = partial(tell, f"{name} map network {k + 1}")
             net = train_maps(part, data.y[:n_train], replace(s, seed=s.seed + k), done)
             p_evaluate.append(predict_maps(net, rest))
             p_fresh.append(predict_maps(net, fresh_maps))

@@ -1,7 +1,9 @@
 """The page and its pictures (figures 2.3 to 5.2): elements, bodies, pulse and results."""
 
 import io
+from collections import defaultdict
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 
@@ -22,8 +24,7 @@ from radard.dsp.downconvert import DownConverter
 from radard.stream.ring import Dwell
 from x2radar.atomic import write_whole
 from x2radar.errors import WriteError
-from x2radar.frame import FastTimeAxis
-from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
+from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS, RadarSettings
 from x2radar.sim.bodies.thesis_bodies import THESIS_BODIES, ranges_xyz
 from x2radar.sim.echo import frames as echo_frames
 from x2radar.sim.signal.pulse import pulse_sigma_s
@@ -38,9 +39,9 @@ _Extent = tuple[float, float, float, float]
 _MOVED_S = 0.3  # limbs are apart
 _MIN_DB = -40.0  # as in the thesis' plots
 _NEAR_M, _FAR_M = 1.5, 3.0  # of the torso in the elements that are drawn
-# Figure 2.5: fp, M, fs, ts and fc, and five scatterers between 2.5 and 3 m at its two velocities.
-_FP_HZ, _M, _FS_HZ, _TS_S, _FC_HZ = 200.0, 20, 41e9, 6e-9, 6.8e9
-_N_FAST, _BANDWIDTH_HZ = 768, 2.3e9
+_X2 = RadarSettings().axis
+# Figure 2.5: fp, M and ts, and five scatterers between 2.5 and 3 m at its two velocities.
+_FP_HZ, _M, _TS_S = 200.0, 20, 6e-9
 _RANGES_M = (2.55, 2.7, 2.9, 2.6, 2.8)
 _VELOCITIES_MPS = (0.9, 0.9, 0.9, -1.5, -1.5)
 
@@ -73,19 +74,14 @@ def features(folder: Path, spec: ElementSpec, body: str) -> Path:
     _map(axes[0, 2], diagram[:, : spec.n_cadence], cadences, "D", "cadence (Hz)")
     type1 = type1_vector(diagram, spec.n_cadence)
     profile = extent_profile(made.frames, n_cpi, PROFILE)
-    extent_m = np.arange(PROFILE) * made.axis.bin_length_m
-    axes[1, 0].plot(extent_m, profile, lw=0.8)
-    axes[1, 0].set(
-        title="range profile of the widest extent",
-        xlabel="behind its first sample (m)",
-        ylabel="amplitude, of its peak",
-    )
-    for axis, vector, name in (
-        (axes[1, 1], type1, "type 1 vector"),
-        (axes[1, 2], np.concatenate([profile, type1]), "type 2 vector"),
-    ):
-        axis.plot(vector, lw=0.8)
-        axis.set(title=name, xlabel="element", ylabel="value")
+    type2 = np.concatenate([profile, type1])
+    axes[1, 0].plot(np.arange(PROFILE) * made.axis.bin_length_m, profile, lw=0.8)
+    axes[1, 1].plot(type1, lw=0.8)
+    axes[1, 2].plot(type2, lw=0.8)
+    title, xlabel = "range profile of the widest extent", "behind its first sample (m)"
+    axes[1, 0].set(title=title, xlabel=xlabel, ylabel="amplitude, of its peak")
+    axes[1, 1].set(title="type 1 vector", xlabel="element", ylabel="value")
+    axes[1, 2].set(title="type 2 vector", xlabel="element", ylabel="value")
     return save(figure, folder / f"features-{body}-{rate_hz}.png")
 
 
@@ -115,15 +111,7 @@ def _map(axis: Axes, power: NDArray[np.floating], extent: _Extent, title: str, l
 
 def five_scatterers(path: Path) -> Path:
     """Draw the range-Doppler map of five points as figure 2.5's text says them."""
-    axis = FastTimeAxis(
-        kind="rf",
-        n_range=_N_FAST,
-        bin_length_m=SPEED_OF_LIGHT_MPS / (2 * _FS_HZ),
-        range_offset_m=SPEED_OF_LIGHT_MPS * _TS_S / 2,
-        carrier_hz=_FC_HZ,
-        bandwidth_hz=_BANDWIDTH_HZ,
-        sample_rate_hz=_FS_HZ,
-    )
+    axis = replace(_X2, range_offset_m=SPEED_OF_LIGHT_MPS * _TS_S / 2)
     t_s = np.arange(_M) / _FP_HZ
     range_m = np.array(_RANGES_M) + t_s[:, None] * np.array(_VELOCITIES_MPS)
     converter = DownConverter(axis)
@@ -149,12 +137,8 @@ def profiles(path: Path, spec: ElementSpec) -> Path:
         ax.plot(made.axis.range_m, amplitude / amplitude.max(), lw=0.8)
         ax.plot(range_m[1:], np.zeros(len(range_m) - 1), "k|", ms=14, label="limbs")
         ax.plot(range_m[0], 0.0, "r^", label="torso")
-        ax.set(
-            title=f"{body}, middle of element {number}",
-            xlabel="range (m)",
-            ylabel="amplitude, of its peak",
-            xlim=(near, far),
-        )
+        ax.set(title=f"{body}, middle of element {number}", xlim=(near, far))
+        ax.set(xlabel="range (m)", ylabel="amplitude, of its peak")
     axes[0].legend()
     return save(figure, path)
 
@@ -162,7 +146,7 @@ def profiles(path: Path, spec: ElementSpec) -> Path:
 def pulse(path: Path) -> Path:
     """Draw the transmitted pulse and its spectrum (2.3, 2.5)."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3))
-    carrier_hz, sigma_s = 6.8e9, pulse_sigma_s(2.3e9)
+    carrier_hz, sigma_s = _X2.carrier_hz, pulse_sigma_s(_X2.bandwidth_hz)
     t_s = np.linspace(-1e-9, 1e-9, 2001)
     envelope = np.exp(-(t_s**2) / (2 * sigma_s**2))
     left.plot(t_s * 1e9, envelope * np.cos(2 * np.pi * carrier_hz * t_s), lw=0.8)
@@ -270,22 +254,16 @@ def _pictures(
     recipe: StudyRecipe, results: Sequence[CellResult], folder: Path
 ) -> dict[str, list[Path]]:
     """Draw all pictures; return their files by heading."""
-    by_label = {label: [r for r in results if r.label == label] for label in MAIN}
-    by_label = {label: chosen for label, chosen in by_label.items() if chosen}
-    pictures: dict[str, list[Path]] = {}
-    if by_label:
-        pictures["Confusion (table 3.1, appendix C)"] = [
-            confusions(folder / f"confusion-{label}.png", chosen)
-            for label, chosen in by_label.items()
-        ]
-        pictures["Confidence over epochs, a good and a poor initialisation (5.1, 5.2)"] = [
+    pictures: dict[str, list[Path]] = defaultdict(list)
+    heading = "Confidence over epochs, a good and a poor initialisation (5.1, 5.2)"
+    for label in MAIN:
+        if chosen := [r for r in results if r.label == label]:
+            path = folder / f"confusion-{label}.png"
+            pictures["Confusion (table 3.1, appendix C)"].append(confusions(path, chosen))
             # Of the set whose repeats differ most in score at their best.
-            confidence(
-                folder / f"confidence-{label}.png",
-                max(chosen, key=lambda r: float(np.ptp(np.min(r.scores[1:], axis=0)))),
-            )
-            for label, chosen in by_label.items()
-        ]
+            widest = max(chosen, key=lambda r: float(np.ptp(np.min(r.scores[1:], axis=0))))
+            path = folder / f"confidence-{label}.png"
+            pictures[heading].append(confidence(path, widest))
     pictures["G, µ, D and both vectors (figures 2.5-2.7, 3.7-3.9)"] = [
         five_scatterers(folder / "five-scatterers.png"),
         *(features(folder, recipe.spec(rate_hz), b) for rate_hz in RATES_HZ for b in BODIES),

@@ -2,7 +2,7 @@
 
 import json
 import statistics
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from hashlib import sha256
@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import TypeAdapter
 
+from radard.config.json_file import parse_json
 from radard.errors import UsageError
 from x2radar.atomic import write_whole
 from x2train.sets.workers import Crew
@@ -104,11 +104,6 @@ class StudyRecipe:
             raise UsageError(f"elements {self.n_elements}: must be at most {2 * FRESH_FROM}")
 
     @property
-    def data(self) -> Path:
-        """Folder of the shards of elements."""
-        return self.folder / "data"
-
-    @property
     def n_train(self) -> int:
         """Elements before the thesis' evaluation part."""
         return self.n_elements - max(2, self.n_elements // 10 // 2 * 2)
@@ -116,13 +111,9 @@ class StudyRecipe:
     def spec(self, rate_hz: int, variant: Variant | None = None) -> ElementSpec:
         """Return what the elements of a rate are drawn from."""
         names = ("clutter", "noise", "dwell_s") if variant else ()
-        return ElementSpec(
-            frame_rate_hz=rate_hz,
-            seed=self.seed,
-            n_cpi=self.n_cpi,
-            n_cadence=self.n_cadence,
-            **{name: getattr(variant, name) for name in names},
-        )
+        own: dict[str, Any] = {name: getattr(variant, name) for name in names}
+        own |= {"n_cpi": self.n_cpi, "n_cadence": self.n_cadence}
+        return ElementSpec(frame_rate_hz=rate_hz, seed=self.seed, **own)
 
     def make(self, spec: ElementSpec, cell: Cell, tell: Tell) -> None:
         """Make the elements that a cell needs of one rate."""
@@ -130,19 +121,18 @@ class StudyRecipe:
             for first, n in ((0, self.n_elements // 2), (FRESH_FROM, self.n_fresh // 2)):
                 text = f"simulate {body} at {spec.frame_rate_hz} Hz"
                 crew = Crew(self.workers, report=partial(tell, text))
-                make_bodies(self.data, spec, body, first, n, crew=crew)
+                make_bodies(self.folder, spec, body, first, n, crew=crew)
 
     def load(self, cell: Cell, variant: Variant) -> tuple[CellData, CellData, CellData]:
         """Return what trains, what evaluates, and the fresh elements."""
 
         def elements(rate_hz: int, first: int, n: int) -> CellData:
             spec = self.spec(rate_hz, variant)
-            return load_cell(self.data, spec, cell, first, n, rectified=variant.rectified)
+            return load_cell(self.folder, spec, cell, first, n, rectified=variant.rectified)
 
-        own_hz = cell.frame_rate_hz
-        train = whole = elements(own_hz, 0, self.n_elements)
-        if (rate_hz := variant.train_rate_hz or own_hz) != own_hz:
-            train = elements(rate_hz, 0, self.n_elements)
+        own_hz, other_hz = cell.frame_rate_hz, variant.train_rate_hz
+        whole = elements(own_hz, 0, self.n_elements)
+        train = elements(other_hz, 0, self.n_elements) if other_hz else whole
         train = train.part(0, self.n_train)
         if variant.draws_classes:
             train = drawn_classes(train, np.random.default_rng(self.seed))
@@ -167,10 +157,7 @@ class StudyRecipe:
             train, stop, stopped_by = with_stop(train)
         else:
             stop, stopped_by = recordings, f"{len(recordings.y)} windows of recordings"
-
-        def named(what: str, done: int, total: int) -> None:
-            tell(f"{cell.name} {what}", done, total)
-
+        named: Tell = lambda what, *far: tell(f"{cell.name} {what}", *far)  # noqa: E731
         fitted = fit(train, stop, variant.fit, tell=named)
         if recordings is not None:
             n = len(recordings.y)
@@ -254,9 +241,6 @@ def scores(
     }
 
 
-_RESULT = TypeAdapter(CellResult)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Job:
     """One training that is due; its result is kept, one JSON file each."""
@@ -277,7 +261,7 @@ class Job:
         if not self._path.exists():
             return None
         try:
-            known = _RESULT.validate_json(self._path.read_bytes())
+            known = parse_json(CellResult, self._path.read_bytes())
         except ValueError as err:
             msg = f"{self._path}: no result ({err}); remove it to make it again"
             raise UsageError(msg) from err
@@ -332,26 +316,20 @@ def network_job(
     return Job(recipe.folder, cell.name, variant.label, settings, train)
 
 
-def wanted_cells(
-    *, vector: int | None = None, animal: str | None = None, rate_hz: int | None = None
-) -> Iterator[Cell]:
-    """Yield the thesis' cells, or those that are asked for."""
-    for cell in CELLS:
-        if vector in {None, cell.vector} and animal in {None, cell.animal}:
-            if rate_hz in {None, cell.frame_rate_hz}:
-                yield cell
-            elif rate_hz not in {60, 200} and cell.frame_rate_hz == 60:
-                yield replace(cell, frame_rate_hz=rate_hz)
+def wanted_cells(vector: int | None, animal: str | None, rate_hz: int | None) -> list[Cell]:
+    """Return those of the thesis' cells that are asked for, at any frame rate; None for all."""
+    cells = [c for c in CELLS if vector in {None, c.vector} and animal in {None, c.animal}]
+    if rate_hz is not None:
+        cells = [replace(cell, frame_rate_hz=rate_hz) for cell in cells]
+    return list(dict.fromkeys(cells))
 
 
 def drawn_classes(data: CellData, rng: np.random.Generator) -> CellData:
     """Return elements whose classes are drawn by chance, as far as either class reaches."""
     wanted = rng.integers(2, size=len(data.y))
     rank = np.where(wanted == 1, np.cumsum(wanted), np.cumsum(1 - wanted)) - 1
-    n = len(data.y) // 2
-    short = np.flatnonzero(rank >= n)
-    last = int(short[0]) if len(short) else len(wanted)
-    rows = (2 * rank + wanted)[:last]
+    reaches = np.logical_and.accumulate(rank < len(data.y) // 2)
+    rows = (2 * rank + wanted)[reaches]
     return CellData(data.x[rows], data.y[rows], data.in_view[rows])
 
 

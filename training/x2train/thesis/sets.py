@@ -84,7 +84,7 @@ def load_cell(
     folder: Path, spec: ElementSpec, cell: Cell, first: int, n: int, *, rectified: bool = False
 ) -> CellData:
     """Return `n` elements of a set: animal and person in turn, `rectified` if asked."""
-    x, in_view = _in_turn(folder, spec, cell, (first, n), ("vector", "in_view"))
+    x, in_view = _in_turn(folder, spec, cell, first, n, "vector", "in_view")
     if cell.vector == 1:
         x = np.ascontiguousarray(x[:, PROFILE:])
     elif rectified:
@@ -96,18 +96,15 @@ def load_maps(
     folder: Path, spec: ElementSpec, cell: Cell, first: int, n: int
 ) -> tuple[dict[str, NDArray[np.float32]], CellData]:
     """Return the maps of a data set, 'mu' and 'range_time', and the set (without vectors)."""
-    *maps, in_view = _in_turn(folder, spec, cell, (first, n), (*_MAPS, "in_view"))
-    made = {
-        name: (values / np.float32(_LEVELS)).astype(np.float32)
-        for name, values in zip(_MAPS, maps, strict=True)
-    }
+    *maps, in_view = _in_turn(folder, spec, cell, first, n, *_MAPS, "in_view")
+    scaled = (np.divide(each, _LEVELS, dtype=np.float32) for each in maps)
+    made = dict(zip(_MAPS, scaled, strict=True))
     return made, CellData.in_turn(np.empty((n // 2 * 2, 0), np.float32), in_view)
 
 
 def _in_turn(
-    folder: Path, spec: ElementSpec, cell: Cell, which: tuple[int, int], keys: tuple[str, ...]
+    folder: Path, spec: ElementSpec, cell: Cell, first: int, n: int, *keys: str
 ) -> list[NDArray[Any]]:
-    first, n = which
     number = np.arange(n // 2)
     parts = []
     for body in (*cell.bodies, "human"):
@@ -143,7 +140,7 @@ def _shards(folder: Path, spec: ElementSpec, body: str) -> ShardSet:
     about = asdict(spec)
     digest = hashlib.sha256(json.dumps(about, sort_keys=True).encode()).hexdigest()[:8]
     name = f"{body}-{spec.frame_rate_hz}-{digest}"
-    return ShardSet(folder / name, {"set": "thesis elements", "body": body, **about})
+    return ShardSet(folder / "data" / name, {"set": "thesis elements", "body": body, **about})
 
 
 def _bounds(first: int, n: int) -> dict[str, tuple[int, int]]:
@@ -168,25 +165,24 @@ def load_recordings(paths: Sequence[Path], spec: ElementSpec, vector: int) -> Ce
         name, _, whole = path.name.rpartition("=")
         is_named = bool(name) and whole in LABELS
         reader = open_recording(str(path.with_name(name) if is_named else path))
-        rate_hz = reader.stream.frame_rate_hz
-        if abs(rate_hz / spec.frame_rate_hz - 1) > 0.05:
-            msg = f"{path}: {rate_hz:g} frames a second; these sets have {spec.frame_rate_hz}"
+        rate_hz, own_hz = spec.frame_rate_hz, reader.stream.frame_rate_hz
+        if abs(own_hz / rate_hz - 1) > 0.05:
+            msg = f"{path}: {own_hz:g} frames a second; these sets have {rate_hz}"
             raise UsageError(msg)
         labels = [label for label in reader.labels if label[2] in LABELS]
         if is_named:
-            labels = [(0.0, reader.n_frames / rate_hz, whole)]
+            labels = [(0.0, reader.n_frames / own_hz, whole)]
         if not labels:
             msg = f"{path}: no labels of {', '.join(LABELS)} in it; FILE=LABEL gives it one"
             raise UsageError(msg)
         samples = np.stack([frame.samples for frame in reader.frames()])
         converter, n_slow = DownConverter(reader.stream.axis), spec.shape.n_slow
         for begin_s, end_s, label in labels:
-            first, last = (round(s * spec.frame_rate_hz) for s in (begin_s, end_s))
+            first, last = (round(s * rate_hz) for s in (begin_s, end_s))
             last = min(last, len(samples)) - n_slow + 1
-            for at in range(first, last, spec.frame_rate_hz):
+            for at in range(first, last, rate_hz):
                 frames, valid = converter.convert(samples[at : at + n_slow]), np.ones(n_slow, bool)
-                t_s = at / spec.frame_rate_hz
-                dwell = Dwell(frames, valid, converter.axis, spec.frame_rate_hz, t_s)
+                dwell = Dwell(frames, valid, converter.axis, rate_hz, at / rate_hz)
                 rows.append(extract(dwell, spec.features, ("thesis_type2",))["thesis_type2"])
                 classes.append(LABELS[label])
     if len(set(classes)) < 2:
