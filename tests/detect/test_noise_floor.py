@@ -65,7 +65,7 @@ def test_level_and_shape_are_those_of_every_bin_by_itself(n_range):
         shape = np.geomspace(1.0, tilt, n_range)
         cells = cells_of(rng, shape, n_rows=0 if turn == 4 else 60)
         cells[:, rng.random(n_range) < 0.1] = 0
-        power = shape * rng.normal(1.0, 0.3, (4, n_range))
+        power = shape * rng.normal(1.0, 0.2, (4, n_range))
         power[1, rng.random(n_range) < 0.2] *= 8  # somebody moves
         power = power[: 0 if turn == 5 else 4]
         unit = 10.0 ** rng.integers(-6, 6)
