@@ -59,14 +59,17 @@ def test_level_and_shape_are_those_of_every_bin_by_itself(n_range):
     rng = np.random.default_rng(n_range)
     floor = NoiseFloor(3, MOST_DB)
     levels, shape_db = [], None
-    # Long swaths begin beyond what a shape may be, on both sides.
-    tilts = (1e30 if n_range > 60 else 1.0, 30.0, 1e4, 1e-4, 1.0, 1.0, 1.0, 0.1)
+    tilts = (1.0, 30.0, 1e4, 1e-4, 1.0, 1.0, 1.0, 0.1)
     for turn, tilt in enumerate(tilts):
         shape = np.geomspace(1.0, tilt, n_range)
+        if turn == 0:
+            # Beyond what a shape may be, on both sides.
+            shape[: n_range // 12], shape[n_range - n_range // 4 :] = 1e-3, 1e3
         cells = cells_of(rng, shape, n_rows=0 if turn == 4 else 60)
-        cells[:, rng.random(n_range) < 0.1] = 0
         power = shape * rng.normal(1.0, 0.2, (4, n_range))
-        power[1, rng.random(n_range) < 0.2] *= 8  # somebody moves
+        if turn > 0:
+            cells[:, rng.random(n_range) < 0.1] = 0
+            power[1, rng.random(n_range) < 0.2] *= 8  # somebody moves
         power = power[: 0 if turn == 5 else 4]
         unit = 10.0 ** rng.integers(-6, 6)
         level, noise, shape_db = expected(levels, shape_db, cells, power, unit)
