@@ -6,7 +6,6 @@ key that no other ever has. An output is a `Cursor`; after a kill it is told aga
 does not yet say it has. Nothing goes by the clock on the wall.
 """
 
-import contextlib
 import json
 import logging
 import sqlite3
@@ -19,16 +18,13 @@ from pathlib import Path
 
 from radard.log_cursor import Cursor, Entry, Place, Record, Wants
 from radard.log_file import (
-    ForeignDatabase,
+    LogFile,
     StoredEvent,
-    check_pages,
+    damage,
     fault_text,
-    files_of,
     fold_events,
     is_damage,
-    open_log_file,
     parse_record,
-    put_aside,
 )
 
 log = logging.getLogger("radard")
@@ -53,7 +49,7 @@ class EventLog:
         keeps_events: bool = True,
         lock: Callable[[Path], None] = lambda _folder: None,
     ) -> None:
-        self._path = path
+        self._file = LogFile(path, self._say) if path is not None else None
         self._lock = lock  # the folder against a second daemon; raises OSError if there is one
         self.max_events = max_events
         self._keeps_events = keeps_events
@@ -69,17 +65,17 @@ class EventLog:
         self._held: dict[str, str] = {}
         self._on: dict[str, Record] = {}  # the last phase of events that have not ended
         self._is_loaded = path is None
-        self._db: sqlite3.Connection | None = None
-        self._files: tuple[object, ...] = ()
         self._offset_s = 0.0  # from this process's monotonic clock to the file's count of seconds
-        self._checked_s = time.monotonic()
         self._n_asked = self._n_done = 0
         self._is_ended = False
         self._trouble = ""
         self._said, self._said_s = "", float("-inf")
-        self._writer = threading.Thread(target=self._run, name="event log", daemon=True)
-        if path is not None:
+        self._writer: threading.Thread | None = None
+        if (file := self._file) is not None:
             self._n_asked = 1
+            self._writer = threading.Thread(
+                target=self._run, args=(file,), name="event log", daemon=True
+            )
             self._writer.start()
             self._wait(1, _OPEN_S)
 
@@ -158,7 +154,7 @@ class EventLog:
     def why_lost(self, name: str, text: str) -> str | None:
         """Return why a text would not outlive a kill: empty if it would, None if not yet."""
         with self._changed:
-            if self._path is None or self._held.get(name) == text:
+            if self._file is None or self._held.get(name) == text:
                 return ""
             return self._trouble or None
 
@@ -167,7 +163,7 @@ class EventLog:
         with self._changed:
             self._is_ended = True
             self._changed.notify_all()
-        if self._writer.ident is not None:
+        if self._writer is not None:
             self._writer.join(_CLOSE_S)
 
     def _note(self, record: Record) -> None:
@@ -184,7 +180,7 @@ class EventLog:
         return self._n_asked
 
     def _wait(self, n: int, timeout_s: float) -> None:
-        if self._path is not None:
+        if self._file is not None:
             with self._changed:
                 self._changed.wait_for(lambda: self._n_done >= n or self._is_ended, timeout_s)
 
@@ -198,10 +194,10 @@ class EventLog:
 
     def _say(self, text: str) -> None:
         if text != self._said or time.monotonic() - self._said_s >= _SAID_S:
-            log.warning("%s: %s", self._path or "events", text)
+            log.warning("%s: %s", self._file.path if self._file else "events", text)
         self._said, self._said_s = text, time.monotonic()
 
-    def _run(self) -> None:
+    def _run(self, file: LogFile) -> None:
         is_over = False
         while not is_over:
             with self._changed:
@@ -209,15 +205,15 @@ class EventLog:
                     lambda: self._n_asked > self._n_done or self._is_ended, _TEND_S
                 )
                 n, is_over = self._n_asked, self._is_ended
-                is_late = time.monotonic() - self._checked_s >= _CHECK_S
+                is_late = time.monotonic() - file.checked_s >= _CHECK_S
                 is_due = is_late or self._trouble or any(map(len, self._cursors.values()))
             if n > self._n_done or is_over or is_due:
                 # A damaged file is put aside, and what memory holds is at once in a new one.
                 for _ in range(_ATTEMPTS):
                     try:
-                        self._write()
-                    except (OSError, sqlite3.Error, ForeignDatabase) as err:
-                        if not self._begins_anew(err):
+                        self._write(file)
+                    except (OSError, sqlite3.Error) as err:
+                        if not self._begins_anew(file, err):
                             break
                     else:
                         self._trouble = ""
@@ -225,23 +221,19 @@ class EventLog:
             with self._changed:
                 self._n_done = n
                 self._changed.notify_all()
-        self._shut()
+        file.close()
 
-    def _begins_anew(self, err: Exception) -> bool:
+    def _begins_anew(self, file: LogFile, err: Exception) -> bool:
         """Open the file again at the next attempt; return whether that is a new one."""
-        self._shut()
-        path = self._path
-        if path is not None and is_damage(err):
-            try:
-                self._say(f"damaged ({fault_text(err)}), put aside as {put_aside(path).name}")
-            except OSError as fault:
-                err = fault
-            else:
+        try:
+            if file.put_aside(err):
                 self._write_all_again()
                 return True
+        except OSError as fault:
+            err = fault
         why = fault_text(err)
         if not self._trouble:
-            log.warning("%s: events are kept in memory only: %s", path, why)
+            log.warning("%s: events are kept in memory only: %s", file.path, why)
         self._trouble = why
         return False
 
@@ -249,37 +241,13 @@ class EventLog:
         with self._changed:
             self._written = 0
             self._held = {}
-            self._files = ()
 
-    def _shut(self) -> None:
-        db, self._db = self._db, None
-        if db is not None:
-            with contextlib.suppress(sqlite3.Error):
-                db.close()
-
-    def _opened(self, path: Path) -> sqlite3.Connection:
-        # Its companions go with the last connection, so they tell something of an open one alone.
-        known = self._files if self._db is not None else self._files[:1]
-        if files_of(path)[: len(known)] != known:
-            self._say("the file was taken away")
-            self._shut()
-            self._write_all_again()
-            # Another one may be there, as of a disk that was mounted late.
-            self._is_loaded = False
-        if self._db is None:
-            self._lock(path.parent)
-            self._db = open_log_file(path)
-            self._files = files_of(path)
-        if not self._is_loaded:
-            self._load(self._db, path)
-        return self._db
-
-    def _load(self, db: sqlite3.Connection, path: Path) -> None:
+    def _load(self, file: LogFile, db: sqlite3.Connection) -> None:
         """Take what the file holds, of a damaged one what can be read; newer is put behind it."""
         rows: _Rows = []
         places: dict[str, Place] = {}
         kept: dict[str, str] = {}
-        last, run_s, damage = 0, 0.0, None
+        last, run_s, fault = 0, 0.0, None
         try:
             kept.update(db.execute("SELECT name, text FROM kept"))
             for name, done, seen, deferred in db.execute("SELECT * FROM cursors"):
@@ -289,17 +257,15 @@ class EventLog:
                 query = "SELECT n, key, run_s, CAST(record AS BLOB) FROM log ORDER BY n"
                 for row in db.execute(query):
                     rows.append(row)  # all before a damaged one
-            check_pages(path)
+            file.check()
         except (sqlite3.Error, ValueError, TypeError) as err:
             if isinstance(err, sqlite3.Error) and not is_damage(err):
                 raise
-            damage = err
+            fault = str(err)
         self._join(rows, places, kept, last, run_s)
         self._is_loaded = True
-        if damage is not None:
-            lost = sqlite3.DatabaseError(str(damage))
-            lost.sqlite_errorcode = sqlite3.SQLITE_CORRUPT
-            raise lost
+        if fault is not None:
+            raise damage(fault)
 
     def _join(
         self, rows: _Rows, places: dict[str, Place], kept: dict[str, str], last: int, run_s: float
@@ -335,14 +301,18 @@ class EventLog:
             self._kept = {**kept, **self._kept}
             self._bound()
 
-    def _write(self) -> None:
-        path = self._path
-        assert path is not None  # noqa: S101 - there is no writer otherwise
+    def _write(self, file: LogFile) -> None:
         now_s = time.monotonic()
-        db = self._opened(path)
-        if now_s - self._checked_s >= _CHECK_S:
-            self._checked_s = now_s
-            check_pages(path)
+        if file.is_taken_away():
+            self._write_all_again()
+            # Another one may be there, as of a disk that was mounted late.
+            self._is_loaded = False
+        if file.db is None:
+            self._lock(file.path.parent)
+        db = file.open()
+        if not self._is_loaded:
+            self._load(file, db)
+        file.check(_CHECK_S)
         with self._changed:
             held, last = dict(self._kept), self._last
             entries = [e for e in self._entries if e.n > self._written]

@@ -5,7 +5,6 @@ radar. Whatever happens at its far end, `write` returns at once, and the run hea
 through `state` alone.
 """
 
-import errno
 import hashlib
 import logging
 import threading
@@ -25,8 +24,6 @@ from radard.stream.ring import FrameRing
 log = logging.getLogger("radard")
 COMMANDS = ("arm", "arm-home", "disarm", "ack", "calibrate")
 Record = Mapping[str, Any]
-PASSING = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO})
-"""Faults of a disk that may pass: a sink starts in spite of them, and tries again."""
 _SAID_AGAIN_S = 60.0  # a line a minute does not fill a log
 _REMARKED_S = 3600.0  # long enough for a person to see it
 

@@ -13,7 +13,8 @@ from pathlib import Path
 
 from radard.config.sink_table import SinkOptions, named_file
 from radard.errors import OutputError
-from radard.outputs.base import PASSING, DeliveryError, Record, SinkContext
+from radard.log_file import is_passing
+from radard.outputs.base import DeliveryError, Record, SinkContext
 from radard.outputs.stdout import json_line
 from radard.outputs.thread_sink import DirectSink
 from x2radar.backoff import Backoff
@@ -45,7 +46,7 @@ class JsonLinesSink(DirectSink):
             self._open()
         except OSError as err:
             # A pipe that nobody reads yet may get its reader later, a full disk room.
-            may_pass = err.errno == errno.ENXIO or (err.errno in PASSING and not self.waits)
+            may_pass = err.errno == errno.ENXIO or (is_passing(err) and not self.waits)
             if not may_pass:
                 msg = f"--output {self.name}: cannot write there: {err.strerror}"
                 raise OutputError(msg) from err
