@@ -205,24 +205,20 @@ class Pipeline:
         """Judge every body of several by its own range gate, if `decision.bodies` asks."""
         if not tracks or not self._judges_tracks:
             return ()
-        gates = None
+        windows = [answer.window if answer and len(tracks) == 1 else None] * len(tracks)
         is_apart = len(tracks) > 1 and self._config.decision.bodies == "apart"
         if self.classifier is not None and is_apart:
             paths_m = np.stack([track.path_m for track in tracks])
-            gates = range_gates(paths_m, moving.axis.range_m)
-        verdicts = []
-        for k, track in enumerate(tracks):
-            window = answer.window if answer and len(tracks) == 1 else None
-            if self.classifier is not None and gates is not None:
-                alone = replace(moving, frames=moving.frames * gates[k])
+            for k, gate in enumerate(range_gates(paths_m, moving.axis.range_m)):
+                alone = replace(moving, frames=moving.frames * gate)
                 features = extract(alone, self._features, self._feature_names)
-                window = self.classifier.classify(features)
-            verdicts.append(
-                TrackVerdict(
-                    id=track.id,
-                    range_m=track.range_m,
-                    radial_velocity_mps=track.radial_velocity_mps,
-                    window=window,
-                )
+                windows[k] = self.classifier.classify(features)
+        return tuple(
+            TrackVerdict(
+                id=track.id,
+                range_m=track.range_m,
+                radial_velocity_mps=track.radial_velocity_mps,
+                window=window,
             )
-        return tuple(verdicts)
+            for track, window in zip(tracks, windows, strict=True)
+        )
