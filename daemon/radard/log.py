@@ -208,33 +208,30 @@ class EventLog:
                 is_late = time.monotonic() - file.checked_s >= _CHECK_S
                 is_due = is_late or self._trouble or any(map(len, self._cursors.values()))
             if n > self._n_done or is_over or is_due:
-                # A damaged file is put aside, and what memory holds is at once in a new one.
                 for _ in range(_ATTEMPTS):
-                    try:
-                        self._write(file)
-                    except (OSError, sqlite3.Error) as err:
-                        if not self._begins_anew(file, err):
-                            break
-                    else:
-                        self._trouble = ""
+                    if not self._begins_anew(file):
                         break
             with self._changed:
                 self._n_done = n
                 self._changed.notify_all()
         file.close()
 
-    def _begins_anew(self, file: LogFile, err: Exception) -> bool:
-        """Open the file again at the next attempt; return whether that is a new one."""
+    def _begins_anew(self, file: LogFile) -> bool:
+        """Write; return whether the file is damaged and aside: all goes at once into a new one."""
+        trouble = ""
         try:
-            if file.put_aside(err):
+            try:
+                self._write(file)
+            except (OSError, sqlite3.Error) as err:
+                if not file.put_aside(err):
+                    raise
                 self._write_all_again()
                 return True
-        except OSError as fault:
-            err = fault
-        why = fault_text(err)
-        if not self._trouble:
-            log.warning("%s: events are kept in memory only: %s", file.path, why)
-        self._trouble = why
+        except (OSError, sqlite3.Error) as err:
+            trouble = fault_text(err)
+            if not self._trouble:
+                log.warning("%s: events are kept in memory only: %s", file.path, trouble)
+        self._trouble = trouble
         return False
 
     def _write_all_again(self) -> None:

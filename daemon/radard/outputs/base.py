@@ -140,17 +140,12 @@ class SinkState:
 class Sink(Protocol):
     """An output: it is given records in order, and reports how it does."""
 
-    @property
-    def name(self) -> str:
-        """What -o/--output named, without secrets."""
+    name: str  # what -o/--output named, without secrets
+    waits: bool  # whether `write` waits for room, see `SinkContext.can_wait`
 
     @property
     def state(self) -> SinkState:
         """How it is doing; for any thread."""
-
-    @property
-    def waits(self) -> bool:
-        """Whether `write` waits for room, see `SinkContext.can_wait`."""
 
     def write(self, record: Record) -> None:
         """Take one record; returns at once unless the sink `waits`.

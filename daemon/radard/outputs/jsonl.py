@@ -62,12 +62,11 @@ class JsonLinesSink(DirectSink):
                 self._reopen()
             elif self._is_regular and size and size + len(line) > self._most_bytes:
                 self._rotate()
-            is_told = is_hello and self._lacks_hello
             if self._lacks_hello:
-                self._append("".join(map(json_line, self._hellos.values())).encode("ascii"))
-                self._lacks_hello = False
-            if not is_told:
-                self._append(line)
+                hellos = "".join(map(json_line, self._hellos.values())).encode("ascii")
+                line = hellos if is_hello else hellos + line
+            self._append(line)
+            self._lacks_hello = False
         except OSError as err:
             raise DeliveryError(err.strerror or str(err)) from err
 
