@@ -114,9 +114,8 @@ class Delivery(ThreadSink):
                 self._keeper.failed(str(err))
                 if not self._gives_up(entry, err):
                     return self._backoff.next_s()
-            except Exception as err:
-                log.exception("%s: an event could not be sent", self.name)
-                self._keeper.failed(f"internal error: {err!r}")
+            except Exception as err:  # noqa: BLE001 - logged there
+                self._cannot(err, 0)
                 self._give_up(entry, "cannot be sent")
             else:
                 self._n_refused = 0

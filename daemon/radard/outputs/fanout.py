@@ -119,8 +119,7 @@ class Outputs:
                 read, sink = _read_by(name, config), self._make(name, sensor)
                 self._open.append(_Open(name, sensor, read, sink))
             for sensor, sink in self.sinks:
-                start_sink(sink)
-                self._attach(sink, sensor)
+                self._start(sink, sensor)
         except BaseException:
             close_sinks([sink for _, sink in self.sinks])
             self._open = []
@@ -155,10 +154,10 @@ class Outputs:
         with self._lock:
             known = {(each.name, each.sensor): each for each in self._open}
             gone = [each for key, each in known.items() if key not in wanted]
-            kept = [each for key, each in known.items() if key in wanted]
-            fresh = [key for key in wanted if key not in known]
-            new = [_Open(*key, held=RecordQueue(), after=self.log.told) for key in fresh]
-            self._open = kept + new
+            self._open = [
+                known.get(key) or _Open(*key, held=RecordQueue(), after=self.log.told)
+                for key in wanted
+            ]
         # Not under the lock: an output may take a moment to end, and the workers must not wait.
         close_sinks([each.sink for each in gone if each.sink is not None])
         for each in gone:
@@ -166,10 +165,10 @@ class Outputs:
         self.log.max_events = config.log.max_events
         outdated = [
             each
-            for each in kept + new
+            for each in self._open
             if each.sink is None or each.is_left or each.read != _read_by(each.name, config)
         ]
-        for each in kept:
+        for each in self._open:
             each.fault = ""
             if each not in outdated and each.name.startswith("json:"):
                 _write_hellos(each, hellos)
@@ -215,10 +214,9 @@ class Outputs:
         close_sinks([each.sink for each, _, _ in made if each.sink is not None])
         for each, read, sink in made:
             before = each.sink
-            start_sink(sink)
+            self._start(sink, each.sensor)
             if _cursor_of(before) != _cursor_of(sink):
                 self._forget(before)
-            self._attach(sink, each.sensor)
             with self._lock:
                 held, each.held = each.held or RecordQueue(), None
                 each.sink, each.read, each.fault, each.is_left = sink, read, "", False
@@ -233,7 +231,8 @@ class Outputs:
     def _meant_by(self, name: str) -> str:
         return name or ("table" if self._stdout_is_terminal else "json")
 
-    def _attach(self, sink: Sink, sensor: str | None) -> None:
+    def _start(self, sink: Sink, sensor: str | None) -> None:
+        start_sink(sink)
         for host in self._hosts.values() if sensor is None else [self._hosts[sensor]]:
             getattr(sink, "attach", _ignore)(host)
 
