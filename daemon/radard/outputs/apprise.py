@@ -8,7 +8,6 @@ import contextlib
 import logging
 import re
 import time
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -82,10 +81,7 @@ def _service(apprise: Any, url: str) -> Any:
         storage_mode=apprise.PersistentStoreMode.MEMORY,
         plugin_paths=[],
     )
-    with warnings.catch_warnings():
-        # It loads all of its services, and some use what is old.
-        warnings.simplefilter("ignore", DeprecationWarning)
-        return apprise.Apprise.instantiate(url, asset=asset, suppress_exceptions=True)
+    return apprise.Apprise.instantiate(url, asset=asset, suppress_exceptions=True)
 
 
 def message_of(record: Record, sensor: str) -> tuple[str, str]:

@@ -103,18 +103,18 @@ class _Poster:
     def _post_to_the_end(self, body: bytes, headers: dict[str, str]) -> int:
         """Return the code of the last answer, after redirects if they are followed."""
         url, end_s = self._url, time.monotonic() + self._section.timeout_s
-        code, location = self._post(url, body, headers, self._section.timeout_s)
-        for _ in range(_MAX_HOPS if self._section.follow_redirects else 0):
-            if not location or code not in _REDIRECTS:
-                break
+        n_hops = _MAX_HOPS if self._section.follow_redirects else 0
+        while True:
+            code, location = self._post(url, body, headers, max(0.001, end_s - time.monotonic()))
+            if not n_hops or not location or code not in _REDIRECTS:
+                return code
+            n_hops -= 1
             before, url = url, urljoin(url, location)
             if urlsplit(url).scheme not in {"https", urlsplit(before).scheme}:
                 raise DeliveryError("the server redirects to what is no https")
             if urlsplit(url)[:2] != urlsplit(before)[:2]:
                 # The token is for the host that was named.
                 headers.pop("Authorization", None)
-            code, location = self._post(url, body, headers, max(0.001, end_s - time.monotonic()))
-        return code
 
     def _post(
         self, url: str, body: bytes, headers: dict[str, str], timeout_s: float
