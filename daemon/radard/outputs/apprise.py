@@ -17,7 +17,7 @@ from radard.errors import UsageError
 from radard.log_cursor import Entry
 from radard.log_file import marks_of
 from radard.outputs.base import DeliveryError, Record, SinkContext
-from radard.outputs.delivery import Delivery, picture_path, wants_events
+from radard.outputs.thread_sink import Delivery, picture_path, wants_events
 from x2radar.extras import needed
 
 _PICTURE_S = 3.0  # drawing takes a tenth of that, and the alarm waits for it

@@ -20,8 +20,8 @@ from radard.config.sink_table import SinkOptions, WebhookSection
 from radard.errors import ConfigError, UsageError
 from radard.log_cursor import Entry
 from radard.outputs.base import DeliveryError, SinkContext
-from radard.outputs.delivery import Delivery, wants_events
 from radard.outputs.stdout import json_line
+from radard.outputs.thread_sink import Delivery, wants_events
 from radard.outputs.tls import LATE, check_host, client_context, explain, shown_host
 from x2radar import wall_clock
 from x2radar.command import installed_version

@@ -24,10 +24,9 @@ from radard.config.saved import change
 from radard.config.sink_table import MqttSection, SinkOptions
 from radard.errors import UsageError
 from radard.outputs.base import COMMANDS, Record, SinkContext, SinkState, StateKeeper
-from radard.outputs.delivery import Delivery, picture_path
 from radard.outputs.mqtt.link import Broker, MqttLink, Publication
 from radard.outputs.mqtt.topics import MqttTopics
-from radard.outputs.thread_sink import ThreadSink
+from radard.outputs.thread_sink import Delivery, ThreadSink, picture_path
 from radard.outputs.tls import check_host, shown_host
 from x2radar.backoff import Backoff
 
