@@ -159,7 +159,7 @@ def _reader() -> CommandReader:
 def _mqtt(_folder: Path, data: bytes) -> None:
     """Read a message on a command's topic: the topic, a border, and the payload."""
     topic, _, payload = data.partition(BORDER)
-    with contextlib.suppress(ValueError, ConfigError, RecursionError):
+    with contextlib.suppress(ValueError, ConfigError):
         # A topic that is no UTF-8 is refused by brokers and the library.
         _reader().read(topic.decode(errors="replace"), payload, is_retained=False)
 

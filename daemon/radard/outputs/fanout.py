@@ -75,7 +75,7 @@ class Outputs:
         self._hosts = {**self._hosts, host.sensor: host}
         for of, sink in self.sinks:
             if of is None:
-                getattr(sink, "attach", _ignore)(host)
+                getattr(sink, "attach", lambda _host: None)(host)
 
     def remove(self, sensor: str) -> None:
         """Forget a sensor; its own outputs are closed by `reload`."""
@@ -83,7 +83,7 @@ class Outputs:
         for each in self._open:
             each.is_left |= each.sensor == sensor
         for _, sink in self.sinks:
-            getattr(sink, "detach", _ignore)(sensor)
+            getattr(sink, "detach", lambda _sensor: None)(sensor)
 
     @property
     def sinks(self) -> list[tuple[str | None, Sink]]:
@@ -234,7 +234,7 @@ class Outputs:
     def _start(self, sink: Sink, sensor: str | None) -> None:
         start_sink(sink)
         for host in self._hosts.values() if sensor is None else [self._hosts[sensor]]:
-            getattr(sink, "attach", _ignore)(host)
+            getattr(sink, "attach", lambda _host: None)(host)
 
     def _make(self, name: str, sensor: str | None, after: int | None = None) -> Sink:
         """Return the sink of an output, of the options that hold, to be started."""
@@ -251,10 +251,6 @@ class Outputs:
             after=after,
         )
         return make_output(self._meant_by(name), self._config, context)
-
-
-def _ignore(_given: object) -> None:
-    """Stand for the `attach` or `detach` of a sink that has none."""
 
 
 def _read_by(name: str, options: SinkOptions) -> list[object]:

@@ -141,10 +141,13 @@ class CommandReader:
 
 
 def panel_command(payload: bytes) -> tuple[str, str]:
-    """Return command and code that Home Assistant's panel sends; or ValueError, RecursionError."""
+    """Return command and code that Home Assistant's panel sends; ValueError if it is none."""
     text, code = payload.decode(), ""
     if text.startswith("{"):
-        raw = json.loads(text)
+        try:
+            raw = json.loads(text)
+        except RecursionError as err:
+            raise ValueError("a panel's command is nested too deeply") from err
         text, code = str(raw.get("action")), str(raw.get("code") or "")
     if text not in PANEL_COMMANDS:
         raise ValueError(f"a panel's command is one of {', '.join(PANEL_COMMANDS)}")
