@@ -252,8 +252,7 @@ class EventLog:
             run_s, last = db.execute("SELECT run_s, last FROM stand").fetchone() or (run_s, last)
             if self._keeps_events:
                 query = "SELECT n, key, run_s, CAST(record AS BLOB) FROM log ORDER BY n"
-                for row in db.execute(query):
-                    rows.append(row)  # all before a damaged one
+                rows.extend(db.execute(query))  # all before a damaged one
             file.check()
         except (sqlite3.Error, ValueError, TypeError) as err:
             if isinstance(err, sqlite3.Error) and not is_damage(err):

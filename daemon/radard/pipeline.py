@@ -1,24 +1,6 @@
 """Pipeline: the way of a dwell to a decision. Read this file first.
 
-A frame's way through the program (docs/research/follow-a-frame.md tells it)::
-
-    x2radar.device.transport   bytes from the port
-    x2radar.wire.framing       bytes -> packets
-    x2radar.wire.codec         packets -> messages
-    x2radar.device.assemble    messages -> Frame (numbered, losses stated)
-    radard.dsp.downconvert     RF -> baseband, matched filter             [reader thread]
-    radard.stream.ring         frames -> Dwell, 2.45 s of them every hop  [reader | worker]
-    radard.detect.clutter_map  takes out what stands still, with its jitter     [worker]
-    radard.detect.gate         does anything move?
-    radard.detect.tracks       where, and how many?
-    radard.judge.features      Dwell -> maps of range and velocity over time
-    radard.judge.classifier    features -> probabilities
-    radard.judge.evidence      probabilities over windows -> what is known by now
-    radard.judge.decision      probabilities -> label, alarm
-    radard.detect.tamper       is the sensor covered, moved, jammed or dead?
-    radard.alarm.events        decisions -> events with a beginning and an end
-    radard.outputs             everything -> JSON Lines, table
-
+docs/research/follow-a-frame.md has a frame's whole way, file by file, from the port to the alarm.
 `Pipeline.decide` is all of the worker's part that computes, without threads, clocks or files, so
 live, replayed and offline data take the same way.
 """
@@ -34,7 +16,7 @@ from radard.detect.gate import Gate
 from radard.detect.tamper import Finding, TamperWatch, is_frozen
 from radard.detect.tracks import Track, Tracker, range_gates
 from radard.dsp.downconvert import DownConverter
-from radard.errors import FeatureError, ModelMismatch
+from radard.errors import ModelMismatch
 from radard.judge.bundle import EvidenceSettings
 from radard.judge.classifier import Answer, Classifier
 from radard.judge.decision import (
@@ -58,8 +40,8 @@ class Pipeline:
 
     Without a `classifier` only the gate works. `judges_tracks`: every body is judged by itself as
     well, for zones and people to look at; no verdict depends on it. What looks for `tamper` is put
-    there by others. Raises ModelMismatch or FeatureError if the classifier was not made for such a
-    stream, or its frames cannot be processed.
+    there by others. Raises ModelMismatch if the classifier was not made for such a stream, or
+    FeatureError if its frames cannot be processed.
     """
 
     tamper: TamperWatch | None = None
@@ -151,7 +133,7 @@ class Pipeline:
             try:
                 answer = self._ask(moving if self._features.clutter == "removed" else dwell)
                 verdicts = self._judge_tracks(moving, tracks, answer)
-            except (ModelMismatch, FeatureError) as err:
+            except ModelMismatch as err:
                 # No verdict is better announced than guessed.
                 return invalid_decision(dwell, str(err), seq=self._seq)
             if answer is not None:
