@@ -14,7 +14,7 @@ from typing import Any
 from radard.config.credentials import read_secret
 from radard.config.sink_table import AppriseSection, SinkOptions
 from radard.errors import UsageError
-from radard.log_cursor import Entry
+from radard.log import Entry
 from radard.log_file import marks_of
 from radard.outputs.base import DeliveryError, Record, SinkContext
 from radard.outputs.thread_sink import Delivery, picture_path, wants_events

@@ -16,8 +16,7 @@ from typing import Any, Literal, Protocol
 from radard.alarm.sensor_state import SensorState
 from radard.config.config import Config
 from radard.health.health import Health
-from radard.log import EventLog
-from radard.log_cursor import Cursor, Wants
+from radard.log import Cursor, EventLog, Wants
 from radard.stream.playback import Playback
 from radard.stream.ring import FrameRing
 

@@ -14,7 +14,7 @@ from typing import Self
 
 from radard.config.sink_table import LogSection
 from radard.errors import OutputError
-from radard.log_cursor import Cursor, Entry, Wants
+from radard.log import Cursor, Entry, Wants
 from radard.outputs.base import DeliveryError, Record, SinkContext, SinkState, StateKeeper
 from x2radar.backoff import Backoff
 

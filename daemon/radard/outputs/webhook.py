@@ -18,7 +18,7 @@ from urllib.parse import quote, urljoin, urlsplit
 from radard.config.credentials import read_secret
 from radard.config.sink_table import SinkOptions, WebhookSection
 from radard.errors import ConfigError, UsageError
-from radard.log_cursor import Entry
+from radard.log import Entry
 from radard.outputs.base import DeliveryError, SinkContext
 from radard.outputs.stdout import json_line
 from radard.outputs.thread_sink import Delivery, wants_events
