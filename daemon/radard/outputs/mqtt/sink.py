@@ -62,14 +62,13 @@ def parse_url(url: str, options: MqttSection, sensor: str) -> tuple[Broker, str]
         port = parts.port
     except ValueError as err:
         raise UsageError(f"--output {scheme}: {err}") from err
-    if parts.password is not None:
-        msg = f"--output {scheme}: no password in the URL; use mqtt.password_file or _env"
-        raise UsageError(msg)
     prefix = unquote(parts.path).strip("/") or "radard"
     check_host(scheme, url)
     fault = "nothing may follow the prefix" if "?" in url or "#" in url else ""
     fault = "the prefix holds what no topic may" if _NO_TOPIC.search(prefix) else fault
     fault = fault if parts.hostname else "no host"
+    if parts.password is not None:
+        fault = "no password in the URL, use mqtt.password_file or _env"
     if fault:
         msg = f"--output {scheme}: {fault}; it is {scheme}://[user@]host[:port][/prefix]"
         raise UsageError(msg)
