@@ -13,7 +13,6 @@ The views `events` (one row an event, by its last phase) and `statuses` are for 
 import contextlib
 import errno
 import json
-import operator
 import os
 import re
 import sqlite3
@@ -168,7 +167,7 @@ class LogFile:
         """Return whether one of the files has gone since it was opened; then close it."""
         # Its companions go with the last connection, so they tell something of an open one alone.
         known = self._inodes if self.db is not None else self._inodes[:1]
-        if is_gone := any(map(operator.ne, map(_inode_of, self._files), known)):
+        if is_gone := [*map(_inode_of, self._files)][: len(known)] != known:
             self._say("the file was taken away")
             self.close()
             self._inodes = []

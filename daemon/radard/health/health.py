@@ -122,9 +122,8 @@ class Health:
     def on_end(self, reason: str) -> Status | None:
         """Note that the run is over."""
         with self._lock:
-            if not self.is_over:
-                self._base, self.is_over = Status("offline", reason), True
-            return self._changed()
+            now, self.is_over = self._say(Status("offline", reason)), True
+            return now
 
     def complain(self, source: str, reason: str) -> Status | None:
         """Note what is wrong beside the stream, an output say; an empty reason takes it back."""
