@@ -75,11 +75,6 @@ class RecordQueue:
             self._is_woken = True
             self._changed.notify_all()
 
-    def wait_for_end(self, timeout_s: float) -> bool:
-        """Wait until `end` is called; return whether it was."""
-        with self._changed:
-            return self._changed.wait_for(lambda: self.is_ended, timeout_s)
-
     def end(self) -> None:
         """Refuse further records; what waits can still be taken."""
         with self._changed:
@@ -106,6 +101,7 @@ class ThreadSink:
         self._context, self._target, self._wants = context, target, wants
         self._keeper = StateKeeper(name)
         self._queue = RecordQueue(waits=waits)
+        self._skips_wait = threading.Event()  # that after a failure, as the end is near
         self._fatal: Exception | None = None
         self._is_broken = False  # it has failed for good, which is said once
         self._deadline_s = float("inf")
@@ -135,6 +131,7 @@ class ThreadSink:
         if timeout_s is not None:
             self._deadline_s = min(self._deadline_s, time.monotonic() + timeout_s)
         self._queue.end()
+        self._skips_wait.set()
 
     def close(self, timeout_s: float | None = None) -> None:
         """Finish, wait for the thread in time, and release everything."""
@@ -260,7 +257,7 @@ class DirectSink(ThreadSink, ABC):
         while not self._try(record):
             if self.waits:
                 return False
-            if self._queue.wait_for_end(self._backoff.next_s()):
+            if self._skips_wait.wait(self._backoff.next_s()):
                 if self._try(record):
                     return True
                 n = 1
@@ -311,7 +308,6 @@ class Delivery(ThreadSink):
         self._keeper = keeper or self._keeper
         self._backoff = Backoff(options.first_retry_s, options.longest_retry_s, name)
         self._transient: deque[Entry] = deque(maxlen=_TRANSIENT)
-        self._skips_wait = threading.Event()
         self._n_refused = 0
         self._begun_s: float | None = None
 
@@ -335,9 +331,6 @@ class Delivery(ThreadSink):
     def write(self, record: Record) -> None:
         """Put a state or decision into the queue; events come by the log."""
         if record["type"] != "event" and self._wants(record):
-            if self._queue.is_ended:
-                self._keeper.dropped(1, "it has ended")
-                return
             self._keeper.dropped(len(self._transient) == _TRANSIENT, "too many wait")
             text = json.dumps(dict(record))
             self._transient.append(Entry(0, uuid.uuid4().hex, time.monotonic(), text))
@@ -346,11 +339,6 @@ class Delivery(ThreadSink):
     def retry_now(self) -> None:
         """Deliver at once: something has changed for the better."""
         self._backoff.reset()
-        self._skips_wait.set()
-
-    def finish(self, timeout_s: float | None = None) -> None:
-        """Try all that is left once more within `timeout_s`; the rest is for the next run."""
-        super().finish(timeout_s)
         self._skips_wait.set()
 
     def _tick(self) -> None:
