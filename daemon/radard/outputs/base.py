@@ -167,11 +167,10 @@ class Sink(Protocol):
 class StateKeeper:
     """Holds a sink's state, and logs what becomes of it; any thread may take or see a step."""
 
-    def __init__(self, name: str, waits_for: str = "") -> None:
-        self._name = name
-        self._lock = threading.Lock()
-        status: Literal["ok", "retrying"] = "retrying" if waits_for else "ok"
-        self._state = SinkState(status=status, reason=waits_for, n_events=0)
+    def __init__(self, name: str, why: str = "") -> None:
+        self._name, self._lock = name, threading.Lock()
+        # Until the first attempt it is not well if there is a `why`.
+        self._state = SinkState(status="retrying" if why else "ok", reason=why, n_events=0)
         self._told, self._told_s, self._is_told = "", float("-inf"), True
         self._remark, self._remarked_s = "", float("-inf")
 

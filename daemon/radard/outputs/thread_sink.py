@@ -367,7 +367,6 @@ class Delivery(ThreadSink):
                 self._cannot(err, 0)
                 self._give_up(entry, "cannot be sent")
             else:
-                self._n_refused = 0
                 self._backoff.reset()
                 self._keeper.sent(is_event=entry.n > 0)
                 self._settle(entry)
@@ -380,6 +379,7 @@ class Delivery(ThreadSink):
         return entry or (self._transient[0] if self._transient else None)
 
     def _settle(self, entry: Entry) -> None:
+        self._n_refused = 0
         if entry.n > 0 and self.cursor is not None:
             self.cursor.done(entry)
         elif self._transient and self._transient[0] is entry:
@@ -387,23 +387,21 @@ class Delivery(ThreadSink):
 
     def _gives_up(self, entry: Entry, err: DeliveryError) -> bool:
         self._n_refused += err.is_refusal
+        is_refused = self._n_refused >= self._options.attempts
         if time.monotonic() - entry.put_s > self._options.give_up_h * 3600:
             self._give_up(entry, "too old")
-            return True
-        if self._n_refused < self._options.attempts:
-            return False
-        if entry.record.get("kind") != "alarm":
+        elif is_refused and entry.record.get("kind") != "alarm":
             self._give_up(entry, f"refused {self._n_refused} times")
-            return True
-        log.error("%s: refuses %s %d times", self.name, entry.key, self._n_refused)
-        self._n_refused = 0
-        if self.cursor is not None:
-            self.cursor.defer(entry)
-        return False
+        else:
+            if is_refused and self.cursor is not None:
+                log.error("%s: refuses %s %d times", self.name, entry.key, self._n_refused)
+                self._n_refused = 0
+                self.cursor.defer(entry)
+            return False
+        return True
 
     def _give_up(self, entry: Entry, why: str) -> None:
         log.error("%s: gives up %s: %s", self.name, entry.key, why)
-        self._n_refused = 0
         self._settle(entry)
         self._keeper.dropped(1, why)
 
