@@ -183,7 +183,7 @@ class MqttTopics:
             "tamper": self._open.get("tamper"),
             "calibration": self._calibration,
         }
-        messages = self._if_changed("health", health)
+        messages = self._if_changed("health", _json(health))
         # A state from before an outage would be stale.
         if now_s - self._decided_s < self.options.expire_after_s:
             is_on = "alarm" in self._open
@@ -195,23 +195,21 @@ class MqttTopics:
                 "label": self._decision["label"],
                 "gate": self._decision["gate"],
             }
-            if state_messages := self._if_changed("state", held, t_s=self._decision["t_s"]):
+            text = _json({**held, "t_s": self._decision["t_s"]})
+            if state_messages := self._if_changed("state", _json(held), text):
                 self._stated_s = now_s
             messages += state_messages
-        availability = "online" if self._status.is_well else "offline"
-        if self._published.get("availability") != availability:
-            self._published["availability"] = availability
-            message = Publication(f"{self.base}/availability", availability)
-            # `online` after the state topics, `offline` before them.
-            messages.insert(len(messages) if self._status.is_well else 0, message)
-        return messages
+        # `online` after the state topics, `offline` before them.
+        if self._status.is_well:
+            return messages + self._if_changed("availability", "online")
+        return self._if_changed("availability", "offline") + messages
 
-    def _if_changed(self, name: str, held: Mapping[str, Any], **more: Any) -> list[Publication]:
-        text = _json(held)
-        if self._published.get(name) == text:
+    def _if_changed(self, name: str, what: str, text: str = "") -> list[Publication]:
+        """Return the message of a topic, `what` or a `text` in its place, if `what` is new."""
+        if self._published.get(name) == what:
             return []
-        self._published[name] = text
-        return [Publication(f"{self.base}/{name}", _json({**held, **more}))]
+        self._published[name] = what
+        return [Publication(f"{self.base}/{name}", text or what)]
 
     def discovery(self) -> list[Publication]:
         """Return what Home Assistant is told, once there was a `hello`; empty payloads remove."""
