@@ -13,7 +13,6 @@ import ssl
 from collections.abc import Callable
 from logging.handlers import SysLogHandler
 from pathlib import Path
-from urllib.parse import urlsplit
 
 from radard.config.credentials import redact
 from radard.config.sink_table import SinkOptions
@@ -21,7 +20,7 @@ from radard.errors import UsageError
 from radard.log_file import marks_of
 from radard.outputs.base import DeliveryError, Record, SinkContext
 from radard.outputs.thread_sink import DirectSink
-from radard.outputs.tls import check_host, client_context, explain, shown_host
+from radard.outputs.tls import client_context, explain, shown_host, split_server
 from x2radar.backoff import Backoff
 from x2radar.wall_clock import utc_text
 
@@ -39,17 +38,12 @@ _PORTS = {"udp": 514, "tcp": 514, "tls": 6514}
 
 def _parse_server(rest: str) -> tuple[str, str, int]:
     """Return the protocol that a log server speaks, its host and port."""
-    shown = repr(redact(f"syslog:{rest}"))
-    try:
-        parts = urlsplit(rest)
-        is_bare = not set("@?#") & set(rest) and not parts.path.strip("/")
-        if parts.scheme in _PORTS and parts.hostname and is_bare:
-            check_host("syslog", rest)
+    if not set("@?#") & set(rest):
+        parts = split_server("syslog", rest)
+        if parts.scheme in _PORTS and parts.hostname and not parts.path.strip("/"):
             return parts.scheme, parts.hostname, parts.port or _PORTS[parts.scheme]
-    except ValueError as err:
-        raise UsageError(f"--output {shown}: {err}") from err
     forms = "syslog:, syslog:/socket, syslog:udp://host[:port], tcp: or tls:"
-    raise UsageError(f"--output {shown}: use {forms}")
+    raise UsageError(f"--output {redact(f'syslog:{rest}')!r}: use {forms}")
 
 
 class SyslogSink(DirectSink):

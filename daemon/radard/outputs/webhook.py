@@ -22,7 +22,7 @@ from radard.log import Entry
 from radard.outputs.base import DeliveryError, SinkContext
 from radard.outputs.stdout import json_line
 from radard.outputs.thread_sink import Delivery, wants_events
-from radard.outputs.tls import LATE, check_host, client_context, explain, shown_host
+from radard.outputs.tls import LATE, client_context, explain, shown_host, split_server
 from x2radar import wall_clock
 from x2radar.command import installed_version
 
@@ -39,14 +39,8 @@ def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> Deliv
     if target.startswith("@"):
         # URLs of chat services are secrets; a file keeps them off the command line.
         target = read_secret("webhook.url", Path(target[1:]), None) or ""
-    try:
-        parts = urlsplit(target)
-        is_right = parts.scheme in {"http", "https"} and bool(parts.hostname)
-        is_right = is_right and parts.port != 0 and parts.username is None
-    except ValueError:
-        parts, is_right = urlsplit(""), False
-    check_host("webhook", target)
-    if not is_right:
+    parts = split_server("webhook", target)
+    if parts.scheme not in {"http", "https"} or not parts.hostname or parts.username is not None:
         raise UsageError(
             "--output webhook: give webhook:http://HOST/PATH, https://, or @FILE with such a "
             "URL in it; user and password do not belong there, see webhook.token_file"
@@ -55,7 +49,7 @@ def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> Deliv
     # of the host, which the socket knows to write.
     begin = target.index("://") + 3 + len(parts.netloc)
     quoted = target[:begin] + quote(os.fsencode(target[begin:]), safe="%/:=&?~#+!$,;'@()*[]")
-    o, host = options.webhook, shown_host(parts.hostname or "")
+    o, host = options.webhook, shown_host(parts.hostname)
     others = ["status"] * o.statuses + ["decision"] * o.decisions
     return Delivery(
         f"webhook:{parts.scheme}://{host}{f':{parts.port}' if parts.port else ''}",
