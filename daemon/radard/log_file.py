@@ -330,8 +330,7 @@ def parse_record(text: str | bytes) -> dict[str, Any] | None:
 
 def parse_since(text: str, now_s: float) -> float:
     """Return `text`, 90s to 2w ago or ISO 8601, in seconds since 1970; or UsageError."""
-    match = re.fullmatch(r"(\d+(?:\.\d+)?)\s*(s|min|h|d|w)", text)
-    if match:
+    if match := re.fullmatch(r"(\d+(?:\.\d+)?)\s*(s|min|h|d|w)", text):
         return now_s - float(match[1]) * _UNIT_S[match[2]]
     try:
         return _seconds(text)

@@ -126,14 +126,13 @@ class _Seen:
             self.counts, self.moved_s = counts, now_s
         if state.is_ok:
             self.ok_s = now_s
-        reasons = [state.remark] if state.remark else []
+        why = ""
         if now_s - self.ok_s >= GRACE_S:
-            reasons.insert(0, state.reason or "does not work")
+            why = state.reason or "does not work"
         elif max(now_s - self.moved_s, state.busy_s) >= STUCK_S:
-            reasons.insert(0, f"stands still, {state.n_waiting} records wait")
-        if now_s - self.dropped_s < DROPPED_S:
-            reasons.append("drops records")
-        return ", ".join(reasons)
+            why = f"stands still, {state.n_waiting} records wait"
+        drops = "drops records" if now_s - self.dropped_s < DROPPED_S else ""
+        return ", ".join(filter(None, (why, state.remark, drops)))
 
 
 class SinkWatch:
