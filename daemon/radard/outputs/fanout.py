@@ -215,8 +215,7 @@ class Outputs:
         for each, read, sink in made:
             before = each.sink
             self._start(sink, each.sensor)
-            if _cursor_of(before) != _cursor_of(sink):
-                self._forget(before)
+            self._forget(before, heir=sink)
             with self._lock:
                 held, each.held = each.held or RecordQueue(), None
                 each.sink, each.read, each.fault, each.is_left = sink, read, "", False
@@ -224,8 +223,11 @@ class Outputs:
                 while (record := held.take(0)) is not None:
                     sink.write(record)
 
-    def _forget(self, sink: Sink | None) -> None:
-        if (name := _cursor_of(sink)) is not None:
+    def _forget(self, sink: Sink | None, heir: Sink | None = None) -> None:
+        """Take away a sink's cursor, unless an `heir` goes on with it."""
+        cursors = (getattr(each, "cursor", None) for each in (sink, heir))
+        name, kept = (getattr(cursor, "name", None) for cursor in cursors)
+        if name not in {None, kept}:
             self.log.forget(name)
 
     def _meant_by(self, name: str) -> str:
@@ -278,8 +280,3 @@ def _write_hellos(each: _Open, hellos: Sequence[Record]) -> None:
     for hello in hellos:
         if each.sensor in {None, hello.get("sensor")}:
             each.write(hello)
-
-
-def _cursor_of(sink: Sink | None) -> str | None:
-    cursor = getattr(sink, "cursor", None)
-    return None if cursor is None else str(cursor.name)
