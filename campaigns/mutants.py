@@ -51,7 +51,6 @@ MODULES = {
     ),
     "events": ("daemon/radard/alarm/events", "detect/test_alarm_events detect/test_alarm"),
     "log": ("daemon/radard/log", _LOG),
-    "log_cursor": ("daemon/radard/log_cursor", _LOG),
     "log_file": ("daemon/radard/log_file", _LOG),
     "calibration_file": (
         "daemon/radard/detect/calibration",

@@ -49,7 +49,7 @@ __all__ = sorted(name for names in _PLACES.values() for name in names)  # noqa: 
 
 def __getattr__(name: str) -> "Any":
     """Import what is asked for: the daemon itself needs none of it here."""
-    place = next((place for place, names in _PLACES.items() if name in names), None)
-    if place is None:
-        raise AttributeError(f"module 'radard' has no attribute '{name}'")
-    return getattr(import_module(f"radard.{place}"), name)
+    for place, names in _PLACES.items():
+        if name in names:
+            return getattr(import_module(f"radard.{place}"), name)
+    raise AttributeError(f"module 'radard' has no attribute '{name}'")

@@ -30,7 +30,6 @@ from radard.stream.ring import FrameRing
 from x2radar.frame import FastTimeAxis, Frame, StreamInfo
 
 Frames = NDArray[np.complex64] | NDArray[np.float32]
-_KINDS = {"baseband": "complex", "rf": "real"}
 _SETTINGS = FeatureSettings(n_cpi=0, range_decimation=8)
 """Of features without a bundle: those of the thesis, with bins of 3 cm of an X2, as bundles."""
 
@@ -204,11 +203,12 @@ def _checked(frames: Any, axis: FastTimeAxis, frame_rate_hz: float) -> Frames:
     rows = np.asarray(frames)
     if rows.ndim != 2 or rows.shape[1] != axis.n_range:
         raise UsageError(f"frames of the shape {rows.shape}: the axis wants (n, {axis.n_range})")
-    if (rows.dtype.kind == "c") != (axis.kind == "baseband") or rows.dtype.kind not in "cfiu":
-        raise UsageError(f"frames of {rows.dtype}: {axis.kind} frames are {_KINDS[axis.kind]}")
+    dtype, wanted = (np.complex64, "c") if axis.kind == "baseband" else (np.float32, "fiu")
+    if rows.dtype.kind not in wanted:
+        numbers = "complex" if wanted == "c" else "real"
+        raise UsageError(f"frames of {rows.dtype}: {axis.kind} frames are {numbers}")
     if not 0 < frame_rate_hz < np.inf:
         raise UsageError(f"frame_rate_hz {frame_rate_hz}: must be above 0")
-    dtype = np.complex64 if axis.kind == "baseband" else np.float32
     return cast("Frames", np.ascontiguousarray(rows, dtype))
 
 

@@ -94,15 +94,11 @@ def _body(argv: Sequence[str]) -> int:
     from radard.run.process import run  # noqa: PLC0415
     from radard.run.sensor import RunOptions  # noqa: PLC0415
 
-    return run(
-        config,
-        RunOptions(
-            duration_s=args.duration,
-            record=args.record,
-            stdout_is_terminal=sys.stdout.isatty(),
-            reload=load,
-        ),
+    is_terminal = sys.stdout.isatty()
+    run_options = RunOptions(
+        duration_s=args.duration, record=args.record, stdout_is_terminal=is_terminal, reload=load
     )
+    return run(config, run_options)
 
 
 def whole_parser() -> Parser:

@@ -43,7 +43,5 @@ class NotAllowed(RadardError):
     exit_code = 77
 
 
-class FeatureError(RadardError, ValueError):
+class FeatureError(ModelMismatch, ValueError):
     """An array that a signal-processing routine cannot take: the stream does not fit."""
-
-    exit_code = 4

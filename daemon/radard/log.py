@@ -14,24 +14,24 @@ import threading
 import time
 import uuid
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from radard.log_cursor import Cursor, Entry, Place, Record, Wants
 from radard.log_file import (
-    ForeignDatabase,
+    LogFile,
     StoredEvent,
-    check_pages,
+    damage,
     fault_text,
-    files_of,
     fold_events,
     is_damage,
-    open_log_file,
     parse_record,
-    put_aside,
 )
 
 log = logging.getLogger("radard")
+Record = Mapping[str, Any]
+Wants = Callable[[Record], bool]
 _Rows = list[tuple[int, str, float, bytes]]  # of the table `log`
 _WAIT_S = 0.5  # a person does not notice it; disks take a tenth of it
 _OPEN_S = 5.0  # a disk that spins up takes as long; beyond it the run begins without its past
@@ -40,6 +40,122 @@ _TEND_S = 10.0  # how soon a disk is tried again, and what a kill takes off an e
 _ATTEMPTS = 3  # a file that is taken away while it is made again looks damaged, too
 _CHECK_S = 3600.0  # reading all pages takes a tenth of a second
 _SAID_S = 3600.0  # so long the state says that a file was put aside, or events were dropped
+
+
+@dataclass(slots=True, eq=False)
+class Entry:
+    """A record in the log, as JSON; it has waited since `put_s` of the monotonic clock.
+
+    Its number `n` is the order of the log; it changes only for those that were appended before a
+    file could be read, which then come behind what that holds. Its `key` is the same in every
+    attempt to deliver it and in no other entry, ever.
+    """
+
+    n: int
+    key: str
+    put_s: float
+    text: str
+
+    @property
+    def record(self) -> Record:
+        """The record; a new mapping each time."""
+        return dict(json.loads(self.text))
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a cursor stands in the file: `done` but for `deferred`; `seen` is the last offered."""
+
+    done: int
+    seen: int
+    deferred: tuple[int, ...] = ()
+
+
+class Cursor:
+    """What one output has still to be told, in order, under the log's `lock`; for any thread."""
+
+    def __init__(
+        self, name: str, wants: Wants, lock: threading.Condition, on_move: Callable[[], object]
+    ) -> None:
+        self.name = name
+        self._wants = wants
+        self._lock = lock
+        self._on_move = on_move
+        self._waiting: deque[Entry] = deque()
+        self._deferred: deque[Entry] = deque()
+        self.n_lost = 0  # entries that went before they were delivered, since there were too many
+        self.on_put: Callable[[], None] = lambda: None
+        """Called when there is more to deliver; must not wait."""
+
+    def __len__(self) -> int:
+        return len(self._waiting) + len(self._deferred)
+
+    def first(self) -> Entry | None:
+        """Return what is to be delivered next; those that were deferred come last."""
+        with self._lock:
+            waiting = self._waiting or self._deferred
+            return waiting[0] if waiting else None
+
+    def waiting(self, record: Record | None = None) -> list[Entry]:
+        """Return what is to be delivered, up to a record: nothing once that is delivered."""
+        with self._lock:
+            waiting, deferred = list(self._waiting), list(self._deferred)
+        if record is None:
+            return waiting + deferred
+        texts = [entry.text for entry in waiting]
+        text = json.dumps(dict(record))
+        return waiting[: texts.index(text) + 1] if text in texts else []
+
+    def done(self, entry: Entry) -> None:
+        """Note that an entry was delivered, or given up."""
+        with self._lock:
+            self._drop(entry)
+            self._on_move()
+
+    def defer(self, entry: Entry) -> None:
+        """Put an entry behind all others."""
+        with self._lock:
+            if self._drop(entry):
+                self._deferred.append(entry)
+                self._on_move()
+
+    def offer(self, entries: Sequence[Entry]) -> bool:
+        """Take those that are wanted; return whether there are any; under the log's lock."""
+        wanted = [entry for entry in entries if self._wants(entry.record)]
+        self._waiting.extend(wanted)
+        return bool(wanted)
+
+    def lose(self, entry: Entry) -> bool:
+        """Let go of an entry for which there is no room; under the log's lock."""
+        is_lost = self._drop(entry)
+        self.n_lost += is_lost
+        return is_lost
+
+    def take_over(self, before: "Cursor") -> None:
+        """Take what another one had still to deliver; under the log's lock."""
+        self._waiting.extend(e for e in before._waiting if self._wants(e.record))
+        self._deferred.extend(e for e in before._deferred if self._wants(e.record))
+        self.n_lost = before.n_lost
+
+    def resume(self, place: Place, entries: Sequence[Entry]) -> None:
+        """Go on where an earlier run ended, before what has come since; under the log's lock."""
+        by_n = {entry.n: entry for entry in entries}
+        last = [by_n[n] for n in place.deferred if n in by_n]
+        left = [e for e in entries if e.n > place.done and e not in last and self._wants(e.record)]
+        self._waiting.extendleft(reversed(left))
+        self._deferred.extendleft(reversed(last))
+
+    def place(self, told: int, last: int) -> Place:
+        """Return where it stands, by the last number offered and appended; under the lock."""
+        done = self._waiting[0].n - 1 if self._waiting else told
+        return Place(done, last, tuple(entry.n for entry in self._deferred))
+
+    def _drop(self, entry: Entry) -> bool:
+        for row in (self._waiting, self._deferred):
+            with contextlib.suppress(ValueError):
+                row.remove(entry)
+                return True
+        return False
 
 
 class EventLog:
@@ -53,7 +169,7 @@ class EventLog:
         keeps_events: bool = True,
         lock: Callable[[Path], None] = lambda _folder: None,
     ) -> None:
-        self._path = path
+        self._file = LogFile(path, self._say) if path is not None else None
         self._lock = lock  # the folder against a second daemon; raises OSError if there is one
         self.max_events = max_events
         self._keeps_events = keeps_events
@@ -69,17 +185,17 @@ class EventLog:
         self._held: dict[str, str] = {}
         self._on: dict[str, Record] = {}  # the last phase of events that have not ended
         self._is_loaded = path is None
-        self._db: sqlite3.Connection | None = None
-        self._files: tuple[object, ...] = ()
         self._offset_s = 0.0  # from this process's monotonic clock to the file's count of seconds
-        self._checked_s = time.monotonic()
         self._n_asked = self._n_done = 0
         self._is_ended = False
         self._trouble = ""
         self._said, self._said_s = "", float("-inf")
-        self._writer = threading.Thread(target=self._run, name="event log", daemon=True)
-        if path is not None:
+        self._writer: threading.Thread | None = None
+        if (file := self._file) is not None:
             self._n_asked = 1
+            self._writer = threading.Thread(
+                target=self._run, args=(file,), name="event log", daemon=True
+            )
             self._writer.start()
             self._wait(1, _OPEN_S)
 
@@ -117,7 +233,7 @@ class EventLog:
                 cursor.take_over(before)
             else:
                 place = self._places.get(name)
-                if place is None or not place.owes:
+                if place is None or (place.done >= place.seen and not place.deferred):
                     begin = self.told if after is None else after
                     place = Place(begin, begin)
                 cursor.resume(place, [each for each in self._entries if each.n <= self.told])
@@ -158,7 +274,7 @@ class EventLog:
     def why_lost(self, name: str, text: str) -> str | None:
         """Return why a text would not outlive a kill: empty if it would, None if not yet."""
         with self._changed:
-            if self._path is None or self._held.get(name) == text:
+            if self._file is None or self._held.get(name) == text:
                 return ""
             return self._trouble or None
 
@@ -167,7 +283,7 @@ class EventLog:
         with self._changed:
             self._is_ended = True
             self._changed.notify_all()
-        if self._writer.ident is not None:
+        if self._writer is not None:
             self._writer.join(_CLOSE_S)
 
     def _note(self, record: Record) -> None:
@@ -184,7 +300,7 @@ class EventLog:
         return self._n_asked
 
     def _wait(self, n: int, timeout_s: float) -> None:
-        if self._path is not None:
+        if self._file is not None:
             with self._changed:
                 self._changed.wait_for(lambda: self._n_done >= n or self._is_ended, timeout_s)
 
@@ -198,10 +314,10 @@ class EventLog:
 
     def _say(self, text: str) -> None:
         if text != self._said or time.monotonic() - self._said_s >= _SAID_S:
-            log.warning("%s: %s", self._path or "events", text)
+            log.warning("%s: %s", self._file.path if self._file else "events", text)
         self._said, self._said_s = text, time.monotonic()
 
-    def _run(self) -> None:
+    def _run(self, file: LogFile) -> None:
         is_over = False
         while not is_over:
             with self._changed:
@@ -209,77 +325,46 @@ class EventLog:
                     lambda: self._n_asked > self._n_done or self._is_ended, _TEND_S
                 )
                 n, is_over = self._n_asked, self._is_ended
-                is_late = time.monotonic() - self._checked_s >= _CHECK_S
+                is_late = time.monotonic() - file.checked_s >= _CHECK_S
                 is_due = is_late or self._trouble or any(map(len, self._cursors.values()))
             if n > self._n_done or is_over or is_due:
-                # A damaged file is put aside, and what memory holds is at once in a new one.
                 for _ in range(_ATTEMPTS):
-                    try:
-                        self._write()
-                    except (OSError, sqlite3.Error, ForeignDatabase) as err:
-                        if not self._begins_anew(err):
-                            break
-                    else:
-                        self._trouble = ""
+                    if not self._begins_anew(file):
                         break
             with self._changed:
                 self._n_done = n
                 self._changed.notify_all()
-        self._shut()
+        file.close()
 
-    def _begins_anew(self, err: Exception) -> bool:
-        """Open the file again at the next attempt; return whether that is a new one."""
-        self._shut()
-        path = self._path
-        if path is not None and is_damage(err):
+    def _begins_anew(self, file: LogFile) -> bool:
+        """Write; return whether the file is damaged and aside: all goes at once into a new one."""
+        trouble = ""
+        try:
             try:
-                self._say(f"damaged ({fault_text(err)}), put aside as {put_aside(path).name}")
-            except OSError as fault:
-                err = fault
-            else:
+                self._write(file)
+            except (OSError, sqlite3.Error) as err:
+                if not file.put_aside(err):
+                    raise
                 self._write_all_again()
                 return True
-        why = fault_text(err)
-        if not self._trouble:
-            log.warning("%s: events are kept in memory only: %s", path, why)
-        self._trouble = why
+        except (OSError, sqlite3.Error) as err:
+            trouble = fault_text(err)
+            if not self._trouble:
+                log.warning("%s: events are kept in memory only: %s", file.path, trouble)
+        self._trouble = trouble
         return False
 
     def _write_all_again(self) -> None:
         with self._changed:
             self._written = 0
             self._held = {}
-            self._files = ()
 
-    def _shut(self) -> None:
-        db, self._db = self._db, None
-        if db is not None:
-            with contextlib.suppress(sqlite3.Error):
-                db.close()
-
-    def _opened(self, path: Path) -> sqlite3.Connection:
-        # Its companions go with the last connection, so they tell something of an open one alone.
-        known = self._files if self._db is not None else self._files[:1]
-        if files_of(path)[: len(known)] != known:
-            self._say("the file was taken away")
-            self._shut()
-            self._write_all_again()
-            # Another one may be there, as of a disk that was mounted late.
-            self._is_loaded = False
-        if self._db is None:
-            self._lock(path.parent)
-            self._db = open_log_file(path)
-            self._files = files_of(path)
-        if not self._is_loaded:
-            self._load(self._db, path)
-        return self._db
-
-    def _load(self, db: sqlite3.Connection, path: Path) -> None:
+    def _load(self, file: LogFile, db: sqlite3.Connection) -> None:
         """Take what the file holds, of a damaged one what can be read; newer is put behind it."""
         rows: _Rows = []
         places: dict[str, Place] = {}
         kept: dict[str, str] = {}
-        last, run_s, damage = 0, 0.0, None
+        last, run_s, fault = 0, 0.0, None
         try:
             kept.update(db.execute("SELECT name, text FROM kept"))
             for name, done, seen, deferred in db.execute("SELECT * FROM cursors"):
@@ -287,19 +372,16 @@ class EventLog:
             run_s, last = db.execute("SELECT run_s, last FROM stand").fetchone() or (run_s, last)
             if self._keeps_events:
                 query = "SELECT n, key, run_s, CAST(record AS BLOB) FROM log ORDER BY n"
-                for row in db.execute(query):
-                    rows.append(row)  # all before a damaged one
-            check_pages(path)
+                rows.extend(db.execute(query))  # all before a damaged one
+            file.check()
         except (sqlite3.Error, ValueError, TypeError) as err:
             if isinstance(err, sqlite3.Error) and not is_damage(err):
                 raise
-            damage = err
+            fault = str(err)
         self._join(rows, places, kept, last, run_s)
         self._is_loaded = True
-        if damage is not None:
-            lost = sqlite3.DatabaseError(str(damage))
-            lost.sqlite_errorcode = sqlite3.SQLITE_CORRUPT
-            raise lost
+        if fault is not None:
+            raise damage(fault)
 
     def _join(
         self, rows: _Rows, places: dict[str, Place], kept: dict[str, str], last: int, run_s: float
@@ -321,8 +403,8 @@ class EventLog:
             for entry in self._entries:
                 entry.n += last
             for name, cursor in self._cursors.items():
-                if (place := places.get(name)) is not None and place.owes:
-                    cursor.resume(place, entries)
+                if name in places:
+                    cursor.resume(places[name], entries)
             self._written = last
             self._last += last
             self.told += last
@@ -335,14 +417,18 @@ class EventLog:
             self._kept = {**kept, **self._kept}
             self._bound()
 
-    def _write(self) -> None:
-        path = self._path
-        assert path is not None  # noqa: S101 - there is no writer otherwise
+    def _write(self, file: LogFile) -> None:
         now_s = time.monotonic()
-        db = self._opened(path)
-        if now_s - self._checked_s >= _CHECK_S:
-            self._checked_s = now_s
-            check_pages(path)
+        if file.is_taken_away():
+            self._write_all_again()
+            # Another one may be there, as of a disk that was mounted late.
+            self._is_loaded = False
+        if file.db is None:
+            self._lock(file.path.parent)
+        db = file.open()
+        if not self._is_loaded:
+            self._load(file, db)
+        file.check(_CHECK_S)
         with self._changed:
             held, last = dict(self._kept), self._last
             entries = [e for e in self._entries if e.n > self._written]

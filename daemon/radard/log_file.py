@@ -16,7 +16,8 @@ import json
 import os
 import re
 import sqlite3
-from collections.abc import Iterable, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -34,6 +35,7 @@ _KEYS = {"event": ("id", "phase", "kind", "t_s", "time", "start_t_s", "peak", "r
 _UNIT_S = {"s": 1, "min": 60, "h": 3600, "d": 86_400, "w": 604_800}
 _DAMAGE = frozenset({sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_ERROR})
 """SQLITE_ERROR: a table or column of ours is missing."""
+_PASSING_ON_DISK = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO})
 _PASSING = frozenset(
     {sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED, sqlite3.SQLITE_IOERR, sqlite3.SQLITE_FULL}
 )
@@ -78,7 +80,7 @@ CREATE VIEW IF NOT EXISTS statuses AS
 """
 
 
-class ForeignDatabase(Exception):
+class ForeignDatabase(sqlite3.DatabaseError):
     """A file of another program, or of a newer version."""
 
 
@@ -127,29 +129,70 @@ def open_log_file(path: Path, more: str = "") -> sqlite3.Connection:
     return db
 
 
-def check_pages(path: Path) -> None:
-    """Read every page of a log, past all caches; DatabaseError if one `is_damage`."""
-    uri = f"{path.resolve().as_uri()}?mode=ro"
-    with closing(sqlite3.connect(uri, uri=True, timeout=_BUSY_S)) as db:
-        found = db.execute("PRAGMA quick_check(1)").fetchone()[0]
-    if found != "ok":
-        error = sqlite3.DatabaseError(found)
-        error.sqlite_errorcode = sqlite3.SQLITE_CORRUPT
-        raise error
+def damage(what: str) -> sqlite3.DatabaseError:
+    """Return an error that `is_damage`."""
+    error = sqlite3.DatabaseError(what)
+    error.sqlite_errorcode = sqlite3.SQLITE_CORRUPT
+    return error
 
 
-def files_of(path: Path) -> tuple[tuple[int, int] | None, ...]:
-    """Return which files a log is in, None for one that is not there; a change: one is gone."""
-    return tuple(_inode_of(path.with_name(path.name + tail)) for tail in ("", "-wal", "-shm"))
+class LogFile:
+    """Keeps a log's file open, and puts it aside when it is damaged.
 
+    `say` is told when the file was taken away or put aside; `more` as for `open_log_file`.
+    """
 
-def put_aside(path: Path) -> Path:
-    """Rename a damaged file to *.broken, and return that; one that was put aside before goes."""
-    aside = path.with_name(path.name + ".broken")
-    path.replace(aside)
-    for tail in ("-wal", "-shm"):
-        path.with_name(path.name + tail).unlink(missing_ok=True)
-    return aside
+    def __init__(self, path: Path, say: Callable[[str], None], more: str = "") -> None:
+        self.path, self._say, self._more = path, say, more
+        self._files = [path.with_name(path.name + tail) for tail in ("", "-wal", "-shm")]
+        self.db: sqlite3.Connection | None = None
+        self._inodes: list[object] = []  # of the files when they were opened
+        self.checked_s = float("-inf")  # of the monotonic clock
+
+    def open(self) -> sqlite3.Connection:
+        """Return the connection, made as `open_log_file` does unless there is one."""
+        if self.db is None:
+            self.db = open_log_file(self.path, self._more)
+            self._inodes = [*map(_inode_of, self._files)]
+        return self.db
+
+    def close(self) -> None:
+        """Close the file; what is not committed is lost."""
+        db, self.db = self.db, None
+        if db is not None:
+            with contextlib.suppress(sqlite3.Error):
+                db.close()
+
+    def is_taken_away(self) -> bool:
+        """Return whether one of the files has gone since it was opened; then close it."""
+        # Its companions go with the last connection, so they tell something of an open one alone.
+        known = self._inodes if self.db is not None else self._inodes[:1]
+        if is_gone := [*map(_inode_of, self._files)][: len(known)] != known:
+            self._say("the file was taken away")
+            self.close()
+            self._inodes = []
+        return is_gone
+
+    def check(self, every_s: float = 0.0) -> None:
+        """Read all pages, past all caches, unless that was done of late; may raise `damage`."""
+        if time.monotonic() - self.checked_s >= every_s:
+            self.checked_s = time.monotonic()
+            uri = f"{self.path.resolve().as_uri()}?mode=ro"
+            with closing(sqlite3.connect(uri, uri=True, timeout=_BUSY_S)) as db:
+                found = db.execute("PRAGMA quick_check(1)").fetchone()[0]
+            if found != "ok":
+                raise damage(found)
+
+    def put_aside(self, err: Exception) -> bool:
+        """Close it; if damaged rename it to *.broken, one there goes. Return whether; OSError."""
+        self.close()
+        if is_damage(err):
+            aside = self.path.replace(f"{self.path}.broken")
+            for companion in self._files[1:]:
+                companion.unlink(missing_ok=True)
+            self._inodes = []
+            self._say(f"damaged ({fault_text(err)}), put aside as {aside.name}")
+        return is_damage(err)
 
 
 def is_damage(err: Exception) -> bool:
@@ -157,8 +200,10 @@ def is_damage(err: Exception) -> bool:
     return isinstance(err, sqlite3.DatabaseError) and _code(err) in _DAMAGE
 
 
-def is_passing(err: Exception) -> bool:
-    """Return whether a fault of SQLite may pass by itself, as a full disk does."""
+def is_passing(err: BaseException | None) -> bool:
+    """Return whether a fault of a disk or of SQLite may pass by itself, as a full disk does."""
+    if isinstance(err, OSError):
+        return err.errno in _PASSING_ON_DISK
     return isinstance(err, sqlite3.Error) and _code(err) in _PASSING
 
 
@@ -268,7 +313,7 @@ def read_events(path: Path) -> list[StoredEvent]:
         raise StoreError(f"{path}: only its owner may read it; try sudo -u {path.owner()}")
     try:
         rows = _read_rows(path)
-    except (sqlite3.Error, ForeignDatabase) as err:
+    except sqlite3.Error as err:
         raise StoreError(f"{path}: cannot be read as a store: {err}") from err
     return fold_events(filter(None, (parse_record(text) for (text,) in rows)))
 
@@ -285,8 +330,7 @@ def parse_record(text: str | bytes) -> dict[str, Any] | None:
 
 def parse_since(text: str, now_s: float) -> float:
     """Return `text`, 90s to 2w ago or ISO 8601, in seconds since 1970; or UsageError."""
-    match = re.fullmatch(r"(\d+(?:\.\d+)?)\s*(s|min|h|d|w)", text)
-    if match:
+    if match := re.fullmatch(r"(\d+(?:\.\d+)?)\s*(s|min|h|d|w)", text):
         return now_s - float(match[1]) * _UNIT_S[match[2]]
     try:
         return _seconds(text)

@@ -34,7 +34,7 @@ from radard.detect.gate import Gate
 from radard.detect.tamper import Finding, TamperWatch, is_frozen
 from radard.detect.tracks import Track, Tracker, range_gates
 from radard.dsp.downconvert import DownConverter
-from radard.errors import FeatureError, ModelMismatch
+from radard.errors import ModelMismatch
 from radard.judge.bundle import EvidenceSettings
 from radard.judge.classifier import Answer, Classifier, Seen
 from radard.judge.decision import (
@@ -58,8 +58,8 @@ class Pipeline:
 
     Without a `classifier` only the gate works. `judges_tracks`: every body is judged by itself as
     well, for zones and people to look at; no verdict depends on it. What looks for `tamper` is put
-    there by others. Raises ModelMismatch or FeatureError if the classifier was not made for such a
-    stream, or its frames cannot be processed.
+    there by others. Raises ModelMismatch if the classifier was not made for such a stream, or
+    FeatureError if its frames cannot be processed.
     """
 
     tamper: TamperWatch | None = None
@@ -148,7 +148,7 @@ class Pipeline:
             try:
                 answer = self._ask(moving if self._features.clutter == "removed" else dwell)
                 verdicts = self._judge_tracks(moving, tracks, answer)
-            except (ModelMismatch, FeatureError) as err:
+            except ModelMismatch as err:
                 # No verdict is better announced than guessed.
                 return invalid_decision(dwell, str(err), seq=self._seq)
             if answer is not None:
@@ -204,24 +204,20 @@ class Pipeline:
         """Judge every body of several by its own range gate, if `decision.bodies` asks."""
         if not tracks or not self._judges_tracks:
             return ()
-        gates = None
+        windows = [answer.window if answer and len(tracks) == 1 else None] * len(tracks)
         is_apart = len(tracks) > 1 and self._config.decision.bodies == "apart"
         if self.classifier is not None and is_apart:
             paths_m = np.stack([track.path_m for track in tracks])
-            gates = range_gates(paths_m, moving.axis.range_m)
-        verdicts = []
-        for k, track in enumerate(tracks):
-            window = answer.window if answer and len(tracks) == 1 else None
-            if self.classifier is not None and gates is not None:
-                alone = replace(moving, frames=moving.frames * gates[k])
+            for k, gate in enumerate(range_gates(paths_m, moving.axis.range_m)):
+                alone = replace(moving, frames=moving.frames * gate)
                 features = extract(alone, self._features, self._feature_names)
-                window = self.classifier.answer(features).window
-            verdicts.append(
-                TrackVerdict(
-                    id=track.id,
-                    range_m=track.range_m,
-                    radial_velocity_mps=track.radial_velocity_mps,
-                    window=window,
-                )
+                windows[k] = self.classifier.answer(features).window
+        return tuple(
+            TrackVerdict(
+                id=track.id,
+                range_m=track.range_m,
+                radial_velocity_mps=track.radial_velocity_mps,
+                window=window,
             )
-        return tuple(verdicts)
+            for track, window in zip(tracks, windows, strict=True)
+        )

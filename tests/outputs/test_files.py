@@ -12,7 +12,7 @@ import pytest
 from radard import cli
 from radard.config.sink_table import JsonlSection, SinkOptions, StoreSection
 from radard.errors import OutputError
-from radard.log_file import open_log_file, parse_since, read_events
+from radard.log_file import LogFile, open_log_file, parse_since, read_events
 from radard.outputs import store as store_module
 from radard.outputs.store import prune
 from tests.radar_helpers import records_in
@@ -233,14 +233,14 @@ def test_too_large_a_file_shrinks_and_keeps_its_events(path):
 
 @pytest.mark.parametrize("gone", ["damaged", "radard.db", "radard.db-wal"])
 def test_a_file_that_is_damaged_or_gone_at_work_is_begun_anew_and_said(path, monkeypatch, gone):
-    def check(_path):
+    def check(_file, _every_s):
         monkeypatch.undo()
         error = sqlite3.DatabaseError("database disk image is malformed")
         error.sqlite_errorcode = sqlite3.SQLITE_CORRUPT
         raise error
 
     if gone == "damaged":
-        monkeypatch.setattr(store_module, "check_pages", check)
+        monkeypatch.setattr(LogFile, "check", check)
     sink = opened(path)
     sink.write(event(1))
     if gone == "damaged":

@@ -8,7 +8,7 @@ import pytest
 
 from radard import log as log_module
 from radard.log import EventLog
-from radard.log_file import StoreError, fold_events, newest_events, read_events
+from radard.log_file import LogFile, StoreError, fold_events, newest_events, read_events
 from tests.sink_helpers import event, status, ulid
 from tests.waiting import wait_for
 
@@ -249,16 +249,15 @@ def test_whatever_part_of_the_file_is_taken_away_nothing_is_lost(path, opened, l
 
 def test_a_file_that_goes_while_it_is_checked_is_written_again(path, opened, log, monkeypatch):
     filled(log)
-    whole = log_module.check_pages
+    whole = LogFile.check
 
-    def check(_path):
-        monkeypatch.setattr(log_module, "check_pages", whole)
+    def check(_file, _every_s):
+        monkeypatch.setattr(LogFile, "check", whole)
         path.unlink()
         msg = "unable to open database file"
         raise sqlite3.OperationalError(msg)
 
-    monkeypatch.setattr(log_module, "check_pages", check)
-    monkeypatch.setattr(log_module, "_CHECK_S", 0.0)
+    monkeypatch.setattr(LogFile, "check", check)
     monkeypatch.setattr(log_module, "_WAIT_S", 60.0)
     log.append(event(4))
     assert "in memory only" in log.fault

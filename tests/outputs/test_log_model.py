@@ -65,7 +65,8 @@ class LogMachine(RuleBasedStateMachine):
     def begin(self):
         Disk.is_full = False
         self._patches = ExitStack()
-        for name, value in (("open_log_file", Disk), ("_CHECK_S", 0.0), ("_WAIT_S", 5.0)):
+        self._patches.enter_context(patch("radard.log_file.open_log_file", Disk))
+        for name, value in (("_CHECK_S", 0.0), ("_WAIT_S", 5.0)):
             self._patches.enter_context(patch.object(log_module, name, value))
         where = MEMORY if MEMORY.is_dir() else None
         self.folder = Path(tempfile.mkdtemp(prefix="log", dir=where))

@@ -21,7 +21,7 @@ from radard.config.sections import ZonesSection
 from radard.detect.gate import GateReading
 from radard.judge.classifier import Probabilities
 from radard.judge.decision import MIN_P, Decision, TrackVerdict
-from radard.log_cursor import Record
+from radard.log import Record
 
 Stage = dict[str, str]
 _WORDS = {"human": "person", "pet": "pet", "other": "something else"}

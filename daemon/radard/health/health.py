@@ -60,7 +60,6 @@ class Health:
         self._due_s = self._decided_s + max(START_S, stale_s)
         self._may_wait = True
         self._complaints: dict[str, str] = {}
-        self._is_away = False
         self.is_over = False  # whether the run of this sensor has ended for good; for any thread
         self._told: State = "starting"
 
@@ -74,7 +73,8 @@ class Health:
     def may_feed(self) -> bool:
         """Whether the watchdog may be fed: decisions are fresh, or the device is declared away."""
         with self._lock:
-            return not self.is_over and (self._is_away or self._now().is_well)
+            is_away = self._base.state == "offline"
+            return not self.is_over and (is_away or self._now().is_well)
 
     @property
     def age_s(self) -> float:
@@ -97,9 +97,8 @@ class Health:
         """Note what happened to the stream."""
         with self._lock:
             if notice.kind == "lost":
-                away = Status("offline", f"device absent: {notice.reason}")
-                return self._say(away, is_away=True)
-            if notice.kind == "found" and self._is_away:
+                return self._say(Status("offline", f"device absent: {notice.reason}"))
+            if notice.kind == "found" and self._base.state == "offline":
                 self._wait(self._stale_s)
             elif notice.kind == "paused":
                 # A replay that is held on purpose says so all the while, and guards nobody.
@@ -118,14 +117,13 @@ class Health:
     def on_failure(self, reason: str) -> Status | None:
         """Note that the work broke off and will begin again: declared, as an absent device."""
         with self._lock:
-            return self._say(Status("offline", reason), is_away=True)
+            return self._say(Status("offline", reason))
 
     def on_end(self, reason: str) -> Status | None:
         """Note that the run is over."""
         with self._lock:
-            if not self.is_over:
-                self._base, self.is_over = Status("offline", reason), True
-            return self._changed()
+            now, self.is_over = self._say(Status("offline", reason)), True
+            return now
 
     def complain(self, source: str, reason: str) -> Status | None:
         """Note what is wrong beside the stream, an output say; an empty reason takes it back."""
@@ -145,14 +143,14 @@ class Health:
         if self._may_wait:
             self._due_s, self._may_wait = self._clock() + seconds, False
 
-    def _say(self, base: Status, *, is_away: bool = False) -> Status | None:
+    def _say(self, base: Status) -> Status | None:
         if self.is_over:
             return None
-        self._base, self._is_away = base, is_away
+        self._base = base
         return self._changed()
 
     def _now(self) -> Status:
-        if self.is_over or self._is_away:
+        if self._base.state == "offline":
             return self._base
         now_s = self._clock()
         if now_s > self._due_s:

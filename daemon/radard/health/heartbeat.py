@@ -70,7 +70,7 @@ class Watched:
     name: str
     health: Health  # asked at every beat
     path: Path | None  # the status file; None when another process has it
-    panel: Callable[[], Mapping[str, Any]]  # further content, see `radard.outputs.fanout.Host`
+    panel: Callable[[], Mapping[str, Any]]  # further content: how it is armed, what it sees
     is_failing: bool = False  # whether the last status could not be written
 
 

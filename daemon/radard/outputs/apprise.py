@@ -8,17 +8,16 @@ import contextlib
 import logging
 import re
 import time
-import warnings
 from pathlib import Path
 from typing import Any
 
 from radard.config.credentials import read_secret
 from radard.config.sink_table import AppriseSection, SinkOptions
 from radard.errors import UsageError
-from radard.log_cursor import Entry
+from radard.log import Entry
 from radard.log_file import marks_of
 from radard.outputs.base import DeliveryError, Record, SinkContext
-from radard.outputs.delivery import Delivery, picture_path, wants_events
+from radard.outputs.thread_sink import Delivery, picture_path, wants_events
 from x2radar.extras import needed
 
 _PICTURE_S = 3.0  # drawing takes a tenth of that, and the alarm waits for it
@@ -82,10 +81,7 @@ def _service(apprise: Any, url: str) -> Any:
         storage_mode=apprise.PersistentStoreMode.MEMORY,
         plugin_paths=[],
     )
-    with warnings.catch_warnings():
-        # It loads all of its services, and some use what is old.
-        warnings.simplefilter("ignore", DeprecationWarning)
-        return apprise.Apprise.instantiate(url, asset=asset, suppress_exceptions=True)
+    return apprise.Apprise.instantiate(url, asset=asset, suppress_exceptions=True)
 
 
 def message_of(record: Record, sensor: str) -> tuple[str, str]:

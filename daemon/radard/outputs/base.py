@@ -5,7 +5,6 @@ radar. Whatever happens at its far end, `write` returns at once, and the run hea
 through `state` alone.
 """
 
-import errno
 import hashlib
 import logging
 import threading
@@ -17,16 +16,13 @@ from typing import Any, Literal, Protocol
 from radard.alarm.sensor_state import SensorState
 from radard.config.config import Config
 from radard.health.health import Health
-from radard.log import EventLog
-from radard.log_cursor import Cursor, Wants
+from radard.log import Cursor, EventLog, Wants
 from radard.stream.playback import Playback
 from radard.stream.ring import FrameRing
 
 log = logging.getLogger("radard")
 COMMANDS = ("arm", "arm-home", "disarm", "ack", "calibrate")
 Record = Mapping[str, Any]
-PASSING = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO})
-"""Faults of a disk that may pass: a sink starts in spite of them, and tries again."""
 _SAID_AGAIN_S = 60.0  # a line a minute does not fill a log
 _REMARKED_S = 3600.0  # long enough for a person to see it
 
@@ -143,17 +139,12 @@ class SinkState:
 class Sink(Protocol):
     """An output: it is given records in order, and reports how it does."""
 
-    @property
-    def name(self) -> str:
-        """What -o/--output named, without secrets."""
+    name: str  # what -o/--output named, without secrets
+    waits: bool  # whether `write` waits for room, see `SinkContext.can_wait`
 
     @property
     def state(self) -> SinkState:
         """How it is doing; for any thread."""
-
-    @property
-    def waits(self) -> bool:
-        """Whether `write` waits for room, see `SinkContext.can_wait`."""
 
     def write(self, record: Record) -> None:
         """Take one record; returns at once unless the sink `waits`.
@@ -176,11 +167,10 @@ class Sink(Protocol):
 class StateKeeper:
     """Holds a sink's state, and logs what becomes of it; any thread may take or see a step."""
 
-    def __init__(self, name: str, waits_for: str = "") -> None:
-        self._name = name
-        self._lock = threading.Lock()
-        status: Literal["ok", "retrying"] = "retrying" if waits_for else "ok"
-        self._state = SinkState(status=status, reason=waits_for, n_events=0)
+    def __init__(self, name: str, why: str = "") -> None:
+        self._name, self._lock = name, threading.Lock()
+        # Until the first attempt it is not well if there is a `why`.
+        self._state = SinkState(status="retrying" if why else "ok", reason=why, n_events=0)
         self._told, self._told_s, self._is_told = "", float("-inf"), True
         self._remark, self._remarked_s = "", float("-inf")
 

@@ -15,8 +15,8 @@ from radard.config.sink_table import SinkOptions
 from radard.errors import OutputError, UsageError
 from radard.log_file import MARKS
 from radard.outputs.base import DeliveryError, Record, SinkContext
-from radard.outputs.delivery import Delivery, wants_events
 from radard.outputs.stdout import json_line
+from radard.outputs.thread_sink import Delivery, wants_events
 
 _FIELDS = ("id", "phase", "kind", "t_s", "time", "peak", "reason", "clip", *MARKS)
 _SIGNALS = {each.value: each.name for each in signal.Signals}  # real-time ones have no name

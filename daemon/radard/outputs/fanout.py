@@ -75,7 +75,7 @@ class Outputs:
         self._hosts = {**self._hosts, host.sensor: host}
         for of, sink in self.sinks:
             if of is None:
-                getattr(sink, "attach", _ignore)(host)
+                getattr(sink, "attach", lambda _host: None)(host)
 
     def remove(self, sensor: str) -> None:
         """Forget a sensor; its own outputs are closed by `reload`."""
@@ -83,7 +83,7 @@ class Outputs:
         for each in self._open:
             each.is_left |= each.sensor == sensor
         for _, sink in self.sinks:
-            getattr(sink, "detach", _ignore)(sensor)
+            getattr(sink, "detach", lambda _sensor: None)(sensor)
 
     @property
     def sinks(self) -> list[tuple[str | None, Sink]]:
@@ -119,8 +119,7 @@ class Outputs:
                 read, sink = _read_by(name, config), self._make(name, sensor)
                 self._open.append(_Open(name, sensor, read, sink))
             for sensor, sink in self.sinks:
-                start_sink(sink)
-                self._attach(sink, sensor)
+                self._start(sink, sensor)
         except BaseException:
             close_sinks([sink for _, sink in self.sinks])
             self._open = []
@@ -155,10 +154,10 @@ class Outputs:
         with self._lock:
             known = {(each.name, each.sensor): each for each in self._open}
             gone = [each for key, each in known.items() if key not in wanted]
-            kept = [each for key, each in known.items() if key in wanted]
-            fresh = [key for key in wanted if key not in known]
-            new = [_Open(*key, held=RecordQueue(), after=self.log.told) for key in fresh]
-            self._open = kept + new
+            self._open = [
+                known.get(key) or _Open(*key, held=RecordQueue(), after=self.log.told)
+                for key in wanted
+            ]
         # Not under the lock: an output may take a moment to end, and the workers must not wait.
         close_sinks([each.sink for each in gone if each.sink is not None])
         for each in gone:
@@ -166,10 +165,10 @@ class Outputs:
         self.log.max_events = config.log.max_events
         outdated = [
             each
-            for each in kept + new
+            for each in self._open
             if each.sink is None or each.is_left or each.read != _read_by(each.name, config)
         ]
-        for each in kept:
+        for each in self._open:
             each.fault = ""
             if each not in outdated and each.name.startswith("json:"):
                 _write_hellos(each, hellos)
@@ -215,10 +214,8 @@ class Outputs:
         close_sinks([each.sink for each, _, _ in made if each.sink is not None])
         for each, read, sink in made:
             before = each.sink
-            start_sink(sink)
-            if _cursor_of(before) != _cursor_of(sink):
-                self._forget(before)
-            self._attach(sink, each.sensor)
+            self._start(sink, each.sensor)
+            self._forget(before, heir=sink)
             with self._lock:
                 held, each.held = each.held or RecordQueue(), None
                 each.sink, each.read, each.fault, each.is_left = sink, read, "", False
@@ -226,16 +223,20 @@ class Outputs:
                 while (record := held.take(0)) is not None:
                     sink.write(record)
 
-    def _forget(self, sink: Sink | None) -> None:
-        if (name := _cursor_of(sink)) is not None:
+    def _forget(self, sink: Sink | None, heir: Sink | None = None) -> None:
+        """Take away a sink's cursor, unless an `heir` goes on with it."""
+        cursors = (getattr(each, "cursor", None) for each in (sink, heir))
+        name, kept = (getattr(cursor, "name", None) for cursor in cursors)
+        if name not in {None, kept}:
             self.log.forget(name)
 
     def _meant_by(self, name: str) -> str:
         return name or ("table" if self._stdout_is_terminal else "json")
 
-    def _attach(self, sink: Sink, sensor: str | None) -> None:
+    def _start(self, sink: Sink, sensor: str | None) -> None:
+        start_sink(sink)
         for host in self._hosts.values() if sensor is None else [self._hosts[sensor]]:
-            getattr(sink, "attach", _ignore)(host)
+            getattr(sink, "attach", lambda _host: None)(host)
 
     def _make(self, name: str, sensor: str | None, after: int | None = None) -> Sink:
         """Return the sink of an output, of the options that hold, to be started."""
@@ -252,10 +253,6 @@ class Outputs:
             after=after,
         )
         return make_output(self._meant_by(name), self._config, context)
-
-
-def _ignore(_given: object) -> None:
-    """Stand for the `attach` or `detach` of a sink that has none."""
 
 
 def _read_by(name: str, options: SinkOptions) -> list[object]:
@@ -283,8 +280,3 @@ def _write_hellos(each: _Open, hellos: Sequence[Record]) -> None:
     for hello in hellos:
         if each.sensor in {None, hello.get("sensor")}:
             each.write(hello)
-
-
-def _cursor_of(sink: Sink | None) -> str | None:
-    cursor = getattr(sink, "cursor", None)
-    return None if cursor is None else str(cursor.name)

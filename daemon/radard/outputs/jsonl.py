@@ -13,7 +13,8 @@ from pathlib import Path
 
 from radard.config.sink_table import SinkOptions, named_file
 from radard.errors import OutputError
-from radard.outputs.base import PASSING, DeliveryError, Record, SinkContext
+from radard.log_file import is_passing
+from radard.outputs.base import DeliveryError, Record, SinkContext
 from radard.outputs.stdout import json_line
 from radard.outputs.thread_sink import DirectSink
 from x2radar.backoff import Backoff
@@ -35,7 +36,7 @@ class JsonLinesSink(DirectSink):
         self._most_bytes = float("inf") if context.can_wait else options.jsonl.rotate_mb * 1e6
         self._n_keep = options.jsonl.keep_files
         self._hellos: dict[str, Record] = {}
-        self._fd: int | None = None
+        self._fd = -1  # while it is not open
         self._is_regular = True
         self._lacks_hello = False
         self._mode = 0o600
@@ -45,7 +46,7 @@ class JsonLinesSink(DirectSink):
             self._open()
         except OSError as err:
             # A pipe that nobody reads yet may get its reader later, a full disk room.
-            may_pass = err.errno == errno.ENXIO or (err.errno in PASSING and not self.waits)
+            may_pass = err.errno == errno.ENXIO or (is_passing(err) and not self.waits)
             if not may_pass:
                 msg = f"--output {self.name}: cannot write there: {err.strerror}"
                 raise OutputError(msg) from err
@@ -61,40 +62,34 @@ class JsonLinesSink(DirectSink):
                 self._reopen()
             elif self._is_regular and size and size + len(line) > self._most_bytes:
                 self._rotate()
-            is_told = is_hello and self._lacks_hello
             if self._lacks_hello:
-                self._append("".join(map(json_line, self._hellos.values())).encode("ascii"))
-                self._lacks_hello = False
-            if not is_told:
-                self._append(line)
+                hellos = "".join(map(json_line, self._hellos.values())).encode("ascii")
+                line = hellos if is_hello else hellos + line
+            self._append(line)
+            self._lacks_hello = False
         except OSError as err:
             raise DeliveryError(err.strerror or str(err)) from err
 
     def _shut(self) -> None:
-        if self._fd is not None:
+        if self._fd >= 0:
             os.close(self._fd)
-            self._fd = None
+            self._fd = -1
 
-    def _open(self) -> int:
+    def _open(self) -> None:
         """Open the file; a new one has the mode of the one before, else its owner alone reads."""
         try:
-            fd = os.open(self._path, _FLAGS | os.O_CREAT | os.O_EXCL, 0o600)
+            self._fd = os.open(self._path, _FLAGS | os.O_CREAT | os.O_EXCL, 0o600)
         except FileExistsError:
-            fd = os.open(self._path, _FLAGS | os.O_CREAT, 0o600)
+            self._fd = os.open(self._path, _FLAGS | os.O_CREAT, 0o600)
         else:
-            os.fchmod(fd, self._mode)
-        mode = os.fstat(fd).st_mode
+            os.fchmod(self._fd, self._mode)
+        mode = os.fstat(self._fd).st_mode
         self._is_regular = stat.S_ISREG(mode)
         self._mode = stat.S_IMODE(mode) if self._is_regular else self._mode
-        self._fd = fd
-        return fd
-
-    def _size(self) -> int:
-        return os.fstat(self._fd).st_size if self._fd is not None else 0
 
     def _size_unless_moved(self) -> int | None:
         """Return the bytes in the file; None if it is no longer what has its name."""
-        if self._fd is not None:
+        if self._fd >= 0:
             with contextlib.suppress(FileNotFoundError):
                 ours = os.fstat(self._fd)
                 return ours.st_size if os.path.samestat(self._path.stat(), ours) else None
@@ -104,7 +99,7 @@ class JsonLinesSink(DirectSink):
         """Open the file; a new one holds every `hello` first."""
         self._shut()
         self._open()
-        self._lacks_hello = self._is_regular and self._size() == 0
+        self._lacks_hello = self._is_regular and os.fstat(self._fd).st_size == 0
 
     def _rotate(self) -> None:
         """Rename FILE to FILE.1, FILE.1 to FILE.2 and so on, delete the last; then reopen."""
@@ -117,15 +112,15 @@ class JsonLinesSink(DirectSink):
 
     def _append(self, line: bytes) -> None:
         """Write a whole line or nothing of it; the next attempt must not begin in its middle."""
-        fd = self._fd if self._fd is not None else self._open()
         rest = line
         try:
             while rest:
-                rest = rest[os.write(fd, rest) :]
+                rest = rest[os.write(self._fd, rest) :]
         except OSError:
             if len(rest) < len(line):
                 if self._is_regular:
-                    os.ftruncate(fd, self._size() - (len(line) - len(rest)))
+                    size = os.fstat(self._fd).st_size
+                    os.ftruncate(self._fd, size - (len(line) - len(rest)))
                 else:
                     # Nothing can be taken back from a pipe; its reader sees the end of it.
                     self._shut()

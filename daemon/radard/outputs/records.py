@@ -1,6 +1,6 @@
 """Decisions, events and states to the records of the JSON Lines contract.
 
-The contract is `output.schema.json` beside this file. Wall-clock fields are `time`,
+The contract is radard's `output.schema.json`. Wall-clock fields are `time`,
 `latency_ms` and all of `hello`; everything else is the same in every replay.
 """
 

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
-from radard.config.sink_table import FORMS, SCHEMES, SinkOptions, find_row
+from radard.config.sink_table import FORMS, SCHEMES, SinkOptions, SinkRow, find_row
 from radard.errors import OutputError, UsageError
 from radard.outputs.base import Sink, SinkContext, SinkState
 from radard.outputs.thread_sink import CLOSE_S
@@ -39,24 +39,21 @@ def start_sink(sink: Sink) -> None:
 
 def make_output(output: str, options: SinkOptions, context: SinkContext) -> Sink:
     """Return the sink that one value of -o/--output names, to be started; raises likewise."""
-    plugin = check_output(output)
-    if plugin is None:
-        row = find_row(output)
-        opener: Opener = importlib.import_module(row.module if row else "").open_from_url
+    found = check_output(output)
+    if isinstance(found, SinkRow):
+        opener: Opener = importlib.import_module(found.module).open_from_url
         return opener(output, options, context)
-    plugged: Sink = plugin.guard(lambda: plugin.made(output, options, context))
-    plugin.check(plugged, _OF_A_SINK)
+    plugged: Sink = found.guard(lambda: found.made(output, options, context))
+    found.check(plugged, _OF_A_SINK)
     return plugged
 
 
-def check_output(output: str) -> Plugin | None:
-    """Return the plug-in that an output names, None for a built-in one; UsageError for none."""
+def check_output(output: str) -> SinkRow | Plugin:
+    """Return the row or plug-in that an output names; UsageError for none."""
     scheme, _, rest = output.partition(":")
-    if find_row(output) is not None:
-        return None
     plugin = None if scheme in SCHEMES else find_plugin("radard.sinks", scheme)
-    if plugin is not None:
-        return plugin
+    if (found := find_row(output) or plugin) is not None:
+        return found
     # Only the scheme: the rest may hold a secret.
     shown = output if scheme == output else f"{scheme}:{'...' if scheme in SCHEMES else rest}"
     raise UsageError(f"--output '{shown}': unknown or incomplete; known are {FORMS}")
@@ -129,14 +126,13 @@ class _Seen:
             self.counts, self.moved_s = counts, now_s
         if state.is_ok:
             self.ok_s = now_s
-        reasons = [state.remark] if state.remark else []
+        why = ""
         if now_s - self.ok_s >= GRACE_S:
-            reasons.insert(0, state.reason or "does not work")
+            why = state.reason or "does not work"
         elif max(now_s - self.moved_s, state.busy_s) >= STUCK_S:
-            reasons.insert(0, f"stands still, {state.n_waiting} records wait")
-        if now_s - self.dropped_s < DROPPED_S:
-            reasons.append("drops records")
-        return ", ".join(reasons)
+            why = f"stands still, {state.n_waiting} records wait"
+        drops = "drops records" if now_s - self.dropped_s < DROPPED_S else ""
+        return ", ".join(filter(None, (why, state.remark, drops)))
 
 
 class SinkWatch:

@@ -15,17 +15,8 @@ from pathlib import Path
 
 from radard.config.sink_table import SinkOptions, StoreSection, named_file
 from radard.errors import OutputError
-from radard.log_file import (
-    ForeignDatabase,
-    check_pages,
-    fault_text,
-    files_of,
-    is_damage,
-    is_passing,
-    open_log_file,
-    put_aside,
-)
-from radard.outputs.base import PASSING, DeliveryError, Record, SinkContext
+from radard.log_file import LogFile, fault_text, is_damage, is_passing
+from radard.outputs.base import DeliveryError, Record, SinkContext
 from radard.outputs.thread_sink import DirectSink
 from x2radar.backoff import Backoff
 from x2radar.wall_clock import utc_text
@@ -72,39 +63,35 @@ class StoreSink(DirectSink):
         backoff, target = Backoff(0.5, 10.0, str(path)), str(path)
         super().__init__(f"store:{path}", backoff, context, target, kinds=kinds)
         self._sensor = context.sensor
-        self._path = path
-        self._n_open = 0
+        self._file = LogFile(path, self._keeper.remark, _DECISIONS)
+        self._n_open = 0  # decisions that are not committed
         self._committed_s = time.monotonic()
-        self._pruned_s = self._checked_s = float("-inf")
+        self._pruned_s = float("-inf")
         self._offset_s = 0.0  # from the monotonic clock to seconds that radard ran
-        self._db: sqlite3.Connection | None = None
-        self._files: tuple[object, ...] = ()
         try:
             self._opened()
-        except (OSError, sqlite3.Error, ForeignDatabase) as err:
-            may_pass = is_passing(err) or (isinstance(err, OSError) and err.errno in PASSING)
+        except (OSError, sqlite3.Error) as err:
             # Where nobody waits, a full disk must not keep the radar from its work.
             is_other = is_damage(err) and _never_was_one(path)
-            if is_other or (not self._begins_anew(err) and (self.waits or not may_pass)):
+            may_pass = is_passing(err) and not self.waits
+            if is_other or not (self._begins_anew(err) or may_pass):
                 raise OutputError(
                     f"--output {self.name}: cannot be used: {fault_text(err)}"
                 ) from err
 
     def _opened(self) -> sqlite3.Connection:
-        if self._db is not None and files_of(self._path) != self._files:
-            self._let_go()
-        if self._db is None:
-            self._db = db = open_log_file(self._path, _DECISIONS)
+        if self._file.is_taken_away():
+            self._drop_open()
+        is_open, db = self._file.db is not None, self._file.open()
+        if not is_open:
             (run_s,) = db.execute("SELECT coalesce(max(run_s), 0) FROM stand").fetchone()
             self._offset_s = run_s - time.monotonic()
-            self._files = files_of(self._path)
-        return self._db
+        return db
 
     def _deliver(self, record: Record) -> None:
         try:
             self._put(record)
-        except (OSError, sqlite3.Error, ForeignDatabase) as err:
-            self._let_go()
+        except (OSError, sqlite3.Error) as err:
             if not self._begins_anew(err):
                 raise DeliveryError(f"cannot keep it: {fault_text(err)}") from err
             self._deliver(record)
@@ -129,52 +116,43 @@ class StoreSink(DirectSink):
         try:
             if self._n_open and now_s - self._committed_s > _COMMIT_S:
                 self._commit()
-            if self._db is not None and now_s - self._checked_s > _CHECK_S:
-                self._checked_s = now_s
-                check_pages(self._path)
-            if self._db is not None and now_s - self._pruned_s > _PRUNE_S:
-                self._pruned_s = now_s
-                self._commit()
-                prune(self._db, self._options)
+            if (db := self._file.db) is not None:
+                self._file.check(_CHECK_S)
+                if now_s - self._pruned_s > _PRUNE_S:
+                    self._pruned_s = now_s
+                    self._commit()
+                    prune(db, self._options)
         except (OSError, sqlite3.Error) as err:
-            self._let_go()
             if not self._begins_anew(err):
                 self._keeper.failed(f"cannot commit: {fault_text(err)}")
 
     def _shut(self) -> None:
         with contextlib.suppress(sqlite3.Error):
             self._commit()
-        self._let_go()
+        self._file.close()
+        self._drop_open()
 
     def _commit(self) -> None:
         self._committed_s = now_s = time.monotonic()
-        if self._db is not None and self._db.in_transaction:
+        db = self._file.db
+        if db is not None and db.in_transaction:
             run_s = now_s + self._offset_s
-            self._db.execute("INSERT OR REPLACE INTO stand VALUES (0, ?, 0)", (run_s,))
-            self._db.execute("COMMIT")
+            db.execute("INSERT OR REPLACE INTO stand VALUES (0, ?, 0)", (run_s,))
+            db.execute("COMMIT")
         self._n_open = 0
 
-    def _let_go(self) -> None:
-        """Close the file; what is not committed is lost: decisions of ten seconds at most."""
-        db, self._db = self._db, None
-        if db is not None:
-            if files_of(self._path) != self._files:
-                self._keeper.remark("the file was taken away")
-            with contextlib.suppress(sqlite3.Error):
-                db.close()
+    def _drop_open(self) -> None:
+        """Count what went with the file uncommitted: decisions of ten seconds at most."""
         self._keeper.dropped(self._n_open, "the store takes nothing")
         self._n_open = 0
 
     def _begins_anew(self, err: Exception) -> bool:
         """Put a damaged file aside; return whether that was the fault and a new one is there."""
-        if not is_damage(err):
-            return False
+        self._drop_open()
         try:
-            self._keeper.remark(f"damaged, put aside as {put_aside(self._path).name}")
-            self._opened()
-        except (OSError, sqlite3.Error, ForeignDatabase):
+            return self._file.put_aside(err) and self._opened() is not None
+        except (OSError, sqlite3.Error):
             return False
-        return True
 
 
 open_from_url = StoreSink

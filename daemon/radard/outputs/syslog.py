@@ -11,9 +11,8 @@ import select
 import socket
 import ssl
 from collections.abc import Callable
+from logging.handlers import SysLogHandler
 from pathlib import Path
-from typing import NamedTuple
-from urllib.parse import urlsplit
 
 from radard.config.credentials import redact
 from radard.config.sink_table import SinkOptions
@@ -21,17 +20,14 @@ from radard.errors import UsageError
 from radard.log_file import marks_of
 from radard.outputs.base import DeliveryError, Record, SinkContext
 from radard.outputs.thread_sink import DirectSink
-from radard.outputs.tls import check_host, client_context, explain, shown_host
+from radard.outputs.tls import client_context, explain, shown_host, split_server
 from x2radar.backoff import Backoff
 from x2radar.wall_clock import utc_text
 
 JOURNAL = Path("/run/systemd/journal/socket")
 DEV_LOG = Path("/dev/log")
 _SEND_S = 5.0  # a log that takes nothing for so long is tried again later
-# Facilities and severities of RFC 5424, tables 1 and 2.
-_FACILITY = {"user": 1, "daemon": 3, "auth": 4, "authpriv": 10} | {
-    f"local{k}": 16 + k for k in range(8)
-}
+# Severities of RFC 5424, table 2.
 _ALERT, _CRITICAL, _ERROR, _WARNING, _NOTICE, _INFO, _DEBUG = range(1, 8)
 _NEW = {"alarm": _ALERT, "tamper": _CRITICAL, "fault": _ERROR}
 _STATE = {"online": _INFO, "starting": _INFO, "degraded": _WARNING, "offline": _WARNING}
@@ -40,44 +36,31 @@ _STATE = {"online": _INFO, "starting": _INFO, "degraded": _WARNING, "offline": _
 _PORTS = {"udp": 514, "tcp": 514, "tls": 6514}
 
 
-class Server(NamedTuple):
-    """Address of a log server, and the protocol that it speaks."""
-
-    scheme: str
-    host: str
-    port: int
-
-
-def _parse_server(rest: str) -> Server:
-    shown = repr(redact(f"syslog:{rest}"))
-    try:
-        parts = urlsplit(rest)
-        is_bare = not set("@?#") & set(rest) and not parts.path.strip("/")
-        if parts.scheme in _PORTS and parts.hostname and is_bare:
-            check_host("syslog", rest)
-            return Server(parts.scheme, parts.hostname, parts.port or _PORTS[parts.scheme])
-    except ValueError as err:
-        raise UsageError(f"--output {shown}: {err}") from err
+def _parse_server(rest: str) -> tuple[str, str, int]:
+    """Return the protocol that a log server speaks, its host and port."""
+    if not set("@?#") & set(rest):
+        parts = split_server("syslog", rest)
+        if parts.scheme in _PORTS and parts.hostname and not parts.path.strip("/"):
+            return parts.scheme, parts.hostname, parts.port or _PORTS[parts.scheme]
     forms = "syslog:, syslog:/socket, syslog:udp://host[:port], tcp: or tls:"
-    raise UsageError(f"--output {shown}: use {forms}")
+    raise UsageError(f"--output {redact(f'syslog:{rest}')!r}: use {forms}")
 
 
 class SyslogSink(DirectSink):
     """Send messages to the log of `syslog:URL`, `syslog:/socket`, or this machine's: `syslog:`."""
 
     def __init__(self, url: str, options: SinkOptions, context: SinkContext) -> None:
-        name, rest, o = url, url.partition(":")[2], options.log
-        address = rest if not rest or rest.startswith("/") else _parse_server(rest)
-        if isinstance(address, Server):
-            name = f"syslog:{address.scheme}://{shown_host(address.host)}:{address.port}"
-        backoff = Backoff(o.first_retry_s, o.longest_retry_s, name)
-        kinds = {"event", "status"} | ({"decision"} if options.syslog.decisions else set())
-        super().__init__(name, backoff, context, name, kinds=kinds)
-        self._address = address
-        self._facility = _FACILITY[options.syslog.facility]
+        name, rest, o, s = url, url.partition(":")[2], options.log, options.syslog
+        self._socket_path, self._server = rest, None
         self._tls: ssl.SSLContext | None = None
-        if isinstance(address, Server) and address.scheme == "tls":
-            s = options.syslog
+        if rest and not rest.startswith("/"):
+            self._server = scheme, host, port = _parse_server(rest)
+            name = f"syslog:{scheme}://{shown_host(host)}:{port}"
+        backoff = Backoff(o.first_retry_s, o.longest_retry_s, name)
+        kinds = {"event", "status"} | ({"decision"} if s.decisions else set())
+        super().__init__(name, backoff, context, name, kinds=kinds)
+        self._facility = SysLogHandler.facility_names[s.facility]
+        if self._server and self._server[0] == "tls":
             self._tls = client_context("syslog", s.ca_file, s.cert_file, s.key_file)
         self._sensor = context.sensor
         self._socket: socket.socket | None = None
@@ -89,7 +72,9 @@ class SyslogSink(DirectSink):
             if sock is None or _is_closed(sock):
                 self._shut()
                 self._socket = sock = self._connect()
-            sock.sendall(self._form(*_message_of(record), record))
+            severity, text = _message_of(record)
+            text = f"{record.get('sensor', self._sensor)}: {text}"
+            sock.sendall(self._form(severity, text, record))
         except OSError as err:
             self._shut()
             raise DeliveryError(f"cannot log: {explain(err)}") from err
@@ -100,19 +85,16 @@ class SyslogSink(DirectSink):
             self._socket = None
 
     def _connect(self) -> socket.socket:
-        address, self._form = self._address, self._plain
-        if not address:
-            address = str(DEV_LOG)
-            if JOURNAL.is_socket():
-                address, self._form = str(JOURNAL), self._journal
-        if isinstance(address, Server):
-            self._form = self._dated
-            if address.scheme != "udp":
-                sock = socket.create_connection(address[1:], _SEND_S)
-                tls = self._tls
-                return tls.wrap_socket(sock, server_hostname=address.host) if tls else sock
-            where = socket.getaddrinfo(*address[1:], type=socket.SOCK_DGRAM)[0]
+        if self._server is not None:
+            self._form, (scheme, host, port) = self._dated, self._server
+            if scheme != "udp":
+                sock, tls = socket.create_connection((host, port), _SEND_S), self._tls
+                return tls.wrap_socket(sock, server_hostname=host) if tls else sock
+            where = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
             return _connected(where[0], where[1], where[4])
+        address, self._form = self._socket_path or str(DEV_LOG), self._plain
+        if not self._socket_path and JOURNAL.is_socket():
+            address, self._form = str(JOURNAL), self._journal
         try:
             return _connected(socket.AF_UNIX, socket.SOCK_DGRAM, address)
         except OSError as err:
@@ -120,29 +102,24 @@ class SyslogSink(DirectSink):
                 raise
             return _connected(socket.AF_UNIX, socket.SOCK_STREAM, address)
 
-    def _plain(self, severity: int, text: str, record: Record) -> bytes:
+    def _plain(self, severity: int, text: str, _record: Record) -> bytes:
         priority = self._facility << 3 | severity
-        message = f"<{priority}>radard[{os.getpid()}]: {self._of(record)}: {text}\0"
-        return message.encode(errors="replace")
+        return f"<{priority}>radard[{os.getpid()}]: {text}\0".encode(errors="replace")
 
     def _dated(self, severity: int, text: str, record: Record) -> bytes:
         """Return a message of RFC 5424, 6: a datagram, a line, or with its octets counted."""
         priority = self._facility << 3 | severity
         head = f"<{priority}>1 {record.get('time') or utc_text()} {socket.gethostname() or '-'}"
-        text = f"{head} radard {os.getpid()} {record['type']} - {self._of(record)}: {text}"
+        text = f"{head} radard {os.getpid()} {record['type']} - {text}"
         message = text.encode(errors="replace")
-        scheme = self._address[0]
-        if scheme == "tcp":
+        if self._server and self._server[0] == "tcp":
             return message.replace(b"\n", b" ") + b"\n"
-        return b"%d %s" % (len(message), message) if scheme == "tls" else message
-
-    def _of(self, record: Record) -> str:
-        return str(record.get("sensor", self._sensor))
+        return b"%d %s" % (len(message), message) if self._tls else message
 
     def _journal(self, severity: int, text: str, record: Record) -> bytes:
         """Return a message of journald's native protocol (systemd, "Native Journal Protocol")."""
         fields = {
-            "MESSAGE": f"{self._of(record)}: {text}",
+            "MESSAGE": text,
             "PRIORITY": severity,
             "SYSLOG_FACILITY": self._facility,
             "SYSLOG_IDENTIFIER": "radard",

@@ -1,20 +1,26 @@
-"""Sinks with a bounded queue and a thread that empties it; `Delivery` is one for networks."""
+"""Sinks with a thread: a `DirectSink` empties a queue, a `Delivery` what its cursor owes."""
 
+import json
 import logging
 import threading
 import time
+import uuid
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
+from pathlib import Path
 from typing import Self
 
+from radard.config.sink_table import LogSection
 from radard.errors import OutputError
-from radard.log_cursor import Cursor, Entry
+from radard.log import Cursor, Entry, Wants
 from radard.outputs.base import DeliveryError, Record, SinkContext, SinkState, StateKeeper
 from x2radar.backoff import Backoff
 
 log = logging.getLogger("radard")
 CLOSE_S = 2.0  # with the stream's own end it stays within the 6 s of TimeoutStopSec in the unit
+_TRANSIENT = 100  # of states and decisions only the newest matter
 _ROOM = 1000  # records that may wait: a quarter of an hour of decisions; events wait beside them
 
 
@@ -69,11 +75,6 @@ class RecordQueue:
             self._is_woken = True
             self._changed.notify_all()
 
-    def wait_for_end(self, timeout_s: float) -> bool:
-        """Wait until `end` is called; return whether it was."""
-        with self._changed:
-            return self._changed.wait_for(lambda: self.is_ended, timeout_s)
-
     def end(self) -> None:
         """Refuse further records; what waits can still be taken."""
         with self._changed:
@@ -87,11 +88,20 @@ class ThreadSink:
     cursor: Cursor | None = None  # what the log knows of what was handed on, once at work
     tick_s: float | None = None  # how often `_tick` is called when nothing comes; None is never
 
-    def __init__(self, name: str, *, waits: bool = False) -> None:
-        self.name = name
-        self.waits = waits
+    def __init__(
+        self,
+        name: str,
+        context: SinkContext | None = None,
+        target: str = "",
+        wants: Wants = lambda _record: True,
+        *,
+        waits: bool = False,
+    ) -> None:
+        self.name, self.waits = name, waits
+        self._context, self._target, self._wants = context, target, wants
         self._keeper = StateKeeper(name)
         self._queue = RecordQueue(waits=waits)
+        self._skips_wait = threading.Event()  # that after a failure, as the end is near
         self._fatal: Exception | None = None
         self._is_broken = False  # it has failed for good, which is said once
         self._deadline_s = float("inf")
@@ -121,6 +131,7 @@ class ThreadSink:
         if timeout_s is not None:
             self._deadline_s = min(self._deadline_s, time.monotonic() + timeout_s)
         self._queue.end()
+        self._skips_wait.set()
 
     def close(self, timeout_s: float | None = None) -> None:
         """Finish, wait for the thread in time, and release everything."""
@@ -173,7 +184,9 @@ class ThreadSink:
         self._keeper.dropped(n_records, "cannot be handled")
 
     def _begin(self) -> None:
-        """Begin what works beside the sink's own thread."""
+        """Begin what works beside the sink's own thread, with the cursor of a `target`."""
+        if self._context is not None and self._target:
+            self.cursor = self._context.cursor(self.name, self._target, self._wants)
 
     def _take(self, record: Record) -> None:
         """Handle one record; in the sink's thread."""
@@ -203,24 +216,22 @@ class DirectSink(ThreadSink, ABC):
         *,
         kinds: Collection[str] | None = None,
     ) -> None:
-        super().__init__(name, waits=context is not None and context.can_wait)
+        def wants(record: Record) -> bool:
+            return kinds is None or record["type"] in kinds
+
+        waits = context is not None and context.can_wait
+        super().__init__(name, context, target, wants, waits=waits)
         self._backoff = backoff
-        self._context = context
-        self._target = target
-        self._kinds = kinds
         self._left: list[Entry] = []
 
     def _begin(self) -> None:
-        if self._context is not None and self._target:
-            self.cursor = self._context.cursor(self.name, self._target, self._wants)
+        super()._begin()
+        if self.cursor is not None:
             self._left = self.cursor.waiting()
 
     @abstractmethod
     def _deliver(self, record: Record) -> None:
         """Hand on one record; raises DeliveryError to be called again with the same."""
-
-    def _wants(self, record: Record) -> bool:
-        return self._kinds is None or record["type"] in self._kinds
 
     def _take(self, record: Record) -> None:
         if record["type"] == "event" and self.cursor is not None:
@@ -246,7 +257,7 @@ class DirectSink(ThreadSink, ABC):
         while not self._try(record):
             if self.waits:
                 return False
-            if self._queue.wait_for_end(self._backoff.next_s()):
+            if self._skips_wait.wait(self._backoff.next_s()):
                 if self._try(record):
                     return True
                 n = 1
@@ -269,3 +280,144 @@ class DirectSink(ThreadSink, ABC):
         self._backoff.reset()
         self._keeper.sent(is_event=record["type"] == "event")
         return True
+
+
+class Delivery(ThreadSink):
+    """A sink that hands on what its cursor owes, over any outage; `start` it once it is built.
+
+    Events go in order. One that the far end refuses again and again is given up; an alarm is put
+    behind the others, and tried until it is too old. Other records wait in memory, and go last.
+    `target` tells this far end from others, and may be secret; `wants` says whether a record is
+    for this sink. `send` hands on one entry, of number 0 for what is no event; it raises
+    DeliveryError unless the far end has confirmed it.
+    """
+
+    def __init__(  # noqa: PLR0917 - all are what it is made of
+        self,
+        name: str,
+        target: str,
+        options: LogSection,
+        context: SinkContext,
+        wants: Wants,
+        send: Callable[[Entry], None],
+        keeper: StateKeeper | None = None,
+    ) -> None:
+        super().__init__(name, context, target, wants)
+        self._options = options
+        self._send = send
+        self._keeper = keeper or self._keeper
+        self._backoff = Backoff(options.first_retry_s, options.longest_retry_s, name)
+        self._transient: deque[Entry] = deque(maxlen=_TRANSIENT)
+        self._n_refused = 0
+        self._begun_s: float | None = None
+
+    def _begin(self) -> None:
+        super()._begin()
+        if (cursor := self.cursor) is not None:
+            cursor.on_put = self._queue.wake
+            if len(cursor):
+                log.info("%s: %d events of an earlier run wait", self.name, len(cursor))
+                self._queue.wake()
+
+    @property
+    def state(self) -> SinkState:
+        """How the delivery is doing; for any thread."""
+        cursor, begun_s = self.cursor, self._begun_s
+        n_owed, n_lost = (len(cursor), cursor.n_lost) if cursor is not None else (0, 0)
+        state = self._keeper.state(n_owed + len(self._transient))
+        busy_s = 0.0 if begun_s is None else time.monotonic() - begun_s
+        return replace(state, n_dropped=state.n_dropped + n_lost, busy_s=busy_s)
+
+    def write(self, record: Record) -> None:
+        """Put a state or decision into the queue; events come by the log."""
+        if record["type"] != "event" and self._wants(record):
+            self._keeper.dropped(len(self._transient) == _TRANSIENT, "too many wait")
+            text = json.dumps(dict(record))
+            self._transient.append(Entry(0, uuid.uuid4().hex, time.monotonic(), text))
+            self._queue.wake()
+
+    def retry_now(self) -> None:
+        """Deliver at once: something has changed for the better."""
+        self._backoff.reset()
+        self._skips_wait.set()
+
+    def _tick(self) -> None:
+        if (wait_s := self._deliver_all()) is not None:
+            self._queue.wake()
+            # New events do not shorten the wait, and a last round needs none.
+            self._skips_wait.clear()
+            if not self._queue.is_ended:
+                self._skips_wait.wait(wait_s)
+
+    def _shut(self) -> None:
+        if self.cursor is not None:
+            self._deliver_all()
+
+    def _deliver_all(self) -> float | None:
+        """Deliver until nothing is left; return how long to wait after a failure."""
+        while self._left_s() > 0 and (entry := self._next()) is not None:
+            self._begun_s = time.monotonic()
+            try:
+                self._send(entry)
+            except DeliveryError as err:
+                self._keeper.failed(str(err))
+                if not self._gives_up(entry, err):
+                    return self._backoff.next_s()
+            except Exception as err:  # noqa: BLE001 - logged there
+                self._cannot(err, 0)
+                self._give_up(entry, "cannot be sent")
+            else:
+                self._backoff.reset()
+                self._keeper.sent(is_event=entry.n > 0)
+                self._settle(entry)
+            finally:
+                self._begun_s = None
+        return None
+
+    def _next(self) -> Entry | None:
+        entry = self.cursor.first() if self.cursor is not None else None
+        return entry or (self._transient[0] if self._transient else None)
+
+    def _settle(self, entry: Entry) -> None:
+        self._n_refused = 0
+        if entry.n > 0 and self.cursor is not None:
+            self.cursor.done(entry)
+        elif self._transient and self._transient[0] is entry:
+            self._transient.popleft()
+
+    def _gives_up(self, entry: Entry, err: DeliveryError) -> bool:
+        self._n_refused += err.is_refusal
+        is_refused = self._n_refused >= self._options.attempts
+        if time.monotonic() - entry.put_s > self._options.give_up_h * 3600:
+            self._give_up(entry, "too old")
+        elif is_refused and entry.record.get("kind") != "alarm":
+            self._give_up(entry, f"refused {self._n_refused} times")
+        else:
+            if is_refused and self.cursor is not None:
+                log.error("%s: refuses %s %d times", self.name, entry.key, self._n_refused)
+                self._n_refused = 0
+                self.cursor.defer(entry)
+            return False
+        return True
+
+    def _give_up(self, entry: Entry, why: str) -> None:
+        log.error("%s: gives up %s: %s", self.name, entry.key, why)
+        self._settle(entry)
+        self._keeper.dropped(1, why)
+
+
+def picture_path(record: Record) -> Path | None:
+    """Return where an alarm's picture is, or will be; None for a record without a clip."""
+    clip = record.get("clip") if record.get("kind") == "alarm" else None
+    return Path(clip).with_suffix(".png") if clip else None
+
+
+def wants_events(kinds: Sequence[str], phases: Sequence[str], others: Sequence[str] = ()) -> Wants:
+    """Return a filter: events of these kinds and phases, and records of these other types."""
+
+    def wants(record: Record) -> bool:
+        if record["type"] == "event":
+            return record["kind"] in kinds and record["phase"] in phases
+        return record["type"] in others
+
+    return wants

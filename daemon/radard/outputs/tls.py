@@ -3,8 +3,9 @@
 import re
 import ssl
 from pathlib import Path
+from urllib.parse import SplitResult, urlsplit
 
-from radard.errors import ConfigError
+from radard.errors import ConfigError, UsageError
 from x2radar.ports import is_host
 
 LATE = "no answer within the time limit"
@@ -25,13 +26,21 @@ def client_context(
     return context
 
 
-def check_host(scheme: str, url: str) -> None:
-    """Raise ConfigError if no server can be at the host and port of a URL, of any form."""
+def split_server(scheme: str, url: str) -> SplitResult:
+    """Return the parts of a URL; UsageError, or ConfigError if no server can be at its host."""
+    try:
+        parts = urlsplit(url)
+        _ = parts.port
+    except ValueError as err:
+        # What it quotes may be a password.
+        why = str(err) if "'" not in str(err) else "no host has such a name and port"
+        raise UsageError(f"--output {scheme}: {why}") from err
     authority = re.split(r"[/?#]", url.partition("://")[2], maxsplit=1)[0]
     name = re.sub(r":\d*$", "", authority.rpartition("@")[2]).strip("[]")
     is_zero = bool(re.search(r":0+$", authority)) and not authority.endswith("]")
     if not authority.isprintable() or (name and not is_host(name)) or is_zero:
         raise ConfigError(f"--output {scheme}: no host has such a name and port")
+    return parts
 
 
 def shown_host(host: str) -> str:

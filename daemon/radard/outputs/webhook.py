@@ -18,11 +18,11 @@ from urllib.parse import quote, urljoin, urlsplit
 from radard.config.credentials import read_secret
 from radard.config.sink_table import SinkOptions, WebhookSection
 from radard.errors import ConfigError, UsageError
-from radard.log_cursor import Entry
+from radard.log import Entry
 from radard.outputs.base import DeliveryError, SinkContext
-from radard.outputs.delivery import Delivery, wants_events
 from radard.outputs.stdout import json_line
-from radard.outputs.tls import LATE, check_host, client_context, explain, shown_host
+from radard.outputs.thread_sink import Delivery, wants_events
+from radard.outputs.tls import LATE, client_context, explain, shown_host, split_server
 from x2radar import wall_clock
 from x2radar.command import installed_version
 
@@ -39,14 +39,8 @@ def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> Deliv
     if target.startswith("@"):
         # URLs of chat services are secrets; a file keeps them off the command line.
         target = read_secret("webhook.url", Path(target[1:]), None) or ""
-    try:
-        parts = urlsplit(target)
-        is_right = parts.scheme in {"http", "https"} and bool(parts.hostname)
-        is_right = is_right and parts.port != 0 and parts.username is None
-    except ValueError:
-        parts, is_right = urlsplit(""), False
-    check_host("webhook", target)
-    if not is_right:
+    parts = split_server("webhook", target)
+    if parts.scheme not in {"http", "https"} or not parts.hostname or parts.username is not None:
         raise UsageError(
             "--output webhook: give webhook:http://HOST/PATH, https://, or @FILE with such a "
             "URL in it; user and password do not belong there, see webhook.token_file"
@@ -55,7 +49,7 @@ def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> Deliv
     # of the host, which the socket knows to write.
     begin = target.index("://") + 3 + len(parts.netloc)
     quoted = target[:begin] + quote(os.fsencode(target[begin:]), safe="%/:=&?~#+!$,;'@()*[]")
-    o, host = options.webhook, shown_host(parts.hostname or "")
+    o, host = options.webhook, shown_host(parts.hostname)
     others = ["status"] * o.statuses + ["decision"] * o.decisions
     return Delivery(
         f"webhook:{parts.scheme}://{host}{f':{parts.port}' if parts.port else ''}",
@@ -103,18 +97,18 @@ class _Poster:
     def _post_to_the_end(self, body: bytes, headers: dict[str, str]) -> int:
         """Return the code of the last answer, after redirects if they are followed."""
         url, end_s = self._url, time.monotonic() + self._section.timeout_s
-        code, location = self._post(url, body, headers, self._section.timeout_s)
-        for _ in range(_MAX_HOPS if self._section.follow_redirects else 0):
-            if not location or code not in _REDIRECTS:
-                break
+        n_hops = _MAX_HOPS if self._section.follow_redirects else 0
+        while True:
+            code, location = self._post(url, body, headers, max(0.001, end_s - time.monotonic()))
+            if not n_hops or not location or code not in _REDIRECTS:
+                return code
+            n_hops -= 1
             before, url = url, urljoin(url, location)
             if urlsplit(url).scheme not in {"https", urlsplit(before).scheme}:
                 raise DeliveryError("the server redirects to what is no https")
             if urlsplit(url)[:2] != urlsplit(before)[:2]:
                 # The token is for the host that was named.
                 headers.pop("Authorization", None)
-            code, location = self._post(url, body, headers, max(0.001, end_s - time.monotonic()))
-        return code
 
     def _post(
         self, url: str, body: bytes, headers: dict[str, str], timeout_s: float

@@ -13,7 +13,7 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
-from radard.outputs.base import PASSING
+from radard.log_file import is_passing
 from x2radar.errors import RecordingError
 from x2radar.frame import Frame, StreamInfo
 from x2radar.wall_clock import utc_text
@@ -53,8 +53,7 @@ class Tap:
                 self._path, stream, started_utc=utc_text(), device={"name": stream.device}
             )
         except RecordingError as err:
-            cause = err.__cause__
-            if not isinstance(cause, OSError) or cause.errno not in PASSING:
+            if not is_passing(err.__cause__):
                 raise
             self._give_up(str(err))
             return

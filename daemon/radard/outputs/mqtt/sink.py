@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from urllib.parse import unquote, urlsplit
+from urllib.parse import unquote
 
 from radard.alarm.sensitivity import SENSITIVITIES
 from radard.config.credentials import read_secret
@@ -24,11 +24,10 @@ from radard.config.saved import change
 from radard.config.sink_table import MqttSection, SinkOptions
 from radard.errors import UsageError
 from radard.outputs.base import COMMANDS, Record, SinkContext, SinkState, StateKeeper
-from radard.outputs.delivery import Delivery, picture_path
 from radard.outputs.mqtt.link import Broker, MqttLink, Publication
 from radard.outputs.mqtt.topics import MqttTopics
-from radard.outputs.thread_sink import ThreadSink
-from radard.outputs.tls import check_host, shown_host
+from radard.outputs.thread_sink import Delivery, ThreadSink, picture_path
+from radard.outputs.tls import shown_host, split_server
 from x2radar.backoff import Backoff
 
 log = logging.getLogger("radard")
@@ -58,25 +57,19 @@ def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "Mqtt
 def parse_url(url: str, options: MqttSection, sensor: str) -> tuple[Broker, str]:
     """Return where the broker is, and the first part of the topics."""
     scheme = url.partition(":")[0]
-    try:
-        parts = urlsplit(url)
-        port = parts.port
-    except ValueError as err:
-        raise UsageError(f"--output {scheme}: {err}") from err
-    if parts.password is not None:
-        msg = f"--output {scheme}: no password in the URL; use mqtt.password_file or _env"
-        raise UsageError(msg)
+    parts = split_server(scheme, url)
     prefix = unquote(parts.path).strip("/") or "radard"
-    check_host(scheme, url)
     fault = "nothing may follow the prefix" if "?" in url or "#" in url else ""
     fault = "the prefix holds what no topic may" if _NO_TOPIC.search(prefix) else fault
     fault = fault if parts.hostname else "no host"
+    if parts.password is not None:
+        fault = "no password in the URL, use mqtt.password_file or _env"
     if fault:
         msg = f"--output {scheme}: {fault}; it is {scheme}://[user@]host[:port][/prefix]"
         raise UsageError(msg)
     broker = Broker(
         host=parts.hostname or "",
-        port=port or _PORTS[scheme],
+        port=parts.port or _PORTS[scheme],
         is_tls=scheme == "mqtts",
         client_id=options.client_id or f"radard-{sensor}",
         username=unquote(parts.username) if parts.username else options.username,

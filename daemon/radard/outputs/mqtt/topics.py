@@ -30,29 +30,20 @@ class Entity(NamedTuple):
     config: Mapping[str, Any]
 
 
-def _entity(platform: str, key: str, name: str, **more: Any) -> Entity:
+def _entity(platform: str, key: str, name: str, shows: str = "", **more: Any) -> Entity:
+    """Return an entity that takes commands, or `shows` an expression of a topic; or both."""
+    if platform in _COMMANDING:
+        more = {"cmd_t": f"~/command/{key}", **more}
+    if shows:
+        more |= {"stat_t": f"~/{more.pop('topic', 'state')}", "val_tpl": f"{{{{ {shows} }}}}"}
     return Entity(platform, key, {"name": name, **more})
 
 
-def _flag(key: str, name: str, expression: str, *, topic: str = "state", **more: str) -> Entity:
-    more |= {"stat_t": f"~/{topic}", "val_tpl": "{{ 'ON' if " + expression + " else 'OFF' }}"}
-    return _entity("binary_sensor", key, name, **more)
+def _flag(key: str, name: str, expression: str, **more: str) -> Entity:
+    return _entity("binary_sensor", key, name, f"'ON' if {expression} else 'OFF'", **more)
 
 
-def _value(key: str, name: str, topic: str, expression: str, **more: Any) -> Entity:
-    more |= {"stat_t": f"~/{topic}", "val_tpl": f"{{{{ {expression} }}}}"}
-    return _entity("sensor", key, name, **more)
-
-
-def _button(key: str, name: str, **more: Any) -> Entity:
-    return _entity("button", key, name, cmd_t=f"~/command/{key}", pl_prs="", **more)
-
-
-def _choice(platform: str, key: str, name: str, **more: Any) -> Entity:
-    more |= {"stat_t": "~/state", "val_tpl": f"{{{{ value_json.{key} }}}}"}
-    return _entity(platform, key, name, cmd_t=f"~/command/{key}", **more)
-
-
+_COMMANDING = {"alarm_control_panel", "select", "button"}
 _LABELS = ["human", "pet", "other", "pending", "none", "invalid"]
 _OPEN = "value_json.gate == 'open'"
 _HEALTH = {"topic": "health", "json_attr_t": "~/health"}
@@ -62,7 +53,7 @@ _STATE_ENTITIES = (
     _flag("movement", "Movement", _OPEN, dev_cla="occupancy", ent_cat="diagnostic"),
     _flag("pet", "Pet", "value_json.label == 'pet'", dev_cla="occupancy"),
     _flag("armed", "Armed", "value_json.armed", ic="mdi:shield"),
-    _value("label", "Who", "state", "value_json.label or 'none'", dev_cla="enum", ops=_LABELS),
+    _entity("sensor", "label", "Who", "value_json.label or 'none'", dev_cla="enum", ops=_LABELS),
     _flag("tamper", "Tamper", "value_json.tamper", topic="health", dev_cla="tamper"),
     _flag("problem", "Problem", _PROBLEM, dev_cla="problem", ent_cat="diagnostic", **_HEALTH),
 )
@@ -70,8 +61,8 @@ _PERCENT = {"unit_of_meas": "%", "stat_cla": "measurement", "sug_dsp_prc": 0, "e
 _METRES = {**_PERCENT, "unit_of_meas": "m", "dev_cla": "distance", "sug_dsp_prc": 1}
 _P_HUMAN = "(value_json.fused_p_human or 0) * 100"
 _DECISION_ENTITIES = (
-    _value("p_human", "Human", "decision", _P_HUMAN, **_PERCENT),
-    _value("range", "Range", "decision", "value_json.range_m", **_METRES),
+    _entity("sensor", "p_human", "Human", _P_HUMAN, topic="decision", **_PERCENT),
+    _entity("sensor", "range", "Range", "value_json.range_m", topic="decision", **_METRES),
 )
 """Disabled at first: a value every second fills Home Assistant's database."""
 _PICTURE = _entity("image", "picture", "Last alarm", img_t="~/picture", cont_type="image/png")
@@ -84,17 +75,16 @@ _EVENT = _entity(
     "event", "event", "Event", stat_t="~/event", evt_typ=_EVENT_TYPES, val_tpl=_OF_EVENT
 )
 _CODELESS = {"sup_feat": ["arm_home", "arm_away"], "cod_arm_req": False, "cod_dis_req": False}
-_PANEL = _choice("alarm_control_panel", "panel", "Panel", **_CODELESS)
+_PANEL = _entity("alarm_control_panel", "panel", "Panel", "value_json.panel", **_CODELESS)
 _CHOICES = {"ops": list(SENSITIVITIES["fused"]), "ent_cat": "config", "ic": "mdi:tune-vertical"}
-_SENSITIVITY = _choice("select", "sensitivity", "Sensitivity", **_CHOICES)
-_DISARM = _button("disarm", "Disarm", ic="mdi:shield-off")
+_DISARM = _entity("button", "disarm", "Disarm", pl_prs="", ic="mdi:shield-off")
 _COMMAND_ENTITIES = (
     _PANEL,
-    _SENSITIVITY,
-    _button("arm", "Arm", ic="mdi:shield-lock"),
+    _entity("select", "sensitivity", "Sensitivity", "value_json.sensitivity", **_CHOICES),
+    _entity("button", "arm", "Arm", pl_prs="", ic="mdi:shield-lock"),
     _DISARM,
-    _button("ack", "Acknowledge", ic="mdi:check"),
-    _button("calibrate", "Calibrate", ic="mdi:tune", ent_cat="config"),
+    _entity("button", "ack", "Acknowledge", pl_prs="", ic="mdi:check"),
+    _entity("button", "calibrate", "Calibrate", pl_prs="", ic="mdi:tune", ent_cat="config"),
 )
 CodeForm = Literal["REMOTE_CODE", "REMOTE_CODE_TEXT", ""]  # of digits, or any text; none
 """How Home Assistant asks for a code and hands it on; it is checked here, not published."""
@@ -193,7 +183,7 @@ class MqttTopics:
             "tamper": self._open.get("tamper"),
             "calibration": self._calibration,
         }
-        messages = self._if_changed("health", health)
+        messages = self._if_changed("health", _json(health))
         # A state from before an outage would be stale.
         if now_s - self._decided_s < self.options.expire_after_s:
             is_on = "alarm" in self._open
@@ -205,23 +195,21 @@ class MqttTopics:
                 "label": self._decision["label"],
                 "gate": self._decision["gate"],
             }
-            if state_messages := self._if_changed("state", held, t_s=self._decision["t_s"]):
+            text = _json({**held, "t_s": self._decision["t_s"]})
+            if state_messages := self._if_changed("state", _json(held), text):
                 self._stated_s = now_s
             messages += state_messages
-        availability = "online" if self._status.is_well else "offline"
-        if self._published.get("availability") != availability:
-            self._published["availability"] = availability
-            message = Publication(f"{self.base}/availability", availability)
-            # `online` after the state topics, `offline` before them.
-            messages.insert(len(messages) if self._status.is_well else 0, message)
-        return messages
+        # `online` after the state topics, `offline` before them.
+        if self._status.is_well:
+            return messages + self._if_changed("availability", "online")
+        return self._if_changed("availability", "offline") + messages
 
-    def _if_changed(self, name: str, held: Mapping[str, Any], **more: Any) -> list[Publication]:
-        text = _json(held)
-        if self._published.get(name) == text:
+    def _if_changed(self, name: str, what: str, text: str = "") -> list[Publication]:
+        """Return the message of a topic, `what` or a `text` in its place, if `what` is new."""
+        if self._published.get(name) == what:
             return []
-        self._published[name] = text
-        return [Publication(f"{self.base}/{name}", _json({**held, **more}))]
+        self._published[name] = what
+        return [Publication(f"{self.base}/{name}", text or what)]
 
     def discovery(self) -> list[Publication]:
         """Return what Home Assistant is told, once there was a `hello`; empty payloads remove."""
