@@ -70,6 +70,11 @@ class Place:
     seen: int
     deferred: tuple[int, ...] = ()
 
+    @property
+    def owes(self) -> bool:
+        """Whether there was something left to deliver."""
+        return self.done < self.seen or bool(self.deferred)
+
 
 class Cursor:
     """What one output has still to be told, in order, under the log's `lock`; for any thread."""
@@ -233,7 +238,7 @@ class EventLog:
                 cursor.take_over(before)
             else:
                 place = self._places.get(name)
-                if place is None or (place.done >= place.seen and not place.deferred):
+                if place is None or not place.owes:
                     begin = self.told if after is None else after
                     place = Place(begin, begin)
                 cursor.resume(place, [each for each in self._entries if each.n <= self.told])
@@ -403,8 +408,8 @@ class EventLog:
             for entry in self._entries:
                 entry.n += last
             for name, cursor in self._cursors.items():
-                if name in places:
-                    cursor.resume(places[name], entries)
+                if (place := places.get(name)) is not None and place.owes:
+                    cursor.resume(place, entries)
             self._written = last
             self._last += last
             self.told += last

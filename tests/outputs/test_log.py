@@ -195,6 +195,22 @@ def test_what_came_before_the_file_could_be_read_comes_behind_what_it_holds(open
     assert ids(cursor) == [ulid(k) for k in (1, 2, 3, 4)]
 
 
+def test_a_file_that_comes_late_tells_no_output_of_what_was_before_its_time(opened, path):
+    ids(opened().cursor("a", everything))
+    log = opened()
+    filled(log)
+    log.close()
+    aside = path.rename(path.with_name("aside"))
+    path.mkdir()
+    log = opened()
+    cursor = log.cursor("a", everything)
+    log.append(event(4))
+    path.rmdir()
+    aside.rename(path)
+    log.append(event(5))
+    assert [each.record["id"] for each in cursor.waiting()] == [ulid(4), ulid(5)]
+
+
 def test_waiting_is_counted_by_a_clock_that_nobody_sets(opened, path, monkeypatch):
     now_s = [1000.0]
     monkeypatch.setattr(log_module.time, "monotonic", lambda: now_s[0])
