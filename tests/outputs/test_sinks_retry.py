@@ -348,6 +348,7 @@ BAD = ["u@h", ":secret@h", "u:secret@h\n", "h?x=1", "h#x"]
         ("mqtt://h/a\udcff", UsageError, "what no topic may"),
         ("mqtt://", UsageError, "no host"),
         ("mqtt://u:secret@h", UsageError, "no password in the URL"),
+        ("mqtt://u:secret", UsageError, "no host has such a name and port"),
         ("mqtt://h:70000", UsageError, "--output mqtt: Port out of range"),
         ("mqtt://h?x=1", UsageError, "nothing may follow"),
         ("exec:/nowhere/program", OutputError, "no such program"),
