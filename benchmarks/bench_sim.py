@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 
 from radard.dsp.doppler import micro_doppler
 from tests.echo_references import passband
-from x2radar.frame import FastTimeAxis
-from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS, RadarSettings
+from x2radar.frame import SPEED_OF_LIGHT_MPS, FastTimeAxis
+from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.echo import TIERS, Task, choose, echo_sigma_m, frames
 from x2radar.sim.signal.pulse import LinkBudget, baseband_noise_power, matched_noise
 

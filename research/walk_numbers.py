@@ -23,8 +23,7 @@ from radard.dsp.range_time import RangeTimeMap
 from radard.dsp.velocity import CPI_S, range_dft, range_frequencies
 from radard.errors import FeatureError
 from radard.stream.ring import Dwell
-from x2radar.frame import FastTimeAxis
-from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
+from x2radar.frame import SPEED_OF_LIGHT_MPS, FastTimeAxis
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -7,8 +7,7 @@ from radard.dsp.doppler import gaussian_taper
 from radard.dsp.jitter import take_out_jitter
 from tests.radar_helpers import noise
 from tests.sim_helpers import axis_with
-from x2radar.frame import FastTimeAxis
-from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
+from x2radar.frame import SPEED_OF_LIGHT_MPS, FastTimeAxis
 
 X2 = axis_with("baseband", 96, 8 * 0.003656, 0.6)
 P4XX = axis_with("baseband", 480, 9.149e-3, 2.62, 4.0e9, 1.7e9, 0.0)

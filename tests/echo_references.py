@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
+from x2radar.frame import SPEED_OF_LIGHT_MPS
 from x2radar.sim.echo import echo_sigma_m, frames
 
 REACH_SIGMA = 7.0  # the pulse has fallen to 2e-11

@@ -15,6 +15,7 @@ Kind = Literal["rf", "baseband"]
 Samples = NDArray[np.float32] | NDArray[np.complex64]
 """Of frames: RF, or complex baseband."""
 
+SPEED_OF_LIGHT_MPS = 299_792_458.0
 LONGEST_GAP = 36_000
 """More missing frames than this are a restart of the module: ten minutes at 60 Hz."""
 

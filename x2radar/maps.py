@@ -10,8 +10,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from x2radar.errors import SettingsError
-from x2radar.frame import FastTimeAxis, Samples
-from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
+from x2radar.frame import SPEED_OF_LIGHT_MPS, FastTimeAxis, Samples
 
 CPI_S = 28 / 60  # length of a CPI: that of the thesis, which resolves 0.05 m/s at 6.8 GHz
 _COLUMN_RATE_HZ, _MAX_MPS = 15.0, 4.0

@@ -7,7 +7,7 @@ from radard.dsp.downconvert import DownConverter
 from radard.errors import FeatureError
 from tests.radar_helpers import BASEBAND, noise
 from tests.sim_helpers import RF, axis_with
-from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
+from x2radar.frame import SPEED_OF_LIGHT_MPS
 
 
 def test_baseband_passes_through_and_rising_phase_is_turned_round():

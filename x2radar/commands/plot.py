@@ -13,9 +13,8 @@ from x2radar.command import StatusLine, legible
 from x2radar.commands import Commands, add_command, check_above_zero
 from x2radar.errors import SettingsError
 from x2radar.extras import needed
-from x2radar.frame import Samples, StreamInfo
+from x2radar.frame import SPEED_OF_LIGHT_MPS, Samples, StreamInfo
 from x2radar.maps import Map, Reals, range_time, spectrum, velocity_time
-from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 from x2radar.ports import is_port
 
 _DEPTHS_DB = (40.0, 30.0)  # under the peak of range and of velocity: what limbs need to show

@@ -9,10 +9,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from x2radar.errors import SettingsError
-from x2radar.frame import FastTimeAxis
+from x2radar.frame import SPEED_OF_LIGHT_MPS, FastTimeAxis
 from x2radar.keys import limited, one_of
 from x2radar.modules.base import ModuleSettings
-from x2radar.modules.x2 import OUTPUTS, PULSE_GENERATORS, SPEED_OF_LIGHT_MPS
+from x2radar.modules.x2 import OUTPUTS, PULSE_GENERATORS
 from x2radar.wire import messages as msg
 from x2radar.wire.wire_ids import Led, Mode, OutputRef, Profile
 

@@ -5,13 +5,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from x2radar.frame import FastTimeAxis
+from x2radar.frame import SPEED_OF_LIGHT_MPS, FastTimeAxis
 from x2radar.keys import limited, one_of
 from x2radar.modules.base import ModuleSettings
 from x2radar.wire.messages import Message, SetMode, SetOutput, SetSysFloat, SetSysInt
 from x2radar.wire.wire_ids import BasebandOutput, Mode, OutputRef, SysCfg
 
-SPEED_OF_LIGHT_MPS = 299_792_458.0
 _SAMPLERS = 256
 DAC_TOP = 8191
 PRF_HZ = 100e6

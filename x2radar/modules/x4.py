@@ -8,10 +8,9 @@ inferred (docs/research/hardware.md). A module rounds frame rate and area to its
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
-from x2radar.frame import FastTimeAxis, Kind
+from x2radar.frame import SPEED_OF_LIGHT_MPS, FastTimeAxis, Kind
 from x2radar.keys import Key, limited, one_of
 from x2radar.modules.base import ModuleSettings
-from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 from x2radar.wire.messages import Message, SetMode, X4Init, X4Set
 from x2radar.wire.wire_ids import Mode, X4Setting
 

@@ -12,9 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from x2radar.frame import Kind, StreamInfo
+from x2radar.frame import SPEED_OF_LIGHT_MPS, Kind, StreamInfo
 from x2radar.modules.modules import pulse_bandwidth_hz
-from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 from x2radar.recording.faults import refuse
 
 FORMAT = "x2radar-recording"

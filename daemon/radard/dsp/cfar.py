@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 from radard.dsp import clutter
 from radard.dsp.velocity import CPI_S
-from x2radar.frame import FastTimeAxis
-from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
+from x2radar.frame import SPEED_OF_LIGHT_MPS, FastTimeAxis
 
 Array = NDArray[np.float64]
 BLOCK_S = 0.12  # a quarter of a CPI

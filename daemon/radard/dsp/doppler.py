@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radard.dsp.columns import ColumnStream, Reals, StepBuffer, whole
 from radard.errors import FeatureError
-from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
+from x2radar.frame import SPEED_OF_LIGHT_MPS
 
 Steps = NDArray[np.float32] | NDArray[np.float64]
 

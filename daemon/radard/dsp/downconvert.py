@@ -12,8 +12,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
 from radard.errors import FeatureError
-from x2radar.frame import FastTimeAxis
-from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
+from x2radar.frame import SPEED_OF_LIGHT_MPS, FastTimeAxis
 
 _REACH_SIGMA = 6.0  # the pulse has decayed to 1.5e-8 there
 _FRAMES_AT_ONCE = 16  # their windows stay in the cache

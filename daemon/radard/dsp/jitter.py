@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radard.dsp.clutter import Flags
-from x2radar.frame import FastTimeAxis
-from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
+from x2radar.frame import SPEED_OF_LIGHT_MPS, FastTimeAxis
 
 MAX_DELAY_S = 1e-12  # a common delay of more rms is no jitter (modules: 0.13 to 0.23 ps)
 MAX_GAIN = 0.01  # a common gain of more rms is no gain noise (modules: up to 0.12 %): left alone

@@ -14,8 +14,7 @@ from radard.dsp.columns import SharedSteps
 from radard.dsp.doppler import StreamingDoppler
 from radard.dsp.range_time import RangeTimeMap
 from radard.dsp.velocity import CPI_S, VelocityTransform
-from x2radar.frame import FastTimeAxis
-from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
+from x2radar.frame import SPEED_OF_LIGHT_MPS, FastTimeAxis
 
 Bytes = NDArray[np.uint8]
 Reals = NDArray[np.float64]

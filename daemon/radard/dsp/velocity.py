@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from radard.dsp.columns import ColumnStore, ColumnStream, Flags, Reals, StepBuffer, whole
 from radard.dsp.doppler import centring, gaussian_taper
 from radard.errors import FeatureError
-from x2radar.frame import FastTimeAxis
-from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
+from x2radar.frame import SPEED_OF_LIGHT_MPS, FastTimeAxis
 
 CPI_S = 28 / 60  # the thesis' CPI: 28 frames at 60 Hz (2.29)
 _MIN_CPI = 4  # frames: fewer show no Doppler beside the removed mean

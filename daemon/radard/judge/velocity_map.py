@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from radard.dsp.range_time import time_cells
 from radard.dsp.velocity import VelocityTransform
 from radard.stream.ring import Dwell
-from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
+from x2radar.frame import SPEED_OF_LIGHT_MPS
 
 WEAKEST_COLUMN_DB = 25.0  # weaker columns stay dark: the maps' own depth
 Map = NDArray[np.float32]

@@ -24,7 +24,8 @@ from radard.dsp.downconvert import DownConverter
 from radard.stream.ring import Dwell
 from x2radar.atomic import write_whole
 from x2radar.errors import WriteError
-from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS, RadarSettings
+from x2radar.frame import SPEED_OF_LIGHT_MPS
+from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.bodies.thesis_bodies import THESIS_BODIES, ranges_xyz
 from x2radar.sim.echo import frames as echo_frames
 from x2radar.sim.signal.pulse import pulse_sigma_s

@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.errors import SettingsError
-from x2radar.frame import Samples, count_by_stamps
-from x2radar.modules.x2 import PULSE_GENERATORS, SPEED_OF_LIGHT_MPS
+from x2radar.frame import SPEED_OF_LIGHT_MPS, Samples, count_by_stamps
+from x2radar.modules.x2 import PULSE_GENERATORS
 from x2radar.recording.about import MAX_BINS, NO_OVERRIDES, Overrides
 from x2radar.recording.blocks import BlockReader
 from x2radar.recording.faults import refuse

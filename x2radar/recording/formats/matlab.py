@@ -27,8 +27,7 @@ from typing import Any
 import numpy as np
 
 from x2radar.errors import RecordingError, SettingsError
-from x2radar.frame import count_by_stamps
-from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
+from x2radar.frame import SPEED_OF_LIGHT_MPS, count_by_stamps
 from x2radar.recording import about
 from x2radar.recording.about import NO_OVERRIDES, Overrides
 from x2radar.recording.blocks import BlockReader, Label

@@ -32,8 +32,7 @@ from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
 from x2radar.errors import SceneError
-from x2radar.frame import FastTimeAxis, Samples
-from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
+from x2radar.frame import SPEED_OF_LIGHT_MPS, FastTimeAxis, Samples
 from x2radar.sim.points import Array
 from x2radar.sim.signal.pulse import pulse_sigma_s
 

@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.frame import FastTimeAxis, Samples
+from x2radar.frame import SPEED_OF_LIGHT_MPS, FastTimeAxis, Samples
 from x2radar.keys import Checked, limited, one_of
-from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 from x2radar.sim.points import Array
 from x2radar.sim.signal.pulse import LinkBudget, baseband_noise_power, pulse_sigma_s
 

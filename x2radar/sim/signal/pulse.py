@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.frame import FastTimeAxis
-from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS, RadarSettings
+from x2radar.frame import SPEED_OF_LIGHT_MPS, FastTimeAxis
+from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.points import Array
 
 NEAREST_M = 0.1  # nearer points count as here: the near field has no radar equation

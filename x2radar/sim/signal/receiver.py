@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.frame import FastTimeAxis
+from x2radar.frame import SPEED_OF_LIGHT_MPS, FastTimeAxis
 from x2radar.keys import Checked, limited
-from x2radar.modules.x2 import DAC_TOP, SPEED_OF_LIGHT_MPS, RadarSettings
+from x2radar.modules.x2 import DAC_TOP, RadarSettings
 from x2radar.sim.points import Array
 from x2radar.sim.signal import pulse
 from x2radar.sim.signal.pulse import UNIT_PER_COUNT, LinkBudget

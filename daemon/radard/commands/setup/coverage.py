@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from radard.dsp.velocity import CPI_S
-from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS, RadarSettings
+from x2radar.frame import SPEED_OF_LIGHT_MPS
+from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.bodies.thesis_bodies import SEED_GAIN
 from x2radar.sim.place.antenna import Antenna
 from x2radar.sim.signal.pulse import LinkBudget, baseband_noise_power
