@@ -324,6 +324,22 @@ def test_for_two_seconds_after_a_look_frames_come_by_threes():
     assert sizes == [3] * 39 + [64] * 4
 
 
+def test_what_is_left_until_the_next_dwell_and_that_it_is_told():
+    ring, frames, left, told = copy_ring(10, 4.0), list(frames_of(noise(23))), [], []
+    ring.on_item = lambda: told.append(type(ring.next_item(0)))
+    for frame in frames:
+        if frame.index == 14:
+            ring.recent()
+        left.append(ring.n_left)
+        ring.push(frame)
+    ring.end()
+    # Who looks on waits for each frame, for two seconds.
+    assert left == [1, *range(9, 0, -1), 4, 3, 2, 1, *[1] * 8, 4]
+    assert told == [Dwell] * 4 + [type(None)]
+    ends = [dwell.end_frame for dwell in copy_ring(10, 4.0).dwells(frames)]
+    assert ends == [10, 14, 18, 22]
+
+
 def test_frames_of_another_kind_keep_their_rows():
     samples = noise(20)
     samples[10:].imag = 0
