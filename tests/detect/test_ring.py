@@ -114,8 +114,13 @@ def test_frames_converted_together_are_those_converted_alone(n_slow, rate, lost,
     samples = noise(400, 6).real.astype(np.float32)
     samples[list(bad), 2] = np.nan
     converter = DownConverter(replace(RF, n_range=6), 2)
-    shape = DwellShape(n_slow=n_slow, hop_s=1.0, frame_rate_hz=rate)
-    ring = FrameRing(converter.axis, converter.convert, shape)
+    shape, are_numbers = DwellShape(n_slow=n_slow, hop_s=1.0, frame_rate_hz=rate), []
+
+    def convert(frames, out):
+        are_numbers.append(np.isfinite(frames).all())
+        converter.convert(frames, out)
+
+    ring = FrameRing(converter.axis, convert, shape)
     got = [d for d in dwells(ring, lossy(samples, lost)) if isinstance(d, Dwell)]
     good = np.array([k not in lost | bad for k in range(400)])
     rows = np.zeros((400, 3), np.complex64)
@@ -131,6 +136,7 @@ def test_frames_converted_together_are_those_converted_alone(n_slow, rate, lost,
     for dwell, end in zip(got, ends, strict=True):
         assert np.array_equal(dwell.frames, rows[end - n_slow : end])
         assert np.array_equal(dwell.valid, good[end - n_slow : end])
+    assert all(are_numbers)
 
 
 def test_a_frame_of_another_length_is_refused():
