@@ -8,11 +8,10 @@ import time
 
 def wait_for(condition, timeout_s=180.0, explain=lambda: ""):
     """Return what `condition` returns once that is true; fail if it never is."""
-    end_s, pause_s = time.monotonic() + timeout_s, 0.004
+    end_s = time.monotonic() + timeout_s
     while not (found := condition()):
         assert time.monotonic() < end_s, f"waited in vain: {explain()}"
-        time.sleep(pause_s)
-        pause_s = min(1.1 * pause_s, 0.02)
+        time.sleep(0.004)
     return found
 
 
