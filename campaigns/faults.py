@@ -149,7 +149,7 @@ class FaultyLine(PtyTransport):
     def read(self, timeout_s: float) -> bytes:
         """Return what the host has sent, as a `Transport`; nothing while the cable is out."""
         self.write(b"")
-        if self._master < 0:
+        if self._master.closed:
             time.sleep(_WAIT_S)
             return b""
         data = super().read(min(timeout_s, _WAIT_S))
@@ -158,15 +158,14 @@ class FaultyLine(PtyTransport):
     def write(self, data: bytes) -> None:
         """Send the host what the line leaves of it, and what was held back before."""
         now_s = time.monotonic()
-        if self._master < 0 and (now_s >= self._plug_s or not self.is_faulty):
+        if self._master.closed and (now_s >= self._plug_s or not self.is_faulty):
             self._plug()
         if len(self._held) < _MAX_HELD:
             self._held += self._spoiled(data)
-        if self._master < 0:
+        if self._master.closed:
             self._held = b""
         elif now_s >= self._until_s or not self.is_faulty:
-            with contextlib.suppress(BlockingIOError):
-                self._held = self._held[os.write(self._master, self._held) :]
+            self._held = self._held[self._master.write(self._held) or 0 :]
 
     def close(self) -> None:
         """Pull the cable."""
@@ -202,7 +201,7 @@ class FaultyLine(PtyTransport):
             data = rng.randbytes(rng.randint(1, 300)) + data
         if self._falls("stall"):
             self._until_s = time.monotonic() + rng.uniform(0.05, longest_s)
-        if self._falls("pull") and self._master >= 0:
+        if self._falls("pull") and not self._master.closed:
             self.close()
             self._plug_s = time.monotonic() + rng.uniform(0.05, longest_s)
         return data
