@@ -143,6 +143,7 @@ class StreamingDoppler(ColumnStream):
         super().__init__(n_cpi, n_steps - n_steps % 16 - (n_cpi - 2), n_keep, n_cpi)
 
     def advance(self, steps: StepBuffer, n_new: int) -> int:
+        """Make the columns that the newest `n_new` frames complete, by their Gram matrix."""
         n_frames, stride = steps.n_frames, self._stride
         earliest = max(0, n_frames - n_new - self._n_cpi + 1)
         first = -(-earliest // stride) * stride

@@ -82,6 +82,7 @@ class RangeTimeMap(ColumnStream):
         self._n_cpi = n_cpi
 
     def advance(self, steps: StepBuffer, n_new: int) -> int:
+        """Make the columns that the newest `n_new` frames complete: power by range."""
         n = min(n_new, steps.n_frames - self._n_cpi + 1)
         if n < 1:
             return 0

@@ -153,6 +153,7 @@ class VelocityTransform(ColumnStream):
         self._n_seen = 0
 
     def advance(self, steps: StepBuffer, n_new: int) -> int:
+        """Make the columns that the newest `n_new` frames complete, by their spectra."""
         planar, n_freq = steps.product(self._dft, n_new), len(self.frequency_hz)
         spectra = np.empty((n_new, n_freq), np.complex64)
         spectra.real, spectra.imag = planar[:, :n_freq], planar[:, n_freq:]
