@@ -264,6 +264,25 @@ def test_the_wait_begins_anew_with_the_next_body(forget):
     assert [verdict.judge(unsure, t)[0] for t in (4, 6, 7)] == ["pending", "pending", "human"]
 
 
+@pytest.mark.parametrize(
+    ("before", "p", "within_s", "limit", "told"),
+    [
+        ((0.1, 0.9, 0.0), (0.03, 0.49, 0.48), 3.0, 0.8, ("pet", False)),
+        ((0.1, 0.1, 0.8), (0.03, 0.48, 0.49), 3.0, 0.8, ("other", False)),
+        ((0.1, 0.9, 0.0), (0.041, 0.49, 0.469), 3.0, 0.8, ("human", True)),
+        ((0.1, 0.9, 0.0), (0.25, 0.75, 0.0), 3.0, 0.8, ("human", True)),
+        ((0.4, 0.6, 0.0), (0.03, 0.49, 0.48), 3.0, 0.8, ("human", True)),  # never known
+        ((0.1, 0.9, 0.0), (0.03, 0.49, 0.48), 0.0, 0.8, ("human", True)),  # policy window
+        ((0.01, 0.99, 0.0), (0.03, 0.49, 0.48), 3.0, 0.98, ("human", True)),
+    ],
+)
+def test_what_is_known_stays_harmless_as_a_bit_of_both(before, p, within_s, limit, told):
+    verdict = Verdict(limit, EvidenceSettings(), within_s)
+    assert [verdict.judge(window(*each), t) for t, each in ((0, before), (9, p))][1] == told
+    verdict.leave()
+    assert verdict.judge(window(0.03, 0.49, 0.48), 10)[0] == ("pending" if within_s else "human")
+
+
 @pytest.mark.parametrize("rate_hz", [14.5, 28.0, 30.5, 60.0, 117.3])
 def test_the_wait_is_as_long_wherever_in_the_stream_it_begins(rate_hz):
     unsure = window(0.5, 0.5, 0.0)

@@ -21,6 +21,7 @@ MIN_P = 0.5  # no class below it is what moves
 LONGER, SHORTER = 2.5, 2 / 3  # that evidence that leans to a pet, or a person, waits against even
 _OF_WINDOWS = EvidenceSettings(human_limit=MIN_P)  # policy 'window': nothing to wait for
 HIGH_PET_LIMIT = 0.9  # least at sensitivity 'high' under policy 'fused' (docs/evaluation.md)
+_STILL = 0.96  # p(pet) + p(other) above which what was known for harmless is so still
 _ROUNDING_S = 0.07  # more than a frame of the slowest stream that a bundle takes (14.5 Hz)
 
 
@@ -69,11 +70,11 @@ def invalid_decision(dwell: Dwell, fault: str, *, seq: int = 0) -> Decision:
     )
 
 
-def judge(p: Probabilities, pet_limit: float) -> tuple[Label, bool]:
+def judge(p: Probabilities, pet_limit: float, least: float = MIN_P) -> tuple[Label, bool]:
     """Apply the rule to the probabilities of one window, or fused ones: the label and the alarm.
 
-    Gate open, alarm unless p(pet) + p(other) is above `pet_limit` and one of the two at least a
-    half. The label is human whenever the alarm is on.
+    Gate open, alarm unless p(pet) + p(other) is above `pet_limit` and one of the two at least
+    `least`, a half. The label is human whenever the alarm is on.
 
     >>> judge(Probabilities(human=0.1, pet=0.85, other=0.05), pet_limit=0.8)
     ('pet', False)
@@ -83,7 +84,7 @@ def judge(p: Probabilities, pet_limit: float) -> tuple[Label, bool]:
     >>> judge(Probabilities(human=0.1, pet=0.45, other=0.45), pet_limit=0.8)
     ('human', True)
     """
-    if p.pet + p.other > pet_limit and max(p.pet, p.other) >= MIN_P:
+    if p.pet + p.other > pet_limit and max(p.pet, p.other) >= least:
         return ("pet" if p.pet >= p.other else "other"), False
     return "human", True
 
@@ -94,10 +95,12 @@ class Verdict:
     From p(human) `human_limit` on the alarm does not wait; else it waits for evidence for
     `decide_within_s` after the gate has opened, 0 under policy `window`; `LONGER` of it while
     p(pet) + p(other) is above `leaning`, and one of them at least a half, `SHORTER` of it while
-    p(human) is. Who leaves undecided is an alarm too; sooner than `brief_s`, only who is likelier
-    a person than not, unless `pet_limit` is as high as sensitivity 'high' has it. `undecided_s` is
-    for how long neither side has been reached, by the last call; None where one has, or an alarm
-    that waits no more is for somebody who is likelier a person than not.
+    p(human) is. What was known for a pet or a thing since the gate opened is harmless still while
+    p(pet) + p(other) is above `_STILL`, even if neither is a half: that it seems a bit of both
+    speaks for no person. Who leaves undecided is an alarm too; sooner than `brief_s`, only who is
+    likelier a person than not, unless `pet_limit` is as high as sensitivity 'high' has it.
+    `undecided_s` is for how long neither side has been reached, by the last call; None where one
+    has, or an alarm that waits no more is for somebody who is likelier a person than not.
     """
 
     def __init__(
@@ -117,6 +120,7 @@ class Verdict:
         self._unsure_since_s: float | None = None
         self._is_pending = False
         self._may_leave = False
+        self._is_known = False
         self.undecided_s: float | None = None
 
     def judge(self, p: Probabilities, t_s: float) -> tuple[Label, bool]:
@@ -124,6 +128,10 @@ class Verdict:
         if self._since_s is None:
             self._since_s = t_s
         label, alarm = judge(p, self.pet_limit)
+        if self._is_known and alarm:
+            label, alarm = judge(p, max(self.pet_limit, _STILL), least=0.0)
+        # Policy 'window' has no windows before this one.
+        self._is_known |= self._within_s > 0 and not alarm
         is_unsure = alarm and p.human < self._settings.human_limit
         if is_unsure and self._unsure_since_s is None:
             self._unsure_since_s = t_s
