@@ -38,7 +38,10 @@ _LOG = "outputs/test_log outputs/test_log_model"
 MODULES = {
     "framing": ("x2radar/wire/framing", "driver/test_framing"),
     "codec": ("x2radar/wire/codec", "driver/test_codec"),
-    "link": ("x2radar/device/link", "driver/test_device driver/test_device_start_up"),
+    "link": (
+        "x2radar/device/link",
+        "driver/test_link driver/test_device driver/test_device_start_up",
+    ),
     "ring": ("daemon/radard/stream/ring", "detect/test_ring detect/test_ring_model"),
     "gate": ("daemon/radard/detect/gate", "detect/test_noise_floor detect/test_gate"),
     "evidence": ("daemon/radard/judge/evidence", "training/test_evidence"),
