@@ -378,7 +378,7 @@ def test_what_begins_where_a_visit_ended_is_likely_the_same_body(p_human):
         same = 0.8 * math.exp(-gap_s / 60)
         mixed = same * odds / (1 + odds) + (1 - same) * prior
         expected = math.log(mixed / (1 - mixed)) - math.log(prior / (1 - prior))
-        assert lean(gap_s, 0.4) == pytest.approx(expected, abs=1e-4)
+        assert lean(gap_s, 0.5) == pytest.approx(expected, abs=1e-4)
         # A visit's own evidence is remembered, not what was remembered with it.
         assert lean(gap_s, -0.4, again=4) == pytest.approx(expected, abs=1e-4)
     assert lean(1.0, 0.6) == lean(1.0, math.nan) == 0.0
@@ -394,6 +394,14 @@ def test_no_past_takes_more_than_two_nats_from_a_person(visits):
         t_s += 3.0
     plain = visit(Evidence(EvidenceSettings(prior_human=0.25)), 0.5, 0.0, 2.0)
     assert visit(evidence, 0.5, t_s + 1.0, 2.0) - plain > -2.05
+
+
+def test_who_was_a_person_for_sure_is_remembered_as_one():
+    evidence = Evidence(EvidenceSettings())
+    sure = Answer(window(1.0, 0.0, 0.0), np.array([0.0, -80.0, -80.0]), None)
+    assert evidence.fuse(sure, range_m=2.0).human == 1.0
+    evidence.end_visit()
+    assert visit(evidence, 0.5, 1.0, 2.0) > 1.0
 
 
 def test_a_module_that_restarts_has_seen_nobody():

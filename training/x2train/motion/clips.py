@@ -50,7 +50,8 @@ class Clip:
     `joint_m`, shape (n_frames, n_joints, 3), is ahead, to the left and up, from the floor beneath
     that point; `step_m`, shape (n_frames,), how far it goes from each frame to the next. Clips of
     one `individual` can follow each other. `slip` is how far feet that stand slide, against how
-    far the body goes: 0 where it was recorded. Licence, source and hash are for a bundle's card.
+    far the body goes; None where that is not said, as of a recording. Licence, source and hash are
+    for a bundle's card.
     """
 
     name: str
@@ -64,7 +65,7 @@ class Clip:
     licence: str
     source: str
     sha256: str
-    slip: float
+    slip: float | None
 
     @property
     def goes(self) -> bool:
@@ -98,7 +99,7 @@ def read_clip(path: Path) -> Clip:
             parents = tuple(int(k) for k in file["parents"])
             rate_hz = float(file["frame_rate_hz"])
             text = {key: str(file[key]) for key in _TEXTS if key in file}
-            slip = float(file["slip_ratio"]) if "slip_ratio" in file else 0.0
+            slip = float(file["slip_ratio"]) if "slip_ratio" in file else None
     except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as err:
         raise SceneError(f"{path}: not a clip: {' '.join(str(err).split())}") from err
     fits = position.ndim == 3 and position.shape[1:] == (len(joints), 3) == (len(parents), 3)

@@ -61,8 +61,11 @@ class Individual:
     def weight(self) -> float:
         """How often it is drawn: by how much there is of it, and how real that is."""
         seconds = sum(len(clip.joint_m) / clip.frame_rate_hz for clip in self.clips)
-        slip = float(np.mean([clip.slip for clip in self.clips]))
-        trust = _RECORDED_TRUST if self.label == "pet" and slip == 0 else 1 / (1 + 5 * slip)
+        # Animated clips say how far their feet slide, none of those that stay in their place.
+        slips = [clip.slip for clip in self.clips if clip.slip is not None]
+        trust = 1 / (1 + 5 * float(np.mean(slips))) if slips else 1.0
+        if self.label == "pet" and not slips:
+            trust = _RECORDED_TRUST
         return float(np.sqrt(min(seconds, _ENOUGH_S))) * trust
 
 
