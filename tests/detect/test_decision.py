@@ -77,3 +77,4 @@ def test_a_window_that_cannot_be_judged_says_nothing_but_why():
     says = {"gate": "invalid", "label": "invalid", "fault": "12 lost", "frames": 6, "dropped": 4}
     wanted = Decision(seq=7, t_s=dwell.t_s, t_mono_s=3.0, **says)
     assert invalid_decision(dwell, "12 lost", seq=7) == wanted
+    assert not wanted.alarm

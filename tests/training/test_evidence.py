@@ -160,11 +160,12 @@ def test_the_rule_over_time(p, within_s, t_s, expected):
 @pytest.mark.parametrize(
     ("p", "within_s", "waits_s"),
     [
-        ((0.41, 0.59, 0.0), 3.0, 3.0),  # near even
+        ((0.4, 0.6, 0.0), 3.0, 3.0),  # near even
         ((0.39, 0.61, 0.0), 3.0, 7.5),  # a pet, or a thing, is likelier by far
         ((0.3, 0.1, 0.6), 3.0, 7.5),
+        ((0.25, 0.5, 0.25), 3.0, 7.5),
         ((0.1, 0.45, 0.45), 3.0, 3.0),  # resembles nothing
-        ((0.59, 0.41, 0.0), 3.0, 3.0),
+        ((0.6, 0.4, 0.0), 3.0, 3.0),
         ((0.61, 0.39, 0.0), 3.0, 2.0),  # a person is
         ((0.3, 0.7, 0.0), 0.0, 0.0),
     ],
@@ -245,7 +246,7 @@ def test_it_knows_for_how_long_neither_side_has_been_reached():
         verdict.judge(p, 10.0 + t_s)
         told.append(verdict.undecided_s)
     assert told == [None, None, 0, 1, 2, None, 0]
-    assert verdict.judge(window(0.7, 0.3, 0.0), 17.0) == ("human", True)
+    assert verdict.judge(window(0.5, 0.5, 0.0), 17.0) == ("human", True)
     assert verdict.undecided_s is None
     assert not verdict.leave()
     assert verdict.undecided_s is None
@@ -267,7 +268,7 @@ def test_the_wait_begins_anew_with_the_next_body(forget):
 @pytest.mark.parametrize(
     ("before", "p", "within_s", "limit", "told"),
     [
-        ((0.1, 0.9, 0.0), (0.03, 0.49, 0.48), 3.0, 0.8, ("pet", False)),
+        ((0.1, 0.9, 0.0), (0.03, 0.49, 0.48), 0.5, 0.8, ("pet", False)),
         ((0.1, 0.1, 0.8), (0.03, 0.48, 0.49), 3.0, 0.8, ("other", False)),
         ((0.1, 0.9, 0.0), (0.041, 0.49, 0.469), 3.0, 0.8, ("human", True)),
         ((0.1, 0.9, 0.0), (0.25, 0.75, 0.0), 3.0, 0.8, ("human", True)),
