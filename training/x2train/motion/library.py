@@ -39,7 +39,7 @@ _SPREAD = {"human": 0.08, "pet": 0.35}  # of sizes, in parts: adults' statures b
 _CHILD_SHARE = 0.15  # of people, who are drawn from 0.9 m on
 _ENOUGH_S = 120.0  # more of one individual does not make it come more often
 _RECORDED_TRUST = 4.0  # one recorded dog is a third of the animals, beside twenty by hand
-_NOT_AT_HOME = re.compile(r"death|attack|bite|fall", re.IGNORECASE)
+_NOT_AT_HOME = re.compile(r"death|attack|bite|fall|jump", re.IGNORECASE)
 """Clips of animals that nobody sees in a room."""
 _GIRTH, _N_LOOKS, _RADII_M = 0.12, 16, (0.3, 0.8)
 _FADE_S = 0.25  # a quarter of a second: shorter than a person's step, longer than a twitch
