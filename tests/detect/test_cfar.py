@@ -8,14 +8,7 @@ import pytest
 from radard.config.sections import GateSettings
 from radard.detect.gate import DAY_S, Gate
 from radard.dsp import cfar
-from radard.dsp.cfar import (
-    FALSE_ALARM,
-    PowerMap,
-    find_peaks,
-    floor_factor,
-    os_factor,
-    power_map,
-)
+from radard.dsp.cfar import FALSE_ALARM, PowerMap, find_peaks, floor_factor, os_factor, power_map
 from radard.dsp.clutter import block_power, sound_rows
 from tests.clutter_helpers import ALL, AXIS, body, db
 from tests.radar_helpers import dwell_of, noise, walker

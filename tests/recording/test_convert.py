@@ -21,10 +21,7 @@ from x2radar.errors import RecordingError
 from x2radar.recording.registry import FORMATS, WRITABLE, open_recording
 
 NAMES = {form: f"out{FORMATS[form].suffixes[0]}" for form in WRITABLE}
-HOLDS = [
-    *product(("hdf5", "npz", "sigmf", "mat"), ("rf", "baseband")),
-    ("xethru", "baseband"),
-]
+HOLDS = [*product(("hdf5", "npz", "sigmf", "mat"), ("rf", "baseband")), ("xethru", "baseband")]
 
 
 def names_in(folder):
