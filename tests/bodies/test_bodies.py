@@ -197,5 +197,4 @@ def test_everything_that_moves_does_so_as_before(golden):
     for now, before in zip(made, golden("movers.jsonl", made), strict=True):
         assert now["name"] == before["name"]
         for key in set(now) - {"name"}:
-            wanted = pytest.approx(before[key], rel=0.01, abs=1e-6)
-            assert now[key] == wanted, (now["name"], key)
+            assert now[key] == pytest.approx(before[key], rel=0.01, abs=1e-6), (now["name"], key)

@@ -171,8 +171,7 @@ T_S = 2.5 + np.arange(800) * STEP_S
 
 
 def walker(speed_mps, seed=0, motion="gait"):
-    path = ((0, 14), (0, 1))
-    return drawn("human", "walk", seed, path=path, speed_mps=speed_mps, motion=motion)
+    return drawn("human", "walk", seed, path=((0, 14), (0, 1)), speed_mps=speed_mps, motion=motion)
 
 
 @pytest.mark.parametrize("motion", MOTIONS)

@@ -123,8 +123,7 @@ def test_any_ellipsoid_from_anywhere_is_the_curvature_at_its_bright_spot(half, a
 
 def lost_db(place, directions, seed=0):
     """What a ball at a place beside a long level trunk loses, seen along directions."""
-    half = [(0.35, 0.12, 0.14), BALL]
-    skin = dull(half, seed)
+    skin = dull([(0.35, 0.12, 0.14), BALL], seed)
     pose = Pose(np.array([[(0.0, 0.0, 0.0), place]]), np.array([[X, X]]), np.array([[Y]]))
     open_m2 = SKIN_REFLECTION * math.pi * BALL[0] ** 2
     lost = [10 * math.log10(open_m2 / seen(skin, d, pose)[1]) for d in directions]

@@ -73,8 +73,7 @@ def test_any_radar_and_decimation_against_float64(axis, step):
     step = min(step, axis.n_range)
     x = np.random.default_rng(0).standard_normal((3, axis.n_range)) + 50
     x = x.astype(np.float32)
-    ours = DownConverter(axis, step).convert(x)
-    for frame, out in zip(x, ours, strict=True):
+    for frame, out in zip(x, DownConverter(axis, step).convert(x), strict=True):
         wanted = definition(frame, axis, step)
         assert np.abs(out - wanted).max() <= 1e-6 * max(np.abs(wanted).max(), 1)
 
@@ -123,8 +122,7 @@ def test_shapes_of_input_and_output():
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_a_frame_that_is_not_finite_leaves_no_trace(bad):
-    rng = np.random.default_rng(5)
-    x = rng.standard_normal((20, 768)).astype(np.float32)
+    x = np.random.default_rng(5).standard_normal((20, 768)).astype(np.float32)
     hurt = x.copy()
     hurt[7, 300] = bad
     converter = DownConverter(RF, 8)

@@ -54,8 +54,7 @@ def test_live_replayed_and_in_a_table_they_are_the_same(hop_s, tmp_path, monkeyp
     _, replayed, _ = run_radard("--port", f"replay:{path}", "-o", "json")
     assert decisions(stable(replayed)) == made
     _, table, _ = run_radard("detect", str(path), "--to", "jsonl", "--jobs", "1")
-    rows = decisions(stable(table))
-    assert [{k: v for k, v in r.items() if k != "file"} for r in rows] == made
+    assert [{k: v for k, v in r.items() if k != "file"} for r in decisions(stable(table))] == made
 
 
 def test_decisions_come_no_oftener_than_frames():

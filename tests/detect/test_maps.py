@@ -32,8 +32,7 @@ from tests.radar_helpers import BASEBAND, dwell_of, noise
 def by_definition(power, valid, depth_db):
     """In extended precision, cell by cell."""
     p = power.astype(np.longdouble)
-    top = p[:, valid].max()
-    weakest = top * np.longdouble(10) ** (-WEAKEST_COLUMN_DB / 10)
+    weakest = p[:, valid].max() * np.longdouble(10) ** (-WEAKEST_COLUMN_DB / 10)
     out = np.zeros(p.shape)
     for j in np.flatnonzero(valid):
         column = max(p[:, j].max(), weakest)
@@ -80,8 +79,7 @@ GRIDS = SETTINGS.velocity_grids()
 
 def test_shapes_hold_the_columns_of_a_dwell_and_no_more():
     assert [GRIDS[name].shape for name in GRIDS] == [(101, 40), (61, 24), (81, 9)]
-    dwell = dwell_of(noise(147))
-    for name, made in extract(dwell, SETTINGS, tuple(GRIDS)).items():
+    for name, made in extract(dwell_of(noise(147)), SETTINGS, tuple(GRIDS)).items():
         assert made.shape == GRIDS[name].shape
         assert made.any(axis=0).all()
 
@@ -90,8 +88,7 @@ def test_shapes_hold_the_columns_of_a_dwell_and_no_more():
 @pytest.mark.parametrize("rate_hz", [15.0, 30.5, 60.0, 200.0])
 def test_a_cpi_never_takes_more_than_three_quarters_of_a_dwell(carrier_hz, rate_hz):
     n_slow = round(2.0 * rate_hz) + round(28 / 60 * rate_hz) - 1
-    axis = replace(BASEBAND, carrier_hz=carrier_hz)
-    dwell = dwell_of(noise(n_slow), rate_hz, axis=axis)
+    dwell = dwell_of(noise(n_slow), rate_hz, axis=replace(BASEBAND, carrier_hz=carrier_hz))
     asked = replace(SETTINGS, velocity_cpi_carrier_hz=7e9)
     for name, grid in asked.velocity_grids().items():
         transform = grid.transform(dwell)
@@ -99,9 +96,8 @@ def test_a_cpi_never_takes_more_than_three_quarters_of_a_dwell(carrier_hz, rate_
         wanted_s = max(grid.cpi_s * 7e9 / carrier_hz, 6 / rate_hz)
         if wanted_s < 0.75 * n_slow / rate_hz:
             assert transform.n_cpi == pytest.approx(wanted_s * rate_hz, abs=0.51)
-        shown = extract(dwell, asked, (name,))[name]
         # What no whole CPI ends in stays empty; the newest cell is always there.
-        assert shown[:, -1].any()
+        assert extract(dwell, asked, (name,))[name][:, -1].any()
 
 
 SMALL = replace(X2, n_range=24)
@@ -185,8 +181,7 @@ def test_cells_keep_energy():
     # At 30.5 Hz a cell holds one and a half columns; the mean is the same still.
     for n, rate_hz in ((120, 60.0), (61, 30.5)):
         columns = np.random.default_rng(1).random((4, n))
-        flags = np.ones(n, np.bool_)
-        cells, known = time_cells(columns, flags, rate_hz, cell_s=0.05, n_cells=40)
+        cells, known = time_cells(columns, np.ones(n, np.bool_), rate_hz, cell_s=0.05, n_cells=40)
         assert known.all()
         assert np.allclose(cells.mean(axis=1), columns.mean(axis=1))
         if rate_hz == 60:

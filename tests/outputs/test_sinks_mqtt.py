@@ -189,8 +189,7 @@ def test_a_broker_that_limits_packets_gets_every_event_and_the_rest_is_said(
     relay.open()
     clip = tmp_path / f"{ulid(1)}.h5"
     clip.with_suffix(".png").write_bytes(b"x" * 20_000)
-    url = f"mqtt://127.0.0.1:{relay.port}"
-    sink = publish(hello(), status("online"), decision(1), url=url)
+    sink = publish(hello(), status("online"), decision(1), url=f"mqtt://127.0.0.1:{relay.port}")
     for n in range(1, 31):
         sink.write({**event(n), "clip": str(clip)})
     wait_for(lambda: set(ids(listener)) == {ulid(n) for n in range(1, 31)})

@@ -86,8 +86,7 @@ def test_a_capture_is_a_recording_too(tmp_path, output):
         assert_same_frames(frames, got[:200])
         assert next(f.index for f in reader.frames(2.0)) == 120
         assert reader.warning is None
-        again = content(reader)[0]
-        assert np.array_equal(again[:200], [f.samples for f in frames])
+        assert np.array_equal(content(reader)[0][:200], [f.samples for f in frames])
     done = convert(path, tmp_path / "w.h5")
     with open_recording(tmp_path / "w.h5") as reader:
         assert_same_frames(frames, islice(reader.frames(), 200))
@@ -141,8 +140,7 @@ def test_a_summary_tells_rate_and_gaps(capsys, tmp_path):
     path = tmp_path / "w"
     writer = CaptureWriter(path, {})
     for counter in (1, 2, 5, 6, 6):
-        values = np.zeros(4, np.float32)
-        writer.add(FROM_MODULE, wire(Data(0, counter, values)))
+        writer.add(FROM_MODULE, wire(Data(0, counter, np.zeros(4, np.float32))))
         time.sleep(0.02)
     writer.close()
     code, out, _ = run(capsys, "decode", path, "--summary")

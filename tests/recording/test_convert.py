@@ -71,8 +71,7 @@ def test_a_long_recording_goes_block_by_block(tmp_path):
 def test_raw_counters_are_exact_where_the_samples_came_from_them(tmp_path):
     counters = [1, 2, 3, 6, 7, 8, 9, 10, 11, 12]
     source, samples = make(tmp_path / "in.h5", "rf", counters)
-    done = convert(source, tmp_path / "out.framelogger")
-    assert not any("moved" in note for note in done.notes)
+    assert not any("moved" in note for note in convert(source, tmp_path / "out.framelogger").notes)
     with open_recording(tmp_path / "out.framelogger") as reader:
         got, counter, _ = content(reader)
         assert np.array_equal(got, samples)
@@ -117,11 +116,9 @@ def test_what_the_command_says_goes_before_the_file(capsys, tmp_path):
 
 
 def test_failures_leave_nothing_behind(tmp_path):
-    samples = noise(9000)
-    source, _ = make(tmp_path / "in.h5", samples=samples, counters=range(9000))
+    source, _ = make(tmp_path / "in.h5", samples=noise(9000), counters=range(9000))
     convert(source, tmp_path / "in.npz")
-    whole = (tmp_path / "in.npz").read_bytes()
-    broken = bytearray(whole)
+    broken = bytearray((tmp_path / "in.npz").read_bytes())
     broken[len(broken) // 2] ^= 1  # the archive's checksum finds it, at the end
     (tmp_path / "bad.npz").write_bytes(broken)
     for form, name in NAMES.items():

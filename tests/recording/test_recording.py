@@ -56,8 +56,7 @@ def test_a_pulse_is_known_by_its_sampler_and_carrier(
     said = {"sample_rate_hz": sampled_hz, "carrier_hz": carrier_hz, "bandwidth_hz": stated_hz}
     path = minimal(tmp_path / "r.h5", **said)
     assert RecordingReader(path).stream.axis.bandwidth_hz == known_hz
-    own = RecordingReader(path, Overrides(bandwidth_hz=2e9))
-    assert own.stream.axis.bandwidth_hz == 2e9
+    assert RecordingReader(path, Overrides(bandwidth_hz=2e9)).stream.axis.bandwidth_hz == 2e9
 
 
 def test_phase_sign_is_brought_to_falling(tmp_path):
@@ -201,8 +200,7 @@ def test_parts_read_as_one(tmp_path, how):
         assert parts[0].stat().st_size > 60e3
     for source in (tmp_path, path, parts, [str(p) for p in reversed(parts)]):
         with open_recording(source) as reader:
-            got = list(reader.frames())
-            assert_same_frames(got, frames)
+            assert_same_frames(list(reader.frames()), frames)
             assert np.allclose(content(reader)[2], [f.index / 60 for f in frames], atol=1e-12)
             late = next(reader.frames(1.0), None)
             assert late is not None
@@ -329,8 +327,7 @@ def test_a_second_signal_interrupts():
 def test_a_stall_is_an_error_unless_told_to_stop():
     def stalls():
         yield from frames_of(noise(3))
-        msg = "no frame"
-        raise ReadTimeout(msg)
+        raise ReadTimeout("no frame")
 
     with pytest.raises(ReadTimeout):
         record(stalls(), Slow(), stops=[], **LOOP)
@@ -348,8 +345,7 @@ def test_record_in_parts_with_a_capture(capsys, tmp_path):
     with open_recording(path) as parts, open_recording(wire) as capture:
         assert parts.settings["frame_rate_hz"] == 60
         assert parts.stream.axis == capture.stream.axis
-        samples = content(parts)[0]
-        assert np.array_equal(samples, content(capture)[0][:180])
+        assert np.array_equal(content(parts)[0], content(capture)[0][:180])
     code, out, _ = run(capsys, "info", tmp_path / "w.h5", "--json")
     facts = json.loads(out)
     assert (facts["n_frames"], len(facts["parts"]), facts["lost"]) == (180, 3, 0)

@@ -84,8 +84,7 @@ def test_a_clock_of_a_file_that_begins_elsewhere_costs_no_frame(tmp_path, by_s):
     with h5py.File(path, "r+") as file:
         file["frames/t_s"][...] += by_s
     with open_recording(path) as reader:
-        frames = list(reader.frames())
-        assert [frame.index for frame in frames] == list(range(len(samples)))
+        assert [frame.index for frame in reader.frames()] == list(range(len(samples)))
 
 
 @pytest.mark.parametrize("value", [0, 7, slice(None, None, -1)])

@@ -92,8 +92,7 @@ NIGHT = "22:00-06:30"
 )
 def test_quiet_periods(text, when, is_in):
     moment = datetime.fromisoformat(when).replace(tzinfo=UTC)
-    hours = QuietHours([parse_quiet(text)], UTC, lambda _t_s: moment)
-    assert hours.holds(0.0) is is_in
+    assert QuietHours([parse_quiet(text)], UTC, lambda _t_s: moment).holds(0.0) is is_in
 
 
 @pytest.mark.parametrize(

@@ -121,8 +121,7 @@ def test_a_test_alarm_goes_through_every_output_and_says_what_each_answered(
     ]
     daemon = running(launch, tmp_path, output=outputs)
     code, text = said("test-alarm")
-    answers = [line.rpartition(": ")[2] for line in text.splitlines()[:3]]
-    assert answers == ["taken"] * 3
+    assert [line.rpartition(": ")[2] for line in text.splitlines()[:3]] == ["taken"] * 3
     assert f":{nobody}" in text.splitlines()[3]
     assert "failed" in text.splitlines()[3]
     assert code == 1
@@ -269,8 +268,7 @@ def test_while_an_alarm_is_on_no_test_is_made_and_it_is_acknowledged_once(tmp_pa
 
 
 def test_top_shows_state_decisions_range_over_time_and_outputs(tmp_path, launch, said):
-    nobody = f"mqtt://127.0.0.1:{free_port()}"
-    daemon = running(launch, tmp_path, output=["null", nobody], **HUMAN)
+    daemon = running(launch, tmp_path, output=["null", f"mqtt://127.0.0.1:{free_port()}"], **HUMAN)
     wait_for(lambda: daemon.panel().get("alarm_id") and daemon.panel()["seq"] > 8)
 
     def lines_of_a_person():

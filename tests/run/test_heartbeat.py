@@ -32,8 +32,7 @@ def health():
 def test_messages_reach_the_service_manager(name, tmp_path):
     where = name.format(tmp_path if "/" in name else os.getpid())
     far = NotifySocket(where)
-    environ = {"NOTIFY_SOCKET": where, "WATCHDOG_USEC": "10000000"}
-    notifier = Notifier(environ)
+    notifier = Notifier({"NOTIFY_SOCKET": where, "WATCHDOG_USEC": "10000000"})
     assert notifier.is_watching
     notifier.ready("online")
     assert far.next() == {"READY": "1", "STATUS": "online"}
@@ -130,8 +129,7 @@ def test_a_full_disk_silences_the_status_only_while_it_is_full(
 
 
 def asked(capsys, *argv):
-    code = main(["health", *argv])
-    return code, capsys.readouterr().out.strip()
+    return main(["health", *argv]), capsys.readouterr().out.strip()
 
 
 def test_radard_health(tmp_path, capsys, monkeypatch):
@@ -165,8 +163,7 @@ def test_radard_health(tmp_path, capsys, monkeypatch):
 def test_a_status_that_is_not_of_now_is_no_good_news(tmp_path, change, words):
     path = status_path(tmp_path, "radar")
     write_status(path, Status("online", ""), {})
-    content = json.loads(path.read_text())
-    path.write_text(json.dumps({**content, **change}))
+    path.write_text(json.dumps({**json.loads(path.read_text()), **change}))
     report = read_status(path)
     assert not report.is_healthy
     assert words in report.line

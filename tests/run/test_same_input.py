@@ -113,8 +113,7 @@ def test_a_demos_page_changes_its_own_run_and_no_later_one(state):
         "from radard.config.config import load_config; "
         f"print(load_config(options={options}).alarm.sensitivity)"
     )
-    later = ran("-c", code, check=True)
-    assert later.stdout.strip() == "normal"
+    assert ran("-c", code, check=True).stdout.strip() == "normal"
     assert not state.exists()
 
 

@@ -107,8 +107,7 @@ def test_without_purge_state_and_changed_settings_stay(root, capsys):
     config = root / "etc/radard/config.yaml"
     config.write_text(config.read_text() + "zones: {exclude: [[2.1, 2.6]]}\n")
     (root / files.STATE_FOLDER / "radar.calibration.json").write_text("{}")
-    out = installed(capsys, root, "--uninstall")
-    assert f"{config}: kept" in out
+    assert f"{config}: kept" in installed(capsys, root, "--uninstall")
     assert config.exists()
     assert (root / files.STATE_FOLDER / "radar.calibration.json").exists()
     assert not (root / files.UNIT_FILE).exists()
@@ -166,8 +165,7 @@ def test_the_first_configuration_is_valid_and_shows_all_that_can_be_set(tmp_path
     monkeypatch.chdir(tmp_path)
     path = tmp_path / "first.yaml"
     path.write_text(files.first_config())
-    config = load_config(path, environ={})
-    assert config.output == ("http://127.0.0.1:8434",)
+    assert load_config(path, environ={}).output == ("http://127.0.0.1:8434",)
     # Every section, taken out of its comment, is the built-in configuration.
     _, _, lines = path.read_text().partition("# What can be set")
     path.write_text(re.sub(r"(?m)^#(?=[a-z]|  )", "", lines.partition("\n")[2]))
@@ -223,8 +221,7 @@ def printed(capsys, *argv):
 
 
 def test_printed_files_are_those_of_deploy(capsys):
-    rules = printed(capsys, "udev")
-    assert rules == (ROOT / "deploy/udev/60-x2radar.rules").read_text()
+    assert printed(capsys, "udev") == (ROOT / "deploy/udev/60-x2radar.rules").read_text()
     unit = printed(capsys, "systemd", "--exec", "/opt/radard/bin/radard")
     assert unit == (ROOT / "deploy/systemd/radard.service").read_text()
 
@@ -299,5 +296,4 @@ def echo_db(height_m, z_m, y_m):
 
 @pytest.mark.parametrize("y_m", [1.0, 2.0, 3.0])
 def test_coverage_is_what_the_simulated_module_shows(y_m):
-    told = snr_db(MOUNT, 0.0, y_m, 1.2)
-    assert told == pytest.approx(echo_db(1.2, 1.2, y_m), abs=1.5)
+    assert snr_db(MOUNT, 0.0, y_m, 1.2) == pytest.approx(echo_db(1.2, 1.2, y_m), abs=1.5)

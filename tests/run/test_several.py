@@ -109,8 +109,7 @@ def test_work_that_breaks_off_is_begun_anew(tmp_path, launch, monkeypatch):
         for frame in plain(self):
             if self.stream.device == "sim:dog" and frame.index == 400 and not broken:
                 broken.append(frame)
-                msg = "the cable is on fire"
-                raise RuntimeError(msg)
+                raise RuntimeError("the cable is on fire")
             yield frame
 
     monkeypatch.setattr(LiveSource, "frames", frames)
@@ -124,8 +123,7 @@ def test_work_that_breaks_off_is_begun_anew(tmp_path, launch, monkeypatch):
     told = states(of(records, "attic"))
     assert ("offline", "the cable is on fire") in told
     assert [s for s, _ in told if s == "online"] == ["online", "online"]
-    hall = [state for state, _ in states(of(records, "hall"))]
-    assert hall == ["starting", "online", "offline"]
+    assert [state for state, _ in states(of(records, "hall"))] == ["starting", "online", "offline"]
     # Also of the one that began again: a number is of one decision, whatever asks for it.
     for sensor in sensors:
         seqs = [d["seq"] for d in decisions(of(records, sensor))]

@@ -72,8 +72,7 @@ def test_distributed_clutter_falls_as_its_profile_says(settings):
     else:
         wanted = settings.diffuse_db - settings.decay_db_per_m * (range_m - 1)
     off = mean_profile_db(settings) - wanted
-    blocks = off.reshape(12, 64).mean(axis=1)
-    assert np.abs(blocks).max() < 0.6
+    assert np.abs(off.reshape(12, 64).mean(axis=1)).max() < 0.6
 
 
 @pytest.mark.parametrize("ringing_db_per_m", [60.0, 300.0])
@@ -87,8 +86,7 @@ def test_leakage_rings_down_behind_its_peak(ringing_db_per_m):
     # Within the ringing's reach its level falls as said, on average; behind it is nothing.
     ringing = (range_m > 0.2) & (range_m < 0.5)
     if ringing_db_per_m == 60:
-        slope = np.polyfit(range_m[ringing], level[ringing], 1)[0]
-        assert slope == pytest.approx(-60, rel=0.6)
+        assert np.polyfit(range_m[ringing], level[ringing], 1)[0] == pytest.approx(-60, rel=0.6)
     assert level[range_m > 1.5].max() < -100
 
 
@@ -205,8 +203,7 @@ def test_direct_echoes_are_the_radar_equations_and_the_pattern_counts_out_and_ba
     wanted = LinkBudget().amplitude(np.array([2.0]), np.array([0.7]), BASEBAND)
     assert ours[0] == pytest.approx(wanted)
     a = Antenna(height_m=0.5)
-    side = towards(32.5, 0) * 2 + [0, 0, 0.5]
-    axis, off = a.direct(points((0, 2, 0.5))), a.direct(points(side))
+    axis, off = a.direct(points((0, 2, 0.5))), a.direct(points(towards(32.5, 0) * 2 + [0, 0, 0.5]))
     ratio = off.amplitude(LinkBudget(), BASEBAND) / axis.amplitude(LinkBudget(), BASEBAND)
     assert 20 * math.log10(ratio[0, 0]) == pytest.approx(-6.02, abs=0.01)
 
@@ -263,8 +260,7 @@ def test_behind_a_wall_there_is_nothing(at_m):
 @pytest.mark.parametrize("axis", ["x", "y", "z"])
 def test_reflection_follows_fresnel(axis):
     s = Surface(axis=axis, permittivity=4.0)
-    cos = np.linspace(0, 1, 200)
-    r = s.reflection(cos)
+    r = s.reflection(np.linspace(0, 1, 200))
     assert np.abs(r).max() <= 1
     assert r[0] == pytest.approx(-1)
     # Straight on: (n - 1) / (n + 1) with n = 2.

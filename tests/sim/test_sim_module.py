@@ -205,8 +205,7 @@ def test_iq_and_ap_are_the_same_frames():
     ask(ap, output(BasebandOutput.AMPLITUDE_PHASE))
     for a, b in zip(frames(iq, 5), frames(ap, 5), strict=True):
         whole = a.i + 1j * a.q
-        error = np.abs(whole - b.amplitude * np.exp(1j * b.phase)).max()
-        assert error < 1e-6 * b.amplitude.max()
+        assert np.abs(whole - b.amplitude * np.exp(1j * b.phase)).max() < 1e-6 * b.amplitude.max()
         assert b.amplitude.min() >= 0
 
 

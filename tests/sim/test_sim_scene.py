@@ -272,8 +272,7 @@ def test_durations_and_choices_are_drawn_anew():
     first = [b.n_slow for b in blocks[::2]]
     assert len(set(first)) > 10
     assert all(120 <= n <= 240 for n in first)
-    n_dogs = sum(b.n_slow == 180 for b in blocks[1::2])
-    assert 8 <= n_dogs <= 18
+    assert 8 <= sum(b.n_slow == 180 for b in blocks[1::2]) <= 18
     assert all(b.n_slow in {60, 180} for b in blocks[1::2])
 
 
@@ -449,5 +448,4 @@ def test_mount_has_no_state_and_obeys_its_seed():
     assert not np.array_equal(mount(4)(t_s), whole)
     limit = sum(DRAWS[k].usual[1] for k in ("hum_m", "sway_m", "shock_m", "shock_m"))
     assert np.linalg.norm(whole, axis=1).max() <= limit
-    still = mount(hum_m=0, sway_m=0, shock_m=0)(t_s)
-    assert not still.any()
+    assert not mount(hum_m=0, sway_m=0, shock_m=0)(t_s).any()

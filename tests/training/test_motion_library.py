@@ -106,8 +106,7 @@ def test_a_clip_says_whose_it_is_and_how_large(folder):
 
 
 def test_on_a_straight_course_the_recording_itself_is_played(folder):
-    clip = read_clip(folder / "walk.npz")
-    played = perform(np.random.default_rng(0), [clip], duration_s=1.0)
+    played = perform(np.random.default_rng(0), [read_clip(folder / "walk.npz")], duration_s=1.0)
     joint_m = played.along(STRAIGHT, 0.5)
     # Turned to the course, which goes along y.
     whole = walker()

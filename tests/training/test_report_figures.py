@@ -137,8 +137,7 @@ def test_balanced_accuracy_is_the_mean_of_both_classes_and_confusion_counts_the_
 
 
 def baselines_of(table):
-    found = baselines(table, windows_of(table), np.random.default_rng(0))
-    return {b["name"]: b for b in found}
+    return {b["name"]: b for b in baselines(table, windows_of(table), np.random.default_rng(0))}
 
 
 def test_feature_that_tells_without_a_direction_is_found_out():
@@ -232,8 +231,7 @@ def test_what_is_not_known_says_so():
 
 
 def reliability_of(p, is_human):
-    passage_of = np.arange(len(p)) // 5
-    return reliability(p, is_human, passage_of, np.random.default_rng(0))
+    return reliability(p, is_human, np.arange(len(p)) // 5, np.random.default_rng(0))
 
 
 def test_calibrated_probabilities_have_no_error_and_others_their_distance():

@@ -81,8 +81,7 @@ def test_an_entry_of_the_benchmark_learns_what_is_easy(name):
     if name == "thesis_network":
         small = fit_settings("relu", pretrain_epochs=(), output_epochs=0, epochs=20, look_every=10)
         entry.fit_settings = lambda *_args, **_own: replace(small, repeats=1)
-    p = np.asarray(entry.scores(easy, easy, 0))
-    assert ((p > 0.5) == easy.is_person).mean() > 0.9
+    assert ((np.asarray(entry.scores(easy, easy, 0)) > 0.5) == easy.is_person).mean() > 0.9
 
 
 def example_of_the_page(folder, wanted):

@@ -112,8 +112,7 @@ def test_a_repeat_becomes_a_bundle_that_the_daemon_takes(published, tmp_path, ca
     for number in range(FRESH_FROM, FRESH_FROM + 20):
         for body, name in (("dog", "pet"), ("human", "human")):
             found = extract(dwell(spec, body, number)[0], bundle.features, ("thesis_type2",))
-            p = classifier.answer(found).window
-            right.append(getattr(p, name) > 0.5)
+            right.append(getattr(classifier.answer(found).window, name) > 0.5)
     assert metrics["accuracy"] == pytest.approx(np.mean(right), abs=1e-4)
     assert metrics["windows"] == 40
     # Both of lone elements and of visits, by body.

@@ -51,8 +51,7 @@ def test_repeats_meet_nowhere():
     together = net(x)
     for k in range(3):
         h = torch.relu(x @ net.weights[0][k] + net.biases[0][k])
-        wanted = h @ net.weights[1][k] + net.biases[1][k]
-        torch.testing.assert_close(together[k], wanted)
+        torch.testing.assert_close(together[k], h @ net.weights[1][k] + net.biases[1][k])
     together[1].sum().backward()
     assert net.weights[0].grad is not None
     assert not net.weights[0].grad[[0, 2]].any()
@@ -107,8 +106,7 @@ def test_scalings(monkeypatch):
     ],
 )
 def test_every_switch_learns(changes):
-    fitted = result(replace(QUICK, **changes))
-    p = fitted.predict(data(200, seed=2).x)
+    p = result(replace(QUICK, **changes)).predict(data(200, seed=2).x)
     assert p.shape == (3, 200, 2)
     np.testing.assert_allclose(p.sum(axis=2), 1)
     assert ((p.argmax(axis=2) == data(200).y).mean(axis=1) > 0.9).all()
@@ -127,8 +125,7 @@ def test_same_seed_same_result_and_the_best_look_is_kept():
     np.testing.assert_allclose(score, fitted.scores[1:].min(axis=0), rtol=1e-5)
     assert (fitted.best_looks >= 1).all()
     truth = p[:, STOP.y == 1, 1].mean(axis=1)
-    kept = fitted.confidence[fitted.best_looks, range(3), 1]
-    np.testing.assert_allclose(kept, truth, rtol=1e-5)
+    np.testing.assert_allclose(fitted.confidence[fitted.best_looks, range(3), 1], truth, rtol=1e-5)
 
 
 def test_training_ends_when_no_repeat_gains():

@@ -57,8 +57,7 @@ def test_what_is_forgotten_while_another_page_saves_stays_so(tmp_path, gate, mon
     change(path, "settings", {"alarm": {"sensitivity": "high"}})
     gate.before(monkeypatch, saved_module, "write_atomically")
     gate.shut()
-    sections = {"mount": {"height_m": 2.0}}
-    saves = in_thread(change, path, "settings", sections)
+    saves = in_thread(change, path, "settings", {"mount": {"height_m": 2.0}})
     wait_for(lambda: gate.n_before)
     forgets = in_thread(forget, path)
     forgets.join(0.3)
@@ -286,8 +285,7 @@ def test_a_folder_that_takes_nothing_is_said(tmp_path):
 
 
 def test_numbers_come_back_as_they_were(tmp_path):
-    path = tmp_path / "radar.zones.yaml"
-    save_zones(path, [(0.0, 0.011), (0.1, 999.0)], [(1.2345, 2)])
+    save_zones(tmp_path / "radar.zones.yaml", [(0.0, 0.011), (0.1, 999.0)], [(1.2345, 2)])
     (tmp_path / "c.yaml").write_text("{}")
     zones = load(tmp_path)[0].zones
     assert (zones.include, zones.exclude) == (((0.0, 0.011), (0.1, 999.0)), ((1.234, 2.0),))
