@@ -9,16 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.body_helpers import ANTENNA_M
+from x2radar.sim.bodies import skins
 from x2radar.sim.bodies.skeleton.skeleton import PERSON, PersonBuild
-from x2radar.sim.bodies.skins import (
-    SHADOW_DB,
-    SKIN_REFLECTION,
-    SKINS,
-    SPREAD_DB,
-    AspectFluctuation,
-    SurfaceSkin,
-    sized,
-)
+from x2radar.sim.bodies.skins import SHADOW_DB, SKIN_REFLECTION, SKINS, SurfaceSkin
 from x2radar.sim.place.antenna import Antenna
 from x2radar.sim.points import Pose
 
@@ -81,7 +74,7 @@ def test_every_skin_is_constant_for_what_does_not_move_and_leaves_its_arguments_
 def test_the_mean_total_is_what_was_asked_for(name, dbsm):
     rng, pose = np.random.default_rng(5), row()
     pose = replace(pose, side=np.broadcast_to(pose.side, pose.axis.shape))
-    skin = sized(SKINS[name](rng, HALF_M, 3, PERSON.gain), rng, dbsm, pose)
+    skin = skins.sized(SKINS[name](rng, HALF_M, 3, PERSON.gain), rng, dbsm, pose)
     assert 10 * np.log10(skin.mean_total_m2(pose)) == pytest.approx(dbsm, abs=0.01)
     # And what antennas all around see.
     turns = np.linspace(0, 2 * np.pi, 48, endpoint=False)
@@ -154,8 +147,8 @@ def test_a_limb_in_the_open_loses_nothing(place, direction):
 
 def test_fluctuation_has_the_spread_and_the_mean_it_drew_to_five_digits():
     half = np.full((40, 3), 0.1)
-    spread_db = np.random.default_rng(3).uniform(*SPREAD_DB, 40)
-    f = AspectFluctuation(np.random.default_rng(4), half, spread_db)
+    spread_db = np.random.default_rng(3).uniform(*skins.SPREAD_DB, 40)
+    f = skins.AspectFluctuation(np.random.default_rng(4), half, spread_db)
     ways = np.random.default_rng(0).standard_normal((5_000, 1, 3))
     ways = np.repeat(ways / np.linalg.norm(ways, axis=-1, keepdims=True), 40, axis=1)
     power = f.at(*np.moveaxis(ways, -1, 0))

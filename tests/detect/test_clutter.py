@@ -7,14 +7,8 @@ import numpy as np
 import pytest
 
 from radard.detect.clutter_map import ClutterMap, ClutterRemover
-from radard.dsp.clutter import (
-    centre_spread_m,
-    noise_of,
-    noise_profile,
-    second_differences,
-    sound_rows,
-    spike_rows,
-)
+from radard.dsp import clutter
+from radard.dsp.clutter import centre_spread_m, noise_profile, second_differences, sound_rows
 from radard.dsp.downconvert import DownConverter
 from tests.clutter_helpers import ALL, AXIS, body, db, jitter_of, room
 from tests.dsp_reference import noise_power, remove_jitter, residual_power
@@ -90,7 +84,7 @@ def test_frames_stay_as_they_were_and_may_be_read_only():
 
 def spikes(frames, valid=ALL):
     rows, usable, _ = sound_rows(frames, valid)
-    return np.flatnonzero(spike_rows(rows, usable)).tolist()
+    return np.flatnonzero(clutter.spike_rows(rows, usable)).tolist()
 
 
 @pytest.mark.parametrize("position", range(147))
@@ -140,7 +134,7 @@ def test_noise_of_single_bins():
     assert profile.std() < 0.25 * 4
     assert profile[20] < 3 * 4
     empty = second_differences(rows[:2], usable[:2])
-    assert np.isnan(noise_of(empty))
+    assert np.isnan(clutter.noise_of(empty))
     assert np.isnan(noise_profile(empty)).all()
 
 

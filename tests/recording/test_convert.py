@@ -5,17 +5,9 @@ import h5py
 import numpy as np
 import pytest
 
+from tests import recording_helpers
 from tests.radar_helpers import noise
-from tests.recording_helpers import (
-    COUNTERS,
-    LABELS,
-    RATE_HZ,
-    RF,
-    assert_same_frames,
-    content,
-    make,
-    run,
-)
+from tests.recording_helpers import COUNTERS, LABELS, RATE_HZ, RF, content, make, run
 from x2radar.commands.convert import convert
 from x2radar.errors import RecordingError
 from x2radar.recording.registry import FORMATS, WRITABLE, open_recording
@@ -47,7 +39,7 @@ def test_round_trip_keeps_everything(tmp_path, form, kind, counters):
         assert (a.device, a.settings, a.labels) == (b.device, b.settings, b.labels)
         assert b.labels == LABELS
         assert b.warning is None
-        assert_same_frames(a.frames(), b.frames())
+        recording_helpers.assert_same_frames(a.frames(), b.frames())
     assert (done.kind, done.n_frames) == (form, len(samples))
     assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []
 

@@ -10,15 +10,9 @@ import pytest
 from radard.cli import main
 from radard.config.config import load_config
 from radard.config.directories import clip_dir, runtime_dir, state_dir, status_dirs
+from radard.health import heartbeat as beats
 from radard.health.health import Health, Status
-from radard.health.heartbeat import (
-    Heartbeat,
-    Notifier,
-    Watched,
-    read_status,
-    status_path,
-    write_status,
-)
+from radard.health.heartbeat import Notifier, Watched, read_status, status_path, write_status
 from tests.alarm_helpers import NotifySocket
 
 
@@ -68,7 +62,7 @@ def test_without_a_watchdog_nothing_is_fed(environ):
 
 def make_heart(health, tmp_path):
     watched = Watched("radar", health, status_path(tmp_path, "radar"), lambda: {"seq": 7})
-    heartbeat = Heartbeat(Notifier({"WATCHDOG_USEC": "2000000"}))
+    heartbeat = beats.Heartbeat(Notifier({"WATCHDOG_USEC": "2000000"}))
     heartbeat.add(watched)
     return heartbeat
 

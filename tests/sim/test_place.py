@@ -11,14 +11,8 @@ from radard.dsp.downconvert import DownConverter
 from tests.sim_helpers import axis_of
 from x2radar.errors import SettingsError
 from x2radar.modules.x2 import RadarSettings
-from x2radar.sim.place.antenna import (
-    Antenna,
-    DiffuseTail,
-    Surface,
-    TailSettings,
-    image_rows,
-    length_m,
-)
+from x2radar.sim.place import antenna as place
+from x2radar.sim.place.antenna import Antenna, Surface, image_rows
 from x2radar.sim.place.room import Room, RoomSettings
 from x2radar.sim.points import Points
 from x2radar.sim.signal.pulse import LinkBudget, baseband_noise_power
@@ -214,7 +208,7 @@ def test_points_are_left_alone_and_nothing_is_nearer_than_the_clamp():
     rows = Antenna().direct(p)
     assert np.array_equal(p.rcs_m2, before)
     assert rows.range_m.tolist() == [[0.1, 0.1]]
-    assert length_m(np.zeros((4, 3))).tolist() == [0.1] * 4
+    assert place.length_m(np.zeros((4, 3))).tolist() == [0.1] * 4
 
 
 ALL_ROUND = Antenna(height_m=1.5, shape="isotropic")
@@ -291,7 +285,7 @@ def walk(range_m, *, rcs_m2=1.0, height_m=1.5):
 
 
 def tail(seed=0, antenna=ALL_ROUND, **settings):
-    return DiffuseTail(np.random.default_rng(seed), TailSettings(**settings), antenna)
+    return place.DiffuseTail(np.random.default_rng(seed), place.TailSettings(**settings), antenna)
 
 
 def energy(rows, range_m):

@@ -10,20 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests import sim_helpers
 from tests.device_helpers import plugged, served, wire
 from tests.echo_references import passband
-from tests.sim_helpers import (
-    EMPTY,
-    MANUAL,
-    REFUSED,
-    UNKNOWN,
-    ask,
-    axis_of,
-    fps,
-    frames,
-    module,
-    said,
-)
+from tests.sim_helpers import EMPTY, MANUAL, REFUSED, UNKNOWN, ask, fps, frames, module, said
 from x2radar.device.device import X2Radar
 from x2radar.device.transport import memory_pair
 from x2radar.errors import DeviceError, SettingsError
@@ -191,7 +181,7 @@ def test_rf_frames_are_static_clutter_body_and_noise():
         "steps: [{duration_s: 60}]\nclutter: [{range_m: 2, rcs_m2: 4.0e+4}]", "wall", "wall"
     )
     stream = EchoStream(scene, 0, RadarSettings())
-    axis = axis_of("rf")
+    axis = sim_helpers.axis_of("rf")
     wall = np.array([[2.0]])
     clean = passband(wall, LinkBudget().amplitude(wall, np.array([4e4]), axis), axis)[0]
     mean = np.mean([stream.next() for _ in range(400)], axis=0)

@@ -10,15 +10,8 @@ from radard.errors import UsageError
 from tests.report_helpers import drawn, passage, table_of
 from tests.shard_helpers import Draws
 from x2radar.errors import RecordingError
+from x2train.judge import figures
 from x2train.judge.estimates import Ranking, per_hour, reliability, resampled, share
-from x2train.judge.figures import (
-    Windows,
-    balanced_accuracy,
-    baselines,
-    confusion,
-    is_in_view,
-    is_judged,
-)
 from x2train.judge.table import FLAGS, NUMBERS, SERIES, TEXTS, PassageTable
 from x2train.judge.verdicts import Sweep, evidence, limit_evidence, outcome, verdicts
 from x2train.sets.shards import make_shards
@@ -120,16 +113,16 @@ def test_one_alarm_in_exactly_the_hours_of_the_budget_is_allowed():
 
 
 def windows_of(table):
-    return Windows.of(table, is_judged(table) & is_in_view(table))
+    return figures.Windows.of(table, figures.is_judged(table) & figures.is_in_view(table))
 
 
 def test_balanced_accuracy_is_the_mean_of_both_classes_and_confusion_counts_the_likeliest():
     table = table_of(passage([0.1] * 30 + [0.9] * 10), passage([0.9] * 2, "pet"))
-    assert balanced_accuracy(table, windows_of(table), np.random.default_rng(0)).value == (
+    assert figures.balanced_accuracy(table, windows_of(table), np.random.default_rng(0)).value == (
         pytest.approx((29 / 39 + 1) / 2)  # the first window's middle is before it enters
     )
     other = passage([0.9, 0.9], "other", p_pet=np.zeros(2), p_other=np.full(2, 0.9))
-    found = confusion(table_of(passage([0.1, 0.9]), passage([0.9], "pet"), other))
+    found = figures.confusion(table_of(passage([0.1, 0.9]), passage([0.9], "pet"), other))
     assert found["human"] == {"human": 1, "pet": 1, "other": 0}
     assert found["pet"] == {"human": 0, "pet": 1, "other": 0}
     assert found["other"] == {"human": 0, "pet": 0, "other": 2}
@@ -137,7 +130,8 @@ def test_balanced_accuracy_is_the_mean_of_both_classes_and_confusion_counts_the_
 
 
 def baselines_of(table):
-    return {b["name"]: b for b in baselines(table, windows_of(table), np.random.default_rng(0))}
+    found = figures.baselines(table, windows_of(table), np.random.default_rng(0))
+    return {b["name"]: b for b in found}
 
 
 def test_feature_that_tells_without_a_direction_is_found_out():

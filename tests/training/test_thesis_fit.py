@@ -5,21 +5,14 @@ import pytest
 import torch
 
 from radard.errors import UsageError
-from x2train.thesis.fit import (
-    FitSettings,
-    RepeatedMlp,
-    affine,
-    fit,
-    fit_settings,
-    output_error,
-    scaling_of,
-)
+from x2train.thesis import fit as thesis_fit
+from x2train.thesis.fit import affine, fit, output_error, scaling_of
 from x2train.thesis.sets import CellData
 
 pytestmark = [pytest.mark.integration, pytest.mark.usefixtures("one_thread")]
 SHORT = {"layers": (8, 4), "pretrain_epochs": (2, 2), "output_epochs": 2, "epochs": 12}
 FEW = {"look_every": 4, "repeats": 3, "batch": 20}
-QUICK = FitSettings(**SHORT, **FEW, decay=0.01, averaging=0.9, learning_rate=0.01)
+QUICK = thesis_fit.FitSettings(**SHORT, **FEW, decay=0.01, averaging=0.9, learning_rate=0.01)
 
 
 def data(n, seed=0, n_in=12):
@@ -46,7 +39,7 @@ def same(one, other):
 
 def test_repeats_meet_nowhere():
     """Every version of the batched network is a network of its own."""
-    net = RepeatedMlp(3, (5, 4, 2), "relu", seed=1)
+    net = thesis_fit.RepeatedMlp(3, (5, 4, 2), "relu", seed=1)
     x = torch.randn(7, 5)
     together = net(x)
     for k in range(3):
@@ -164,5 +157,5 @@ WRONG |= {"averaging": 1, "sparsity": -0.1}
 )
 def test_settings_that_make_no_sense_are_all_named_in_one_line(wrong, says):
     with pytest.raises(UsageError, match=says) as caught:
-        fit_settings("sigmoid", **wrong)
+        thesis_fit.fit_settings("sigmoid", **wrong)
     assert "\n" not in str(caught.value)
