@@ -216,9 +216,7 @@ def test_a_test_alarm_is_an_event_and_sounds_no_siren(publish, listen):
 
 
 @pytest.mark.parametrize("mark", ["simulated", "replayed"])
-def test_what_no_module_sends_has_topics_entities_and_a_client_of_its_own(
-    publish, listen, tmp_path, mark
-):
+def test_what_no_module_sends_has_topics_and_a_client_of_its_own(publish, listen, tmp_path, mark):
     listener = listen("#")
     for each in ("", mark):
         told = (hello(), status("online"), event(1))

@@ -49,9 +49,7 @@ def minimal(path, **changes):
         *((23.328e9, 8.748e9, None, 1.5e9), (23.328e9, 6.8e9, None, 0)),
     ],
 )
-def test_a_pulse_is_known_by_its_sampler_and_carrier(
-    tmp_path, sampled_hz, carrier_hz, stated_hz, known_hz
-):
+def test_sampler_and_carrier_tell_the_pulse(tmp_path, sampled_hz, carrier_hz, stated_hz, known_hz):
     """Without it the velocities of a stream are made otherwise than those of a live module."""
     said = {"sample_rate_hz": sampled_hz, "carrier_hz": carrier_hz, "bandwidth_hz": stated_hz}
     path = minimal(tmp_path / "r.h5", **said)

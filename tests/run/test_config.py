@@ -187,9 +187,7 @@ def test_the_first_line_of_a_file_or_a_variable_is_the_secret(tmp_path, monkeypa
 
 
 @pytest.mark.parametrize(("home", "is_private"), [(None, True), (None, False), ("here", True)])
-def test_a_user_without_a_home_keeps_state_among_temporary_files(
-    tmp_path, monkeypatch, home, is_private
-):
+def test_who_has_no_home_keeps_state_in_temporary_files(tmp_path, monkeypatch, home, is_private):
     def nobody(number):
         raise KeyError(f"uid not found: {number}")
 

@@ -102,9 +102,7 @@ def test_a_sensor_removed_while_the_heart_beats_leaves_no_status_file(health, tm
     assert path.exists()
 
 
-def test_a_full_disk_silences_the_status_only_while_it_is_full(
-    health, tmp_path, monkeypatch, caplog
-):
+def test_a_full_disk_silences_the_status_while_it_is_full(health, tmp_path, monkeypatch, caplog):
     heartbeat = make_heart(health, tmp_path)
     path = status_path(tmp_path, "radar")
 

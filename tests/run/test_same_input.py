@@ -127,9 +127,7 @@ def test_a_demos_page_changes_its_own_run_and_no_later_one(state):
         ("why", ("r.h5", "--at", "3")),
     ],
 )
-def test_every_command_says_what_it_takes_from_a_file_that_nobody_named(
-    name, argv, state, capsys, caplog
-):
+def test_commands_say_what_they_take_from_a_file_nobody_named(name, argv, state, capsys, caplog):
     write_recording("r.h5", noise(300))
     Path("config.yaml").write_text("model: {name: none}\n")
     assert main([name, *argv]) == 0

@@ -247,9 +247,7 @@ def status(tmp_path):
 
 
 @pytest.mark.parametrize("where", WHERE)
-def test_a_thread_that_stands_still_stops_the_notification(
-    where, tmp_path, monkeypatch, launch, gate
-):
+def test_a_thread_that_stands_still_stops_notification(where, tmp_path, monkeypatch, launch, gate):
     put, cls, name = WHERE[where]
     put(gate, monkeypatch, cls, name)
     daemon = launch(stale_s=STALE_S)

@@ -213,9 +213,7 @@ def test_a_command_to_a_sensor_that_is_away_holds_when_it_comes(tmp_path, launch
         assert daemon.stop() == 0
 
 
-def test_only_so_many_are_brought_up_at_once_and_those_that_are_away_count_not(
-    launch, monkeypatch
-):
+def test_only_so_many_are_brought_up_at_once_and_those_who_are_away_count_not(launch, monkeypatch):
     lock, now, most, plain = threading.Lock(), [0], [0], Sensor.open
 
     def counted(self, on_notice, **options):

@@ -254,9 +254,7 @@ def test_yaml_is_the_same_as_csv(folder):
         ("file,start,end,label\nempty.h5,0,1,pet\n", "empty.h5", 2),
     ],
 )
-def test_a_list_that_makes_no_sense_is_told_in_one_line(
-    text, words, code, folder, *, tmp_path, capsys
-):
+def test_a_list_that_makes_no_sense_is_one_line(text, words, code, folder, *, tmp_path, capsys):
     path = folder / "bad.csv"
     path.write_text(text)
     argv = ["evaluate", "--model", "fast", "--recordings", str(path), "--out", str(tmp_path / "r")]
