@@ -25,10 +25,8 @@ RADAR = Antenna(height_m=1.2, shape="isotropic")
 def row(n=4):
     """Sixteen segments on a line in front of the antenna, standing up."""
     k = len(HALF_M)
-    centre = np.tile(
-        np.stack([np.linspace(-0.4, 0.4, k), 0 * np.ones(k) + 2, np.ones(k)], 1), (n, 1, 1)
-    )
-    return Pose(centre, np.tile(Z, (n, k, 1)), np.tile(X, (n, 1, 1)))
+    centre = np.stack([np.linspace(-0.4, 0.4, k), 0 * np.ones(k) + 2, np.ones(k)], 1)
+    return Pose(np.tile(centre, (n, 1, 1)), np.tile(Z, (n, k, 1)), np.tile(X, (n, 1, 1)))
 
 
 def lone(axis=X, side=Y, place=(0.0, 0.0, 0.0)):

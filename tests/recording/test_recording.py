@@ -154,9 +154,7 @@ def test_what_cannot_be_written_is_said_and_leaves_nothing_behind(tmp_path):
         assert f"{call[-1]}: cannot write: " in said, said
         assert said.endswith("File too large\n"), said
         assert said.count("\n") == 1, said
-    assert {path.name: path.read_text() for path in out.iterdir()} == {
-        path.name: "old" for path in replaced
-    }
+    assert {p.name: p.read_text() for p in out.iterdir()} == {p.name: "old" for p in replaced}
 
 
 @pytest.mark.integration

@@ -292,13 +292,9 @@ def test_a_reload_adds_and_removes_radars_and_leaves_the_others(tmp_path, launch
 
 def test_a_reload_begins_a_radar_again_whose_settings_are_right_now(launch):
     """Before, one that had never come to work stayed away until a restart."""
-    wrong, right = (
-        {**ROOMS["attic"], "zones": {"include": [span]}} for span in ([90, 95], [1, 2])
-    )
-    daemon = launch(
-        sensors={**ROOMS, "attic": wrong},
-        reload=lambda: with_others(daemon, {**ROOMS, "attic": right}),
-    )
+    zones = ({"include": [span]} for span in ([90, 95], [1, 2]))
+    wrong, right = ({**ROOMS, "attic": {**ROOMS["attic"], "zones": each}} for each in zones)
+    daemon = launch(sensors=wrong, reload=lambda: with_others(daemon, right))
     hall, attic = daemon.run.sensors
     wait_for(lambda: attic.health.is_over)
     daemon.ask("reload")
