@@ -97,9 +97,8 @@ def test_standard_joints_move_the_parts_of_a_kind_with_its_girths(tmp_path, skel
     file = tmp_path / "clip.npz"
     parent = [-1, *range(len(names) - 1)]
     np.savez(file, position_m=position_m, parent=parent, frame_rate_hz=30.0, names=names)
-    body = draw_recorded(
-        np.random.default_rng(0), file=str(file), up="z", label=label, skin=skin, place_m=(0, 3)
-    )
+    how = {"file": str(file), "up": "z", "label": label, "skin": skin, "place_m": (0, 3)}
+    body = draw_recorded(np.random.default_rng(0), **how)
     motion = read_motion(str(file), up="z")
     assert motion.skeleton is skeleton
     size_m = 1.7 if skeleton is PERSON else 0.5

@@ -54,17 +54,9 @@ def definition(x, axis=RF, step=1):
     return wanted[::step] * 2 / np.sum(pulse**2)
 
 
-P4XX = axis_with(
-    "rf", 480, 9.149e-3, 2.62, carrier_hz=4.0e9, bandwidth_hz=1.7e9, sample_rate_hz=1 / 61.035e-12
-)
-X4 = axis_with(
-    "rf",
-    1536,
-    SPEED_OF_LIGHT_MPS / 2 / 23.328e9,
-    carrier_hz=7.29e9,
-    bandwidth_hz=1.4e9,
-    sample_rate_hz=23.328e9,
-)
+P4XX = axis_with("rf", 480, 9.149e-3, 2.62, 4.0e9, 1.7e9, 1 / 61.035e-12)
+X4_HZ = {"carrier_hz": 7.29e9, "bandwidth_hz": 1.4e9, "sample_rate_hz": 23.328e9}
+X4 = axis_with("rf", 1536, SPEED_OF_LIGHT_MPS / 2 / 23.328e9, **X4_HZ)
 
 
 @pytest.mark.parametrize("axis", [RF, P4XX, X4, replace(RF, n_range=60), replace(RF, n_range=1)])

@@ -56,9 +56,8 @@ def test_a_unit_that_is_a_power_of_two_changes_nothing(exponent):
     assert other.is_open
     assert reading.is_open
     loose = exponent < -125
-    assert other.power_db - reading.power_db == pytest.approx(
-        20 * np.log10(2.0) * exponent, abs=0.1 if loose else 1e-4
-    )
+    wanted_db = pytest.approx(20 * np.log10(2.0) * exponent, abs=0.1 if loose else 1e-4)
+    assert other.power_db - reading.power_db == wanted_db
     assert [t.id for t in other_tracks] == [t.id for t in tracks]
     for name, values in inputs.items():
         away = np.linalg.norm(other_inputs[name] - values)

@@ -203,10 +203,8 @@ def test_who_enters_during_a_calibration_prevents_it_and_is_an_alarm():
 
 
 def test_who_stands_still_under_a_jammer_is_not_seen_but_the_jammer_is_announced():
-    text = air.scene_text(
-        (20, "body: human, style: stand, waypoints_m: [[0.0, 2.0], [0.0, 2.01]]", 50)
-    )
-    rows, stream, axis = air.rows_of(text, 70)
+    who = "body: human, style: stand, waypoints_m: [[0.0, 2.0], [0.0, 2.01]]"
+    rows, stream, axis = air.rows_of(air.scene_text((20, who, 50)), 70)
     events = air.judged(air.Jammer(rows, axis).continuous_wave(), stream, axis)
     assert air.ON_S < air.spans(events, "tamper")[0][0] <= air.ON_S + 10
 

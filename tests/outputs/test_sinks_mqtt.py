@@ -126,10 +126,8 @@ def test_what_takes_commands(given, tmp_path, monkeypatch):
     for scheme in ("mqtt", "mqtts"):
         for name, section in (("-", {}), ("password", password), ("certificate", certificate)):
             options = SinkOptions(mqtt=MqttSection(commands=given, **section))
-            sink = make_output(
-                f"{scheme}://h", options, SinkContext(sensor="hall", host=far.well_host())
-            )
-            topics = sink._link.subscriptions
+            context = SinkContext(sensor="hall", host=far.well_host())
+            topics = make_output(f"{scheme}://h", options, context)._link.subscriptions
             taken |= {f"{scheme} {name}"} if f"{BASE}/command/+" in topics else set()
     everything = {f"{s} {n}" for s in ("mqtt", "mqtts") for n in ("-", "password", "certificate")}
     secure = {"mqtts password", "mqtts certificate"}

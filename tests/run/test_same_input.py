@@ -109,10 +109,8 @@ def test_a_demos_page_changes_its_own_run_and_no_later_one(state):
     change(saved_file(config, "settings"), "settings", {"alarm": {"sensitivity": "high"}})
     # As after `reload`.
     assert load_config(options=options).alarm.sensitivity == "high"
-    code = (
-        "from radard.config.config import load_config; "
-        f"print(load_config(options={options}).alarm.sensitivity)"
-    )
+    code = "from radard.config.config import load_config; "
+    code += f"print(load_config(options={options}).alarm.sensitivity)"
     assert ran("-c", code, check=True).stdout.strip() == "normal"
     assert not state.exists()
 

@@ -55,10 +55,10 @@ def tree(root):
         name = str(path.relative_to(root))
         if path.is_symlink():
             found[name] = str(path.readlink())
+        elif path.is_file():
+            found[name] = path.read_bytes()
         else:
-            found[name] = (
-                path.read_bytes() if path.is_file() else stat.S_IMODE(path.stat().st_mode)
-            )
+            found[name] = stat.S_IMODE(path.stat().st_mode)
     return found
 
 
@@ -96,9 +96,8 @@ def test_install_and_purge_leave_a_root_as_it_was(root, capsys):
     installed(capsys, root, "--uninstall", "--purge")
     assert without_user(tree(root)) == without_user(before)
     if shutil.which("userdel") and os.geteuid() == 0:
-        assert (
-            not (root / "etc/passwd").exists() or "radard" not in (root / "etc/passwd").read_text()
-        )
+        users = root / "etc/passwd"
+        assert not users.exists() or "radard" not in users.read_text()
 
 
 @pytest.mark.integration
@@ -139,10 +138,8 @@ def test_another_program_renews_the_unit_and_nobody_elses_file_is_lost(root, cap
 def test_a_second_radar_has_its_own_configuration_and_folders(root, capsys):
     installed(capsys, root, "--install", "--exec", PROGRAM)
     first = (root / files.UNIT_FILE).read_text()
-    installed(
-        *(capsys, root, "--install", "--exec", PROGRAM),
-        *("--name", "attic", "--port", "/dev/ttyACM1"),
-    )
+    attic = ("--name", "attic", "--port", "/dev/ttyACM1")
+    installed(capsys, root, "--install", "--exec", PROGRAM, *attic)
     assert (root / files.UNIT_FILE).read_text() == first
     config = load_config(root / "etc/radard/attic.yaml", environ={})
     assert (config.sensor.name, config.sensor.port) == ("attic", "/dev/ttyACM1")

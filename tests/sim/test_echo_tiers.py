@@ -18,12 +18,8 @@ from x2radar.sim.echo.tiers import suits
 
 X2, X2_RF = axis_of("baseband"), axis_of("rf")
 DECIMATED = replace(X2, n_range=96, bin_length_m=8 * X2.bin_length_m)
-X4 = axis_with(
-    "baseband", 150, 0.0514, 0.4, carrier_hz=8.748e9, bandwidth_hz=1.5e9, sample_rate_hz=23.328e9
-)
-P4XX = axis_with(
-    "baseband", 300, 0.00915, 0.0, carrier_hz=4.0e9, bandwidth_hz=1.7e9, sample_rate_hz=16.39e9
-)
+X4 = axis_with("baseband", 150, 0.0514, 0.4, 8.748e9, 1.5e9, 23.328e9)
+P4XX = axis_with("baseband", 300, 0.00915, 0.0, 4.0e9, 1.7e9, 16.39e9)
 AXES = {
     "x2": X2,
     "x2 rf": X2_RF,
@@ -44,9 +40,8 @@ def made_by(tier, range_m, amplitude, axis, **how):
 
 def pairs(tiers, names):
     """Tiers with the axes that they can serve."""
-    return [
-        (tier, name) for tier in tiers for name in names if tier != "gridded" or suits(AXES[name])
-    ]
+    found = product(tiers, names)
+    return [(tier, name) for tier, name in found if tier != "gridded" or suits(AXES[name])]
 
 
 CASES = [

@@ -68,9 +68,8 @@ def test_bodies_echo_through_every_skin(folder, skin, who):
 def test_a_slow_body_takes_less_than_three_quarters_of_its_tempo(folder):
     def way_m(seed, **slow):
         options = {"near_m": 0.6, "far_m": 3.4, **slow}
-        body = draw_recorded_body(
-            read_library(folder)[0], np.random.default_rng(seed), options, "here"
-        )
+        rng = np.random.default_rng(seed)
+        body = draw_recorded_body(read_library(folder)[0], rng, options, "here")
         place_m = body.at(T_S, ANTENNA_M).position_m[:, 0, :2]
         return np.linalg.norm(np.diff(place_m, axis=0), axis=1).sum()
 

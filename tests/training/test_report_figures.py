@@ -75,9 +75,8 @@ def test_quantiles_count_those_who_were_missed():
     ],
 )
 def test_pending_counts_only_as_the_last_word(is_pending, is_open, alarms):
-    undecided = passage(
-        [0.5] * 3, is_pending=np.array(is_pending, bool), is_open=np.array(is_open, bool)
-    )
+    is_pending, is_open = np.array([is_pending, is_open], bool)
+    undecided = passage([0.5] * 3, is_pending=is_pending, is_open=is_open)
     # Another passage follows, whose gate is open: it must not be taken for the same target.
     table = table_of(undecided, passage([0.99]))
     assert (evidence(table, "fused") >= LIMIT)[:3].tolist() == alarms

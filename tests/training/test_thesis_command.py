@@ -174,10 +174,8 @@ def test_recordings_stop_and_retrain(published, tmp_path, capsys):
     np.testing.assert_array_equal(loaded.y, [0, 1] * 4)
     assert load_recordings([path], ElementSpec(), 1).x.shape == (8, 784)
     assert thesis(tmp_path, *ONE, "--activation", "relu", "--finetune", str(path)) == 0
-    result = tmp_path / "results" / "T2D60-relu-retrained.json"
-    assert json.loads(result.read_text())["stopped_by"] == (
-        "4 windows of recordings, after retraining on 4"
-    )
+    made = json.loads((tmp_path / "results" / "T2D60-relu-retrained.json").read_text())
+    assert made["stopped_by"] == "4 windows of recordings, after retraining on 4"
     assert "T2D60 relu retrained" in capsys.readouterr().out
 
 

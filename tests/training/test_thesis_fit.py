@@ -108,9 +108,8 @@ def test_every_switch_learns(changes):
 def test_same_seed_same_result_and_the_best_look_is_kept():
     told = []
     same(result(QUICK, tell=lambda *now: told.append(now)), result(QUICK))
-    assert [(what.partition(",")[0], *far) for what, *far in told] == [
-        ("whole", epoch, 12) for epoch in (0, 4, 8, 12)
-    ]
+    stages = [(what.partition(",")[0], *far) for what, *far in told]
+    assert stages == [("whole", epoch, 12) for epoch in (0, 4, 8, 12)]
     assert not np.array_equal(result(QUICK).scores, result(replace(QUICK, seed=1)).scores)
     fitted = result(replace(QUICK, pretrain_epochs=(), output_epochs=0))
     p = fitted.predict(STOP.x)

@@ -190,9 +190,8 @@ def test_saved_zones_hold_at_once_and_after_a_restart(run, tmp_path):
     assert again.status()["zones"] == wanted
     # What is in the file of the configuration holds again once they are forgotten.
     assert again.post("/api/v1/zones", {"forget": True})[0] == 202
-    again.wait(
-        lambda: again.status()["zones"] == {"include": [[0.5, 5.0]], "exclude": [], "away": []}
-    )
+    own = {"include": [[0.5, 5.0]], "exclude": [], "away": []}
+    again.wait(lambda: again.status()["zones"] == own)
     assert again.status()["has_saved_zones"] is False
     assert not (tmp_path / "radar.sim.zones.yaml").exists()
 
