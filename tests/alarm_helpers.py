@@ -46,8 +46,7 @@ class NotifySocket:
 
     def next(self):
         """Return the next message as a mapping."""
-        lines = self._socket.recv(4096).decode().splitlines()
-        return dict(line.split("=", 1) for line in lines)
+        return dict(line.split("=", 1) for line in self._socket.recv(4096).decode().splitlines())
 
     def wait_for(self, key):
         """Return the next message that has a key."""

@@ -130,14 +130,12 @@ class Jammer:
         return np.where(self.is_on, clipped, self.rows)
 
     def stuck(self):
-        held = np.where(self.is_on, np.complex64(50), self.rows)
-        return held.astype(np.complex64)
+        return np.where(self.is_on, np.complex64(50), self.rows).astype(np.complex64)
 
     def reflector(self):
         near = np.zeros(self.rows.shape[1], np.complex64)
         near[:14] = 20 * np.exp(2j * np.pi * self.rng.random(14))
-        masked = self.rows * 0.1 + near + self.white(0)
-        return np.where(self.is_on, masked, self.rows)
+        return np.where(self.is_on, self.rows * 0.1 + near + self.white(0), self.rows)
 
     def unplugged(self):
         return np.where(self.is_on, self.white(0), self.rows)

@@ -24,8 +24,7 @@ def ran(*argv, **options):
 
 def started(*argv, **options):
     """A Python with these arguments that runs, with pipes for what it says."""
-    pipes = dict.fromkeys(("stdout", "stderr"), subprocess.PIPE)
-    given = {**pipes, "env": environ(), **options}
+    given = {**dict.fromkeys(("stdout", "stderr"), subprocess.PIPE), "env": environ(), **options}
     return subprocess.Popen([sys.executable, *map(str, argv)], **given)
 
 

@@ -37,8 +37,7 @@ def noise(n_slow: int, n_range: int = 64, *, seed: int = 0, sigma: float = 1.0) 
 def walker(n_slow: int, rate_hz: float, *, speed_mps: float, start_m: float, level: float):
     """A point that approaches at `speed_mps`, shape (n_slow, 64), complex64."""
     range_m = start_m - speed_mps * np.arange(n_slow) / rate_hz
-    bins = BASEBAND.range_m
-    envelope = np.exp(-0.5 * ((bins - range_m[:, None]) / 0.045) ** 2)
+    envelope = np.exp(-0.5 * ((BASEBAND.range_m - range_m[:, None]) / 0.045) ** 2)
     phase = np.exp(-4j * np.pi * range_m[:, None] * 6.8e9 / 299_792_458.0)
     return (level * envelope * phase).astype(np.complex64)
 
@@ -104,8 +103,7 @@ def run_radard(*argv: str) -> tuple[int, list[dict], str]:
             code = radard_main(list(argv))
         except SystemExit as stop:
             code = stop.code if isinstance(stop.code, int) else 1
-    lines = out.getvalue().splitlines()
-    records = [json.loads(line) for line in lines if line.startswith("{")]
+    records = [json.loads(line) for line in out.getvalue().splitlines() if line.startswith("{")]
     return code, records, err.getvalue()
 
 

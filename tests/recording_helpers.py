@@ -55,8 +55,7 @@ def make(path, kind="baseband", counters=None, *, samples=None, rate_hz=RATE_HZ,
     with RecordingWriter(path, StreamInfo(axis, rate_hz, "module 7"), **about) as writer:
         tracker = CounterTracker()
         index = [(tracker.update(n), tracker.index)[1] for n in counters.tolist()]
-        t_s = np.array(index) / rate_hz
-        writer.write_block(Block(samples, counters.astype(np.uint32), t_s))
+        writer.write_block(Block(samples, counters.astype(np.uint32), np.array(index) / rate_hz))
     write_labels(path, LABELS)
     return path, samples
 
@@ -102,8 +101,7 @@ def content(reader):
 
 def refused(path, words=None, **how):
     """The one line that a recording is refused with, read as the programs read it."""
-    caught = pytest.raises(RecordingError, match=words)
-    with caught as said, open_recording(path, **how) as reader:
+    with pytest.raises(RecordingError, match=words) as said, open_recording(path, **how) as reader:
         _ = reader.labels, *reader.blocks()
     assert "\n" not in str(said.value)
     return str(said.value)

@@ -40,8 +40,7 @@ class Draws:
         if number == self.killed_once_at and self.made()[0].count(number) == 1:
             os.kill(os.getpid(), signal.SIGKILL)
         if number == self.fails_at:
-            msg = "bad draw"
-            raise ValueError(msg)
+            raise ValueError("bad draw")
         if number == self.dies_at:
             os._exit(1)
         if number % 5 == 4:

@@ -55,8 +55,7 @@ def affected(axis=RF, *, n=400, seed=0, echo=None, sizes=None, **effects):
 
 def room_echo(axis, level_db=57.0):
     settings = RoomSettings(objects_db=level_db, diffuse_db=level_db - 17)
-    room = Room(np.random.default_rng(3), settings, axis)
-    return np.array(room.echo(np.zeros(400)))
+    return np.array(Room(np.random.default_rng(3), settings, axis).echo(np.zeros(400)))
 
 
 def module(scene=HUMAN, seed=0):

@@ -55,10 +55,8 @@ def test_strides_and_stances_are_as_long_as_published(species, style, fr, factor
         pet = drawn(species, style, seed, path=past(speed))
         h = QuadrupedBuild(np.random.default_rng(seed), SPECIES[species]).hip_m
         fr_own = float(froude(speed, h))
-        wanted_m = factor * h * fr_own**power
-        assert stride_m(np.array([speed]), h, SPECIES[species]) == pytest.approx(
-            wanted_m, rel=0.25
-        )
+        wanted = pytest.approx(factor * h * fr_own**power, rel=0.25)
+        assert stride_m(np.array([speed]), h, SPECIES[species]) == wanted
         feet = footing(pet)
         steps = np.concatenate([np.diff(x) for _, x, _ in feet])
         ratio.append(np.mean(steps) / stride_m(np.array([speed]), h, SPECIES[species])[0])
@@ -107,9 +105,7 @@ def test_feet_fall_in_the_order_of_the_gait_on_either_lead(species, style):
 
 def test_masses_and_hips_are_those_of_pets():
     rng = np.random.default_rng(0)
-    builds = {
-        name: [QuadrupedBuild(rng, row) for _ in range(300)] for name, row in SPECIES.items()
-    }
+    builds = {k: [QuadrupedBuild(rng, row) for _ in range(300)] for k, row in SPECIES.items()}
     kg = {name: np.array([b.mass_kg for b in rows]) for name, rows in builds.items()}
     for name, low, high in (("cat", 2.5, 7.0), ("dog", 3.0, 60.0), ("rabbit", 1.0, 3.0)):
         assert low <= kg[name].min() < kg[name].max() <= high
@@ -171,8 +167,7 @@ T_S = 2.5 + np.arange(800) * STEP_S
 
 
 def walker(speed_mps, seed=0, motion="gait"):
-    path = ((0, 14), (0, 1))
-    return drawn("human", "walk", seed, path=path, speed_mps=speed_mps, motion=motion)
+    return drawn("human", "walk", seed, path=((0, 14), (0, 1)), speed_mps=speed_mps, motion=motion)
 
 
 @pytest.mark.parametrize("motion", MOTIONS)

@@ -75,8 +75,7 @@ def test_the_velocity_between_frames_does_not_jump(tmp_path):
     assert x == pytest.approx(np.sin(4 * np.pi * fine_s), abs=0.01)
     # 158 m/s2 at most; straight lines between the frames would jump by 5 m/s.
     assert np.abs(np.diff(x, n=2)).max() / 1e-3**2 < 250
-    frames = motion(t_s).centre_m[:, 0]
-    assert frames == pytest.approx(position_m.mean(axis=1), abs=1e-12)
+    assert motion(t_s).centre_m[:, 0] == pytest.approx(position_m.mean(axis=1), abs=1e-12)
 
 
 def standard(skeleton, n=40):
@@ -98,9 +97,8 @@ def test_standard_joints_move_the_parts_of_a_kind_with_its_girths(tmp_path, skel
     file = tmp_path / "clip.npz"
     parent = [-1, *range(len(names) - 1)]
     np.savez(file, position_m=position_m, parent=parent, frame_rate_hz=30.0, names=names)
-    body = draw_recorded(
-        np.random.default_rng(0), file=str(file), up="z", label=label, skin=skin, place_m=(0, 3)
-    )
+    how = {"file": str(file), "up": "z", "label": label, "skin": skin, "place_m": (0, 3)}
+    body = draw_recorded(np.random.default_rng(0), **how)
     motion = read_motion(str(file), up="z")
     assert motion.skeleton is skeleton
     size_m = 1.7 if skeleton is PERSON else 0.5

@@ -9,16 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.body_helpers import ANTENNA_M
+from x2radar.sim.bodies import skins
 from x2radar.sim.bodies.skeleton.skeleton import PERSON, PersonBuild
-from x2radar.sim.bodies.skins import (
-    SHADOW_DB,
-    SKIN_REFLECTION,
-    SKINS,
-    SPREAD_DB,
-    AspectFluctuation,
-    SurfaceSkin,
-    sized,
-)
+from x2radar.sim.bodies.skins import SHADOW_DB, SKIN_REFLECTION, SKINS, SurfaceSkin
 from x2radar.sim.place.antenna import Antenna
 from x2radar.sim.points import Pose
 
@@ -32,10 +25,8 @@ RADAR = Antenna(height_m=1.2, shape="isotropic")
 def row(n=4):
     """Sixteen segments on a line in front of the antenna, standing up."""
     k = len(HALF_M)
-    centre = np.tile(
-        np.stack([np.linspace(-0.4, 0.4, k), 0 * np.ones(k) + 2, np.ones(k)], 1), (n, 1, 1)
-    )
-    return Pose(centre, np.tile(Z, (n, k, 1)), np.tile(X, (n, 1, 1)))
+    centre = np.stack([np.linspace(-0.4, 0.4, k), 0 * np.ones(k) + 2, np.ones(k)], 1)
+    return Pose(np.tile(centre, (n, 1, 1)), np.tile(Z, (n, k, 1)), np.tile(X, (n, 1, 1)))
 
 
 def lone(axis=X, side=Y, place=(0.0, 0.0, 0.0)):
@@ -81,7 +72,7 @@ def test_every_skin_is_constant_for_what_does_not_move_and_leaves_its_arguments_
 def test_the_mean_total_is_what_was_asked_for(name, dbsm):
     rng, pose = np.random.default_rng(5), row()
     pose = replace(pose, side=np.broadcast_to(pose.side, pose.axis.shape))
-    skin = sized(SKINS[name](rng, HALF_M, 3, PERSON.gain), rng, dbsm, pose)
+    skin = skins.sized(SKINS[name](rng, HALF_M, 3, PERSON.gain), rng, dbsm, pose)
     assert 10 * np.log10(skin.mean_total_m2(pose)) == pytest.approx(dbsm, abs=0.01)
     # And what antennas all around see.
     turns = np.linspace(0, 2 * np.pi, 48, endpoint=False)
@@ -123,8 +114,7 @@ def test_any_ellipsoid_from_anywhere_is_the_curvature_at_its_bright_spot(half, a
 
 def lost_db(place, directions, seed=0):
     """What a ball at a place beside a long level trunk loses, seen along directions."""
-    half = [(0.35, 0.12, 0.14), BALL]
-    skin = dull(half, seed)
+    skin = dull([(0.35, 0.12, 0.14), BALL], seed)
     pose = Pose(np.array([[(0.0, 0.0, 0.0), place]]), np.array([[X, X]]), np.array([[Y]]))
     open_m2 = SKIN_REFLECTION * math.pi * BALL[0] ** 2
     lost = [10 * math.log10(open_m2 / seen(skin, d, pose)[1]) for d in directions]
@@ -155,8 +145,8 @@ def test_a_limb_in_the_open_loses_nothing(place, direction):
 
 def test_fluctuation_has_the_spread_and_the_mean_it_drew_to_five_digits():
     half = np.full((40, 3), 0.1)
-    spread_db = np.random.default_rng(3).uniform(*SPREAD_DB, 40)
-    f = AspectFluctuation(np.random.default_rng(4), half, spread_db)
+    spread_db = np.random.default_rng(3).uniform(*skins.SPREAD_DB, 40)
+    f = skins.AspectFluctuation(np.random.default_rng(4), half, spread_db)
     ways = np.random.default_rng(0).standard_normal((5_000, 1, 3))
     ways = np.repeat(ways / np.linalg.norm(ways, axis=-1, keepdims=True), 40, axis=1)
     power = f.at(*np.moveaxis(ways, -1, 0))

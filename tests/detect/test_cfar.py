@@ -8,14 +8,7 @@ import pytest
 from radard.config.sections import GateSettings
 from radard.detect.gate import DAY_S, Gate
 from radard.dsp import cfar
-from radard.dsp.cfar import (
-    FALSE_ALARM,
-    PowerMap,
-    find_peaks,
-    floor_factor,
-    os_factor,
-    power_map,
-)
+from radard.dsp.cfar import FALSE_ALARM, PowerMap, find_peaks, floor_factor, os_factor, power_map
 from radard.dsp.clutter import block_power, sound_rows
 from tests.clutter_helpers import ALL, AXIS, body, db
 from tests.radar_helpers import dwell_of, noise, walker
@@ -49,8 +42,7 @@ def test_map_of_noise_is_one_everywhere():
     assert chart.ratio.mean() == pytest.approx(1, abs=0.02)
     assert chart.range_m[0] == pytest.approx(0.6 + 4 * 0.0293 / 8)
     assert chart.range_m[-1] == pytest.approx(axis.range_m[[765, 769]].mean())
-    rough = chart_of(noise(147, 96), axis=replace(AXIS, bandwidth_hz=0))
-    assert rough.ratio.shape[1] == 96
+    assert chart_of(noise(147, 96), axis=replace(AXIS, bandwidth_hz=0)).ratio.shape[1] == 96
 
 
 def test_lost_frames_and_dead_bins_give_zero():
@@ -90,8 +82,7 @@ def test_neither_noise_nor_the_fill_behind_a_body_gives_peaks():
     for seed in range(30):
         found += sum(map(len, find_peaks(chart_of(noise(147, 96, seed=seed)), 0.0)))
     assert found <= 30 * 20 * 96 * FALSE_ALARM * 3
-    rng = np.random.default_rng(9)
-    ratio = rng.gamma(2.0, size=(40, 96)) / 2
+    ratio = np.random.default_rng(9).gamma(2.0, size=(40, 96)) / 2
     ratio[:, 30:] *= 10**2
     ratio[:, 29:33] = 10**4
     peaks = find_peaks(map_of(ratio), 9)
@@ -101,8 +92,7 @@ def test_neither_noise_nor_the_fill_behind_a_body_gives_peaks():
 
 @pytest.mark.parametrize("level", [5, 20, 60])
 def test_a_body_gives_one_peak_a_block_where_it_is(level):
-    range_m = 2.8 - 0.6 * TIME_S
-    chart = chart_of(noise(147, 96) + body(range_m, level + 10))
+    chart = chart_of(noise(147, 96) + body(2.8 - 0.6 * TIME_S, level + 10))
     peaks = find_peaks(chart, 9)
     assert np.mean([len(p) == 1 for p in peaks]) >= 0.9
     for time_s, found in zip(chart.time_s, peaks, strict=True):

@@ -20,13 +20,11 @@ def features(vector):
 @pytest.fixture
 def copy(tmp_path):
     """The shipped bundle as files, with a sidecar to spoil."""
-    bundle = load_bundle("thesis")
-    (tmp_path / "mine.onnx").write_bytes(bundle.onnx)
+    (tmp_path / "mine.onnx").write_bytes(load_bundle("thesis").onnx)
     sidecar = json.loads(sidecar_path("thesis").read_text())
 
     def write(**changes):
-        path = tmp_path / "mine.json"
-        path.write_text(json.dumps({**sidecar, **changes}))
+        (tmp_path / "mine.json").write_text(json.dumps({**sidecar, **changes}))
         return str(tmp_path / "mine.onnx")
 
     return write

@@ -7,14 +7,8 @@ import numpy as np
 import pytest
 
 from radard.detect.clutter_map import ClutterMap, ClutterRemover
-from radard.dsp.clutter import (
-    centre_spread_m,
-    noise_of,
-    noise_profile,
-    second_differences,
-    sound_rows,
-    spike_rows,
-)
+from radard.dsp import clutter
+from radard.dsp.clutter import centre_spread_m, noise_profile, second_differences, sound_rows
 from radard.dsp.downconvert import DownConverter
 from tests.clutter_helpers import ALL, AXIS, body, db, jitter_of, room
 from tests.dsp_reference import noise_power, remove_jitter, residual_power
@@ -90,7 +84,7 @@ def test_frames_stay_as_they_were_and_may_be_read_only():
 
 def spikes(frames, valid=ALL):
     rows, usable, _ = sound_rows(frames, valid)
-    return np.flatnonzero(spike_rows(rows, usable)).tolist()
+    return np.flatnonzero(clutter.spike_rows(rows, usable)).tolist()
 
 
 @pytest.mark.parametrize("position", range(147))
@@ -140,7 +134,7 @@ def test_noise_of_single_bins():
     assert profile.std() < 0.25 * 4
     assert profile[20] < 3 * 4
     empty = second_differences(rows[:2], usable[:2])
-    assert np.isnan(noise_of(empty))
+    assert np.isnan(clutter.noise_of(empty))
     assert np.isnan(noise_profile(empty)).all()
 
 
@@ -200,8 +194,7 @@ def test_remover_leaves_noise_and_doppler_and_counts_spikes():
     still = room(jitter_s=0, gain=0)
     out = ClutterRemover().remove(dwell((still + target).astype(np.complex64)))
     steps = np.diff(still + target, axis=0)
-    left = np.diff(out.frames, axis=0)
-    assert np.abs(left - steps).std() < 0.05 * np.abs(steps).std()
+    assert np.abs(np.diff(out.frames, axis=0) - steps).std() < 0.05 * np.abs(steps).std()
     # Spikes are counted, and repeat the row before.
     frames = room()
     frames[40] += 3000
@@ -286,8 +279,7 @@ def test_one_reflector_alone_confirms_nothing_and_three_leave_no_ghost():
     assert level_db(clean) == pytest.approx(level_db(frames), abs=0.2)
     assert level_db(frames) > level_db(body(still, 60) + noise(147, 96)) + 3
     where = body(np.tile([0.8, 1.9, 3.0], (147, 1)), 50)
-    walker = body(2.9 - 0.9 * TIME_S, 45)
-    frames = (where + walker + noise(147, 96)).astype(np.complex64)
+    frames = (where + body(2.9 - 0.9 * TIME_S, 45) + noise(147, 96)).astype(np.complex64)
     clean, *_ = remove_jitter(frames, ALL, AXIS)
     before, after = (residual_power(f, ALL, 28) for f in (frames, clean))
     far = before < 2
@@ -303,8 +295,7 @@ def test_lost_frames_have_no_vote(position):
     valid = ALL.copy()
     valid[position] = False
     without, same_s, _ = remove_jitter(torn, valid, AXIS)
-    others = np.arange(147) != position
-    assert np.abs(same_s - delay_s)[others].max() < 0.05e-12
+    assert np.abs(same_s - delay_s)[np.arange(147) != position].max() < 0.05e-12
     assert level_db(without, valid) == pytest.approx(level_db(clean), abs=0.1)
 
 

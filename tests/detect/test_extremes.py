@@ -56,9 +56,8 @@ def test_a_unit_that_is_a_power_of_two_changes_nothing(exponent):
     assert other.is_open
     assert reading.is_open
     loose = exponent < -125
-    assert other.power_db - reading.power_db == pytest.approx(
-        20 * np.log10(2.0) * exponent, abs=0.1 if loose else 1e-4
-    )
+    wanted_db = pytest.approx(20 * np.log10(2.0) * exponent, abs=0.1 if loose else 1e-4)
+    assert other.power_db - reading.power_db == wanted_db
     assert [t.id for t in other_tracks] == [t.id for t in tracks]
     for name, values in inputs.items():
         away = np.linalg.norm(other_inputs[name] - values)
@@ -82,12 +81,10 @@ def test_frames_that_are_not_finite_are_lost_frames(bad, position):
 
 @pytest.mark.parametrize("rate_hz", [1.0, 4.0, 17.06, 30.0, 200.0, 1000.0])
 def test_frame_rates(rate_hz):
-    n_cpi = max(4, round(28 / 60 * rate_hz))
-    made = replace(SETTINGS, n_cpi=n_cpi, n_cadence=2, n_profile=24)
+    made = replace(SETTINGS, n_cpi=max(4, round(28 / 60 * rate_hz)), n_cadence=2, n_profile=24)
     shape = made.dwell_shape(1.0, rate_hz)
     axis = replace(AXIS, n_range=24, range_offset_m=1.0)
-    frames = walk(shape.n_slow, rate_hz, axis)
-    dwell = dwell_of(frames, rate_hz, axis=axis)
+    dwell = dwell_of(walk(shape.n_slow, rate_hz, axis), rate_hz, axis=axis)
     reading, _, _ = judged(dwell, MAP_FEATURES, made)
     if rate_hz < 1000:
         judged(dwell, ("thesis_type1",), made)

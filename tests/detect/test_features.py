@@ -70,8 +70,7 @@ def test_following_dwells_give_what_single_ones_give():
         if n_dwells == 3:
             continue  # as while the gate is closed
         alone = extract(dwell, SETTINGS, FEATURES)
-        live = stream.extract(dwell)
-        for name, values in live.items():
+        for name, values in stream.extract(dwell).items():
             assert np.linalg.norm(values - alone[name]) <= 2e-6 * np.linalg.norm(values)
     assert n_dwells == 5
 

@@ -21,18 +21,9 @@ from radard.judge.installation import (
     size_nats,
 )
 from radard.pipeline import Pipeline
+from tests import radar_helpers as radar
 from tests.clutter_helpers import body
-from tests.radar_helpers import (
-    BASEBAND,
-    decisions,
-    dwell_of,
-    dwells_in,
-    frames_of,
-    noise,
-    run_radard,
-    stable,
-    walker,
-)
+from tests.radar_helpers import BASEBAND, decisions, dwells_in, frames_of, noise, run_radard
 from x2radar.command import run_command
 from x2radar.frame import StreamInfo
 
@@ -48,13 +39,13 @@ def test_live_replayed_and_in_a_table_they_are_the_same(hop_s, tmp_path, monkeyp
     assert live[0]["hop_s"] == hop_s
     assert said.count(f"decision.hop_s {hop_s:g}: model 'accurate' learned from windows 1 s") == 1
     assert f"spans {max(1.0, hop_s):g} s" in said
-    made = decisions(stable(live))
+    made = decisions(radar.stable(live))
     assert np.diff([r["t_s"] for r in made]) == pytest.approx(hop_s, abs=0.02)
     assert any(r["alarm"] for r in made)
     _, replayed, _ = run_radard("--port", f"replay:{path}", "-o", "json")
-    assert decisions(stable(replayed)) == made
+    assert decisions(radar.stable(replayed)) == made
     _, table, _ = run_radard("detect", str(path), "--to", "jsonl", "--jobs", "1")
-    rows = decisions(stable(table))
+    rows = decisions(radar.stable(table))
     assert [{k: v for k, v in r.items() if k != "file"} for r in rows] == made
 
 
@@ -132,9 +123,8 @@ def test_an_echo_is_as_strong_at_1_m_wherever_it_is():
     spread = floor.copy()
     at = int(np.argmax(one))
     spread[at - 1 : at + 2] += 1000.0
-    assert echo_at_1m_db(spread, floor, RANGE_M) == pytest.approx(
-        echo_at_1m_db(one, floor, RANGE_M), abs=0.3
-    )
+    wanted_db = echo_at_1m_db(one, floor, RANGE_M)
+    assert echo_at_1m_db(spread, floor, RANGE_M) == pytest.approx(wanted_db, abs=0.3)
 
 
 def test_strength_does_not_depend_on_the_unit_and_nothing_that_moves_has_none():
@@ -147,7 +137,7 @@ def test_strength_does_not_depend_on_the_unit_and_nothing_that_moves_has_none():
 
 
 def test_the_feature_is_what_is_known_or_the_rate_alone():
-    dwell = dwell_of(noise(120), rate_hz=30.0)
+    dwell = radar.dwell_of(noise(120), rate_hz=30.0)
     settings = FeatureSettings(n_cpi=14)
     assert INSTALLATION in FEATURES
     assert feature_shape(INSTALLATION, settings) == (N_INSTALLATION,)
@@ -186,7 +176,7 @@ def test_more_strength_never_speaks_for_a_pet_and_never_for_more_than_its_bounds
 def test_a_level_changes_the_verdict_by_what_size_says_and_nothing_else():
     """The network sees the same; as strong an echo before a stronger radar is a smaller body."""
     classifier = Classifier(load_bundle("fast"))
-    moving = walker(480, 60.0, speed_mps=0.2, start_m=2.0, level=60.0)
+    moving = radar.walker(480, 60.0, speed_mps=0.2, start_m=2.0, level=60.0)
     frames = (moving + noise(480)).astype(np.complex64)
     made = {}
     for level_db in (None, 20.0, 90.0):

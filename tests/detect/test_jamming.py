@@ -76,8 +76,7 @@ def test_strong_interference_is_announced_within_ten_seconds(name, word):
 def test_interference_in_a_part_of_the_swath_is_announced_and_not_learned_away(name, ranges):
     rows, stream, axis = frames()
     rows = getattr(air.Jammer(rows, axis), name)()[: 60 * air.RATE_HZ]
-    events = air.judged(rows, stream, axis, model=None)
-    made = [e for e in events if e.kind == "tamper"]
+    made = [e for e in air.judged(rows, stream, axis, model=None) if e.kind == "tamper"]
     assert f"interference: ranges of {ranges} m alike rose" in made[0].reason
     assert air.ON_S < made[0].t_s <= air.ON_S + 10
     # The gate may take it for background by now; the event is on all the same.
@@ -204,10 +203,8 @@ def test_who_enters_during_a_calibration_prevents_it_and_is_an_alarm():
 
 
 def test_who_stands_still_under_a_jammer_is_not_seen_but_the_jammer_is_announced():
-    text = air.scene_text(
-        (20, "body: human, style: stand, waypoints_m: [[0.0, 2.0], [0.0, 2.01]]", 50)
-    )
-    rows, stream, axis = air.rows_of(text, 70)
+    who = "body: human, style: stand, waypoints_m: [[0.0, 2.0], [0.0, 2.01]]"
+    rows, stream, axis = air.rows_of(air.scene_text((20, who, 50)), 70)
     events = air.judged(air.Jammer(rows, axis).continuous_wave(), stream, axis)
     assert air.ON_S < air.spans(events, "tamper")[0][0] <= air.ON_S + 10
 

@@ -16,24 +16,15 @@ from radard.dsp.velocity import VelocityTransform, range_dft
 from radard.errors import FeatureError
 from radard.judge.features import FeatureSettings, extract
 from radard.judge.velocity_map import WEAKEST_COLUMN_DB, shown
-from tests.dsp_reference import (
-    P4XX,
-    X2,
-    X4,
-    error,
-    micro_doppler_direct,
-    point,
-    under_clutter,
-    velocity_transform_direct,
-)
+from tests import dsp_reference
+from tests.dsp_reference import X2, error, point, under_clutter
 from tests.radar_helpers import BASEBAND, dwell_of, noise
 
 
 def by_definition(power, valid, depth_db):
     """In extended precision, cell by cell."""
     p = power.astype(np.longdouble)
-    top = p[:, valid].max()
-    weakest = top * np.longdouble(10) ** (-WEAKEST_COLUMN_DB / 10)
+    weakest = p[:, valid].max() * np.longdouble(10) ** (-WEAKEST_COLUMN_DB / 10)
     out = np.zeros(p.shape)
     for j in np.flatnonzero(valid):
         column = max(p[:, j].max(), weakest)
@@ -80,8 +71,7 @@ GRIDS = SETTINGS.velocity_grids()
 
 def test_shapes_hold_the_columns_of_a_dwell_and_no_more():
     assert [GRIDS[name].shape for name in GRIDS] == [(101, 40), (61, 24), (81, 9)]
-    dwell = dwell_of(noise(147))
-    for name, made in extract(dwell, SETTINGS, tuple(GRIDS)).items():
+    for name, made in extract(dwell_of(noise(147)), SETTINGS, tuple(GRIDS)).items():
         assert made.shape == GRIDS[name].shape
         assert made.any(axis=0).all()
 
@@ -90,8 +80,7 @@ def test_shapes_hold_the_columns_of_a_dwell_and_no_more():
 @pytest.mark.parametrize("rate_hz", [15.0, 30.5, 60.0, 200.0])
 def test_a_cpi_never_takes_more_than_three_quarters_of_a_dwell(carrier_hz, rate_hz):
     n_slow = round(2.0 * rate_hz) + round(28 / 60 * rate_hz) - 1
-    axis = replace(BASEBAND, carrier_hz=carrier_hz)
-    dwell = dwell_of(noise(n_slow), rate_hz, axis=axis)
+    dwell = dwell_of(noise(n_slow), rate_hz, axis=replace(BASEBAND, carrier_hz=carrier_hz))
     asked = replace(SETTINGS, velocity_cpi_carrier_hz=7e9)
     for name, grid in asked.velocity_grids().items():
         transform = grid.transform(dwell)
@@ -99,9 +88,8 @@ def test_a_cpi_never_takes_more_than_three_quarters_of_a_dwell(carrier_hz, rate_
         wanted_s = max(grid.cpi_s * 7e9 / carrier_hz, 6 / rate_hz)
         if wanted_s < 0.75 * n_slow / rate_hz:
             assert transform.n_cpi == pytest.approx(wanted_s * rate_hz, abs=0.51)
-        shown = extract(dwell, asked, (name,))[name]
         # What no whole CPI ends in stays empty; the newest cell is always there.
-        assert shown[:, -1].any()
+        assert extract(dwell, asked, (name,))[name][:, -1].any()
 
 
 SMALL = replace(X2, n_range=24)
@@ -127,7 +115,7 @@ def test_cells_are_of_the_columns_that_are_kept_and_noise_has_its_own_power():
     assert ours.mean() == pytest.approx(9.0, rel=0.01)
 
 
-@pytest.mark.parametrize("axis", [X2, P4XX, X4])
+@pytest.mark.parametrize("axis", [X2, dsp_reference.P4XX, dsp_reference.X4])
 @pytest.mark.parametrize("near_m", [None, 0.0, 1.03])
 def test_one_grid_for_all_radars(axis, near_m):
     far_m = None if near_m is None else near_m + 6.0
@@ -185,8 +173,7 @@ def test_cells_keep_energy():
     # At 30.5 Hz a cell holds one and a half columns; the mean is the same still.
     for n, rate_hz in ((120, 60.0), (61, 30.5)):
         columns = np.random.default_rng(1).random((4, n))
-        flags = np.ones(n, np.bool_)
-        cells, known = time_cells(columns, flags, rate_hz, cell_s=0.05, n_cells=40)
+        cells, known = time_cells(columns, np.ones(n, np.bool_), rate_hz, cell_s=0.05, n_cells=40)
         assert known.all()
         assert np.allclose(cells.mean(axis=1), columns.mean(axis=1))
         if rate_hz == 60:
@@ -216,13 +203,13 @@ def ranges(n_cpi=16, stride=1, axis=SMALL, n_keep=512):
 
 
 def doppler_direct(frames, _stream, n_cpi=16, stride=1, axis=SMALL):
-    return micro_doppler_direct(frames, n_cpi)[:, ::stride]
+    return dsp_reference.micro_doppler_direct(frames, n_cpi)[:, ::stride]
 
 
 def velocity_direct(frames, stream, n_cpi=16, stride=1, axis=SMALL):
     """The definition, of frames whose clutter is taken off in float64 first."""
     y = frames.astype(np.complex128)
-    return velocity_transform_direct(
+    return dsp_reference.velocity_transform_direct(
         (y - y[0]) @ range_dft(axis, stream.frequency_hz, 1.5),
         stream.frequency_hz,
         60.0,

@@ -68,14 +68,12 @@ def test_a_jammer_or_cover_that_is_on_at_a_restart_is_announced(store):
 
 def test_without_a_reference_what_is_on_at_the_start_is_the_room(store):
     assert Sensor(store).listen(40, gain=0.1) is None
-    other = RoomStore(store.path, "another stream")
-    assert Sensor(other).listen(40) is None
+    assert Sensor(RoomStore(store.path, "another stream")).listen(40) is None
     # With one, other settings do not take what is there now for it.
     sensor = Sensor()
     assert sensor.watch.known is None
     sensor.listen(40)
-    settings = TamperSection(learn_s=20, hold_s=12)
-    changed = Sensor(settings=settings, known=sensor.watch.known)
+    changed = Sensor(settings=TamperSection(learn_s=20, hold_s=12), known=sensor.watch.known)
     assert changed.listen(20, gain=0.1) == (3, {"covered"})
 
 
@@ -201,12 +199,10 @@ def test_a_reference_may_know_echoes_or_noise_alone():
     echoes_alone = TamperWatch(SETTINGS, known=reference(noise_db=None))
     assert not echoes_alone.is_blind
     assert echoes_alone.known.noise_db is None
-    whole = TamperWatch(SETTINGS, known=reference()).known
-    assert whole.noise_db == (-3.0, -2.5)
+    assert TamperWatch(SETTINGS, known=reference()).known.noise_db == (-3.0, -2.5)
     # A gate that has seen nothing tells of no interference.
     watch, gate = InterferenceWatch(6.0, 16.0, 1.0), Gate(GateSettings())
-    dwell = dwell_of(noise(147).astype(np.complex64))
-    assert watch.update(gate, dwell, is_passed_over=True) == ""
+    assert watch.update(gate, dwell_of(noise(147).astype(np.complex64)), is_passed_over=True) == ""
     assert len(watch.reference.first) == 0
     # Without a file nothing is kept.
     store = RoomStore()

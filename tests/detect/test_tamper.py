@@ -22,8 +22,7 @@ SLOW, FAST = 15, 3  # the dwell in which a change is found, and one of twice the
 
 def room(seed=1, level=30.0):
     """Still echoes all over the range, (n_range,), complex."""
-    rng = np.random.default_rng(seed)
-    parts = rng.standard_normal((2, AXIS.n_range)) * level
+    parts = np.random.default_rng(seed).standard_normal((2, AXIS.n_range)) * level
     smooth = np.ones(3) / np.sqrt(3)
     return np.convolve(parts[0], smooth, "same") + 1j * np.convolve(parts[1], smooth, "same")
 
@@ -85,8 +84,7 @@ def test_a_covered_sensor(unit, change_db):
     stream.found(watch, 8)
     usual = stream.echoes
     stream.echoes = usual * 10 ** (change_db / 20)
-    at = FAST if abs(change_db) >= 12 else SLOW
-    assert stream.found(watch, 18) == [(at, ("covered",))]
+    assert stream.found(watch, 18) == [(FAST if abs(change_db) >= 12 else SLOW, ("covered",))]
     stream.echoes = usual
     assert stream.found(watch, 18) == [(SLOW, ())]
 
@@ -109,8 +107,7 @@ def test_echoes_that_die_to_noise_and_a_moved_sensor(learned, echoes, kind, reas
 def test_a_jump_of_the_noise(learned, change_db):
     stream, watch = learned
     stream.noise = 10 ** (change_db / 10)
-    at = FAST if abs(change_db) >= 12 else SLOW
-    assert stream.found(watch, 18) == [(at, ("noise",))]
+    assert stream.found(watch, 18) == [(FAST if abs(change_db) >= 12 else SLOW, ("noise",))]
     stream.noise = 1.0
     assert stream.found(watch, 18) == [(SLOW, ())]
 
@@ -172,13 +169,11 @@ def test_somebody_who_was_there_from_the_start_is_not_learned_as_the_room():
     assert not watch.is_blind
     # Where everything moves no echo is judged, nor who walks about where there are none.
     assert stream.found(watch, 40, crowded) == []
-    void = Stream(np.zeros(AXIS.n_range))
-    assert void.found(TamperWatch(SETTINGS), 60, walking) == []
+    assert Stream(np.zeros(AXIS.n_range)).found(TamperWatch(SETTINGS), 60, walking) == []
 
 
 def test_lost_frames_and_tiny_dwells():
-    stream = Stream(room())
-    frames = stream.dwell().frames
+    frames = Stream(room()).dwell().frames
     assert read_cells(dwell_of(frames, lost=range(144, 147))).noise_db is None
     few = dwell_of(frames[:3, :64])
     assert read_cells(few) is None

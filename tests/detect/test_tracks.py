@@ -82,8 +82,7 @@ def test_bodies_that_cross_keep_their_tracks_and_limbs_do_not_split_one():
     by_id = {t.id: t for t in tracks}
     assert error_m(last, by_id[1], near)[-30:].mean() < 0.1
     assert by_id[1].radial_velocity_mps < 0
-    first = {t.id for _, found in seen[:2] for t in found}
-    assert first == {1, 2}
+    assert {t.id for _, found in seen[:2] for t in found} == {1, 2}
     trunk = lambda t: 2.2 - 0.3 * t  # noqa: E731
     limb = lambda t: trunk(t) + 0.28 * np.sin(2 * np.pi * 0.9 * t)  # noqa: E731
     seen = follow(dwells(trunk, 40, seconds=5, extra=[(limb, 36)]))
@@ -92,8 +91,7 @@ def test_bodies_that_cross_keep_their_tracks_and_limbs_do_not_split_one():
 
 def test_a_track_dies_when_its_body_goes_and_ids_are_never_given_twice():
     def path(t):
-        here = (t < 4) | (t > 9)
-        return np.where(here, 2.0 + 0.1 * np.sin(3 * t), np.nan)
+        return np.where((t < 4) | (t > 9), 2.0 + 0.1 * np.sin(3 * t), np.nan)
 
     tracker = Tracker()
     ids = [[t.id for t in tracks] for _, tracks in follow(dwells(path, seconds=14), tracker)]
@@ -101,8 +99,7 @@ def test_a_track_dies_when_its_body_goes_and_ids_are_never_given_twice():
     assert [] in ids
     assert ids[-1] == [2]
     tracker.reset()
-    again = follow(dwells(path, seconds=4), tracker)
-    assert [t.id for t in again[-1][1]] == [3]
+    assert [t.id for t in follow(dwells(path, seconds=4), tracker)[-1][1]] == [3]
 
 
 def test_coasting_stays_near_where_it_was_lost():

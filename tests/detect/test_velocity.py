@@ -26,8 +26,7 @@ def passing(axis, rate_hz, speed_mps, **kwargs):
     """Mean column of a point that passes the middle of the swath."""
     stream = VelocityTransform(axis, rate_hz, step_mps=0.02, column_rate_hz=1e9, **kwargs)
     middle_m = float(axis.range_m[axis.n_range // 2])
-    frames = point(axis, rate_hz, stream.n_cpi + 6, velocity_mps=speed_mps, middle_m=middle_m)
-    stream.push(frames)
+    stream.push(point(axis, rate_hz, stream.n_cpi + 6, velocity_mps=speed_mps, middle_m=middle_m))
     return stream.velocity_mps, stream.columns().mean(axis=1)
 
 
@@ -50,8 +49,7 @@ def test_true_velocity_and_suppressed_aliases(axis, rate_hz, least_db, speed_mps
 @pytest.mark.parametrize("speed_mps", [7.0, -11.0, 15.0])
 def test_velocities_to_15_mps(speed_mps):
     # At 15 m/s the point crosses a swath of 7 m in 0.47 s: the swath of an X4.
-    axis = replace(X4, n_range=182)
-    grid, power = passing(axis, 200.0, speed_mps, max_mps=16.0)
+    grid, power = passing(replace(X4, n_range=182), 200.0, speed_mps, max_mps=16.0)
     assert grid[power.argmax()] == pytest.approx(speed_mps, abs=0.05)
 
 
@@ -70,8 +68,7 @@ def test_frequencies():
     assert f[24] == 6.8e9
     assert f[-1] - 6.8e9 == pytest.approx(1.28e9, abs=0.03e9)
     assert (len(range_frequencies(X4)), len(range_frequencies(P4XX))) == (49, 57)
-    unknown = range_frequencies(replace(X2, bandwidth_hz=0.0))
-    assert unknown[0] > 5.8e9
+    assert range_frequencies(replace(X2, bandwidth_hz=0.0))[0] > 5.8e9
     for wrong in (replace(X2, carrier_hz=0.0), replace(X2, bin_length_m=0.0)):
         with pytest.raises(FeatureError, match="no frequencies"):
             range_frequencies(wrong)
@@ -107,13 +104,11 @@ def test_steps_lead_from_mean_to_mean_however_they_are_cut(n_mean, n, cut, bad):
 @pytest.mark.parametrize(("rate_hz", "n_mean"), [(60.0, 1), (108.0, 1), (120.0, 2), (200.0, 3)])
 def test_the_long_map_keeps_the_frames_that_its_velocities_need(rate_hz, n_mean):
     grid = FeatureSettings(long_sampling=1.0).velocity_grids()["velocity_time_long"]
-    dwell = dwell_of(noise(round(2.46 * rate_hz)), rate_hz=rate_hz)
-    transform = grid.transform(dwell)
+    transform = grid.transform(dwell_of(noise(round(2.46 * rate_hz)), rate_hz=rate_hz))
     # 4 f v / c of 0.6 m/s at 6.8 GHz is 54.4 Hz.
     assert transform.n_cpi == round(1.5 * rate_hz / n_mean)
-    assert transform.column_rate_hz == pytest.approx(
-        rate_hz / n_mean / transform.stride, rel=1e-12
-    )
+    wanted_hz = rate_hz / n_mean / transform.stride
+    assert transform.column_rate_hz == pytest.approx(wanted_hz, rel=1e-12)
 
 
 def test_a_slow_body_looks_the_same_with_fewer_frames():

@@ -75,8 +75,7 @@ def test_it_says_what_a_replay_decided(person, capsys):
 
 
 def test_parts_of_a_linear_network_are_what_its_weights_say(person, linear):
-    config = Config(model={"name": str(linear)})
-    moment = moment_of(person, 3.4, config)
+    moment = moment_of(person, 3.4, Config(model={"name": str(linear)}))
     assert moment.seen is not None
     values = moment.seen.features["velocity_time"]
     parts = occluded(moment.classifier, moment.settings, moment.seen, 0.5)
@@ -91,8 +90,7 @@ def test_parts_of_a_linear_network_are_what_its_weights_say(person, linear):
     assert drawn[5, 5] == 0
     assert "velocity_time, " in place(parts[0])
     assert "m/s" in place(parts[0])
-    text = "\n".join(lines(moment, parts))
-    assert "for a person" in text
+    assert "for a person" in "\n".join(lines(moment, parts))
 
 
 def test_axes_are_those_of_the_maps(person, capsys, tmp_path):

@@ -63,8 +63,7 @@ class UsbPort:
     def connect(self) -> Transport:
         self.n_connects += 1
         if 1 < self.n_connects <= 1 + self._n_failures:
-            msg = "gone for a moment"
-            raise PortNotFound(msg)
+            raise PortNotFound("gone for a moment")
         near, far = memory_pair()
         self._far.append(far)
         in_thread(serve, module(), far, speed=None)
@@ -85,8 +84,7 @@ def test_port_on_usb_is_opened_again_after_the_reset() -> None:
 
 def test_port_on_usb_that_does_not_come_back() -> None:
     port = UsbPort(n_failures=1000)
-    short = Deadlines(ready_s=0.6, usb_gone_s=0.01)
-    radar = X2Radar(port.connect, SETTINGS, deadlines=short)
+    radar = X2Radar(port.connect, SETTINGS, deadlines=Deadlines(ready_s=0.6, usb_gone_s=0.01))
     with pytest.raises(PortNotFound):
         radar.open()
     assert port.n_connects > 2
@@ -98,8 +96,7 @@ def test_port_on_usb_that_vanishes_early_and_late() -> None:
     port = UsbPort(n_failures=0)
 
     def gone(_timeout_s: float) -> bytes:
-        msg = "gone"
-        raise TransportClosed(msg)
+        raise TransportClosed("gone")
 
     def connect() -> Transport:
         near = port.connect()

@@ -179,8 +179,7 @@ def test_the_late_answer_to_a_ping_counts() -> None:
         if isinstance(command, msg.Ping):
             pings.append(command)
             if len(pings) == 1:
-                pong = device.wire(msg.Pong(PongCode.READY))
-                threading.Timer(0.06, far.send, [pong]).start()
+                threading.Timer(0.06, far.send, [device.wire(msg.Pong(PongCode.READY))]).start()
             return []
         return [msg.Ack()]
 
@@ -222,8 +221,7 @@ def test_losses_and_damage_are_stated() -> None:
         damaged = bytearray(raw(2))
         damaged[20] ^= 1
         far.send(raw(1) + bytes(damaged) + raw(3) + raw(3) + raw(1))
-        frames = take(radar, 3)
-        told = [(f.counter, f.index, f.lost, f.restarted) for f in frames]
+        told = [(f.counter, f.index, f.lost, f.restarted) for f in take(radar, 3)]
         assert told == [(1, 0, 0, False), (3, 2, 1, False), (1, 3, 0, True)]
         names = ("frames", "lost", "repeated", "restarts", "damaged")
         assert [getattr(radar.stats, name) for name in names] == [3, 1, 1, 1, 1]

@@ -156,8 +156,7 @@ def test_standard_streams_that_are_closed_are_the_null_device(argv, closed, tmp_
 @pytest.mark.parametrize("name", ["SIGHUP", "SIGUSR1"])
 def test_a_daemon_that_starts_is_not_ended_by_what_it_heeds_later(name, tmp_path):
     for pause_s in (0.0, 0.3, 0.7, 1.2):
-        number = getattr(signal, name)
-        with signalled(number, pause_s, *RADARD, "-v", cwd=tmp_path) as process:
+        with signalled(getattr(signal, name), pause_s, *RADARD, "-v", cwd=tmp_path) as process:
             word = {"SIGHUP": b"reload: done", "SIGUSR1": b'state {"state"'}[name]
             said = b""
             while word not in said:
@@ -193,8 +192,7 @@ def test_an_exit_code_tells_what_went_wrong_also_where_nobody_can_be_told(tmp_pa
         for unbuffered in ("", "1"):
             assert shell(argv, "2>/dev/full", tmp_path, unbuffered).returncode == code
     # A name of any bytes is printed.
-    name = b"\xff.x2cap"
-    argv = [sys.executable, "-m", "x2radar", "info", name]
+    argv = [sys.executable, "-m", "x2radar", "info", b"\xff.x2cap"]
     done = subprocess.run(argv, capture_output=True, cwd=tmp_path, timeout=60, check=False)
     assert (done.returncode, done.stderr.count(b"\n")) == (66, 1)
 

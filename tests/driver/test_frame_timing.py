@@ -21,8 +21,7 @@ def reader(*reads, due_s=lambda: math.inf):
     def read(timeout_s):
         assert timeout_s > 0
         if (data := left.pop(0)) is None:
-            msg = "gone"
-            raise TransportClosed(msg)
+            raise TransportClosed("gone")
         return data
 
     inner = SimpleNamespace(read=read, write=None, close=None)

@@ -87,11 +87,7 @@ def test_percent_encoding_carries_any_text(target, value):
 @pytest.mark.parametrize(
     ("port", "error", "wanted"),
     [
-        (
-            "sim:human?speed=2",
-            SettingsError,
-            "'speed': unknown; known are device, fault, kind, r",
-        ),
+        ("sim:human?speed=2", SettingsError, "'speed': unknown; known are device, fault, kind, r"),
         ("/dev/ttyACM0?seed=1", SettingsError, "'seed': unknown; known are device, kind, rate"),
         ("sim:human?rate=fast", SettingsError, "port key 'rate': 'fast' is not a number"),
         ("sim:human?rate=0", SettingsError, "frame_rate_hz = 0.0"),

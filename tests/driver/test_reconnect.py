@@ -177,8 +177,7 @@ STALL = ReadTimeout("no frame")
 def scripted(*script, clock=None, **options):
     clock = clock or Clock()
     fake = FakeRadar(*script)
-    radar = ReconnectingRadar(fake, clock=clock, sleep=clock.sleep, **options)
-    return radar, fake, clock
+    return ReconnectingRadar(fake, clock=clock, sleep=clock.sleep, **options), fake, clock
 
 
 def test_any_loss_is_followed_by_a_new_opening():

@@ -144,8 +144,7 @@ def test_axis_and_highest_frame_rate_of_an_x4():
 
 
 def test_frames_of_an_x4_off_the_wire():
-    rng = np.random.default_rng(1)
-    echoes = rng.standard_normal((3, 2, 91)).astype(np.float32)
+    echoes = np.random.default_rng(1).standard_normal((3, 2, 91)).astype(np.float32)
     raw = [msg.Data(ContentId.RAW_FRAME, n, echo.ravel()) for n, echo in enumerate(echoes)]
     messages = [decode_response(encode(each)) for each in raw]
     assembler = FrameAssembler(X4Settings())
@@ -159,8 +158,7 @@ def test_frames_of_an_x4_off_the_wire():
     assert np.array_equal(frame.samples, echoes[0].ravel())
     assert frame.axis.kind == "rf"
     ones = np.ones(4, np.float32)
-    own = msg.BasebandIq(1, 0.05144033, 2.916e9, 7.29e9, 0.334321, ones, ones)
-    axis = rf.frame(own, 0.0).axis
+    axis = rf.frame(msg.BasebandIq(1, 0.05144033, 2.916e9, 7.29e9, 0.334321, ones, ones), 0.0).axis
     assert (axis.kind, axis.n_range, axis.range_offset_m) == ("baseband", 4, 0.334321)
 
 

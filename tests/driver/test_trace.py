@@ -67,9 +67,8 @@ def described(*messages):
 
 
 def test_arrays_texts_numbers_and_what_is_not_known():
-    rf = np.array([1, np.nan, -np.inf, 0.5], np.float32)
     data, raw, reply, floats, zone, mode, ready = described(
-        msg.Data(0, 7, rf),
+        msg.Data(0, 7, np.array([1, np.nan, -np.inf, 0.5], np.float32)),
         msg.Data(3, 8, np.array([1, 255], np.uint8)),
         msg.Reply(0x58, 1, "X2M200"),
         msg.Reply(0x11, 2, (1.5, float("nan"), float("inf"))),

@@ -98,10 +98,7 @@ def _modules():
                 yield ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-MODULES = list(_modules())
-
-
-@pytest.mark.parametrize("name", MODULES)
+@pytest.mark.parametrize("name", list(_modules()))
 def test_the_examples_of(name, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     module = importlib.import_module(name)

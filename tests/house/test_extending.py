@@ -70,8 +70,7 @@ def page(folder):
             points.update(tomllib.loads(text)["project"]["entry-points"])
         elif head := re.match(r"# (\w+\.yaml)\n", text):
             (folder / head[1]).write_text(text)
-    shown = re.findall(r'^--8<-- "(\w+)\.py"$', PAGE, re.MULTILINE)
-    assert sorted(shown) == sorted(EXAMPLES)
+    assert sorted(re.findall(r'^--8<-- "(\w+)\.py"$', PAGE, re.MULTILINE)) == sorted(EXAMPLES)
     offer(folder, points, **EXAMPLES)
     assert len(points) == len(EXAMPLES) == 4
     return folder
@@ -114,8 +113,7 @@ def test_feature(page):
     settings = FeatureSettings()
     assert feature_shape("range_power", settings) == (40,)
     dwell = dwell_of(noise(147) * (1 + 9 * (np.arange(64) == 40)))
-    stream = FeatureStream(settings, ("range_power", "thesis_type1"))
-    features = stream.extract(dwell)
+    features = FeatureStream(settings, ("range_power", "thesis_type1")).extract(dwell)
     assert set(features) == {"range_power", "thesis_type1"}
     where_m = settings.near_m + settings.cell_m * (np.argmax(features["range_power"]) + 0.5)
     assert where_m == pytest.approx(dwell.axis.range_m[40], abs=0.1)

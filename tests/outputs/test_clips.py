@@ -281,8 +281,7 @@ def test_a_png_holds_the_picture():
     picture = np.random.default_rng(0).integers(0, 256, (7, 11, 3)).astype(np.uint8)
     png = encode_png(picture)
     # As another program reads it.
-    read = matplotlib.image.imread(io.BytesIO(png), "png")
-    assert (np.rint(255 * read) == picture).all()
+    assert (np.rint(255 * matplotlib.image.imread(io.BytesIO(png), "png")) == picture).all()
     assert (decode_png(png)[0] == picture).all()
 
 
@@ -307,8 +306,7 @@ def test_pictures_of_odd_streams():
     maker.push([bad, *(frame(k) for k in range(11, 130))])
     assert maker.picture().dtype == np.uint8
     silent = PictureMaker(STREAM)
-    nothing = Frame(np.zeros(64, np.complex64), 1, 0, 0, False, BASEBAND)
-    silent.push([nothing] * 100)
+    silent.push([Frame(np.zeros(64, np.complex64), 1, 0, 0, False, BASEBAND)] * 100)
     assert silent.picture().shape[2] == 3
 
 

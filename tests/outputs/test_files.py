@@ -133,8 +133,7 @@ def test_the_mode_of_files_that_are_there_is_left(tmp_path):
     for file in (path, store):
         file.touch()
         file.chmod(0o640)
-    options = SinkOptions(jsonl=JsonlSection(rotate_mb=0.0005))
-    sink = open_sink(f"json:{path}", options)
+    sink = open_sink(f"json:{path}", SinkOptions(jsonl=JsonlSection(rotate_mb=0.0005)))
     for n in range(6):
         sink.write(event(n))
     wait_for(lambda: sink.state.n_sent == 6)

@@ -138,8 +138,7 @@ def test_an_alarm_reaches_a_phone_with_its_picture(home, discovery, running):
     assert call["message"].startswith(("human", "undecided"))
     assert call["data"]["image"].startswith(f"/api/image_proxy/{picture}")
     assert home.state(events)["event_type"].startswith("alarm_")
-    png = wait_for(lambda: base64.b64decode(home.ask(picture=picture)))
-    assert png.startswith(b"\x89PNG")
+    assert wait_for(lambda: base64.b64decode(home.ask(picture=picture))).startswith(b"\x89PNG")
     assert daemon.stop() == 0
     assert home.ask(calls=True) == [call]
 
@@ -240,8 +239,7 @@ def test_a_code_is_asked_for_and_never_published(shown, listen, tmp_path, caplog
 def test_wrong_codes_lock_for_a_minute(tmp_path):
     now_s = [0.0]
     (tmp_path / "code").write_text("open sesame\n")
-    options = MqttSection(code_file=tmp_path / "code")
-    reader = CommandReader(options, now_s=lambda: now_s[0])
+    reader = CommandReader(MqttSection(code_file=tmp_path / "code"), now_s=lambda: now_s[0])
 
     def disarm(code):
         return reader.read("b/command/disarm", code, is_retained=False)

@@ -85,7 +85,6 @@ def test_what_was_never_sent_is_over_and_to_blame_for_nothing(link, broker):
 
 
 _NOT_AUTHORIZED, _NO_RETAIN = 0x87, 0x9A
-EVENT = Publication("radard/hall/event", "{}", is_retained=False)
 
 
 class StrictBroker(socketserver.ThreadingTCPServer):
@@ -178,7 +177,7 @@ def test_what_a_broker_refuses_is_not_delivered_and_said(strict):
     link = Link(made.port)
     try:
         with pytest.raises(DeliveryError, match="Not authorized") as caught:
-            link.link.publish_confirmed(EVENT)
+            link.link.publish_confirmed(Publication("radard/hall/event", "{}", is_retained=False))
         assert caught.value.is_refusal
         for _ in range(2):
             link.link.publish(Publication("radard/hall/state", "{}"))

@@ -286,8 +286,7 @@ def test_a_replay_leaves_nothing_for_the_next_run(out, tmp_path):
 
 def test_a_new_alarm_is_kept_before_it_is_told_and_an_end_is_told_before_that_is_kept():
     room, order = Room(), []
-    store = room.worker._store
-    store.save = lambda state: order.append(("kept", state.alarm_id))
+    room.worker._store.save = lambda state: order.append(("kept", state.alarm_id))
     room.worker._put = lambda record, **_: order.append((record["type"], record.get("phase")))
     kept = KeptState(is_armed=True, entry_reason="human at 2.0 m")
     room.worker._emit(room.worker.tracker.resume(kept))

@@ -42,8 +42,7 @@ OUTBOX = {"first_retry_s": 0.05, "longest_retry_s": 0.1}
 
 def test_a_broker_that_is_away_degrades_until_it_is_back(tmp_path, launch, quick):
     broker, out = MqttBroker(tmp_path), tmp_path / "out.jsonl"
-    outputs = [f"mqtt://127.0.0.1:{broker.port}", f"json:{out}"]
-    daemon = launch(output=outputs, log=OUTBOX)
+    daemon = launch(output=[f"mqtt://127.0.0.1:{broker.port}", f"json:{out}"], log=OUTBOX)
     wait_for_state(tmp_path, "online")
     broker.stop()
     wait_for_state(tmp_path, "degraded", f"output mqtt://127.0.0.1:{broker.port}/radard: ")
@@ -114,5 +113,4 @@ def test_a_replay_says_the_same_whatever_its_outputs_do(tmp_path, launch, quick)
     wait_for(lambda: report(tmp_path).get("seq", 0) > 100)
     time.sleep(0.5)
     assert daemon.stop() == 0
-    told = [state for state, _ in states(records_in(out))]
-    assert told == ["starting", "online", "offline"]
+    assert [state for state, _ in states(records_in(out))] == ["starting", "online", "offline"]

@@ -74,8 +74,7 @@ class Store(FarEnd):
         self._other.execute("ROLLBACK")
 
     def events(self):
-        rows = self._other.execute("SELECT id FROM events ORDER BY start_s")
-        return [id_ for (id_,) in rows]
+        return [id_ for (id_,) in self._other.execute("SELECT id FROM events ORDER BY start_s")]
 
     def close(self):
         self._other.close()
@@ -183,8 +182,7 @@ def opened(far_end, tmp_path):
         wait_for(lambda: sink.state.n_waiting == 0)
         far_end.damage()
     sink.write(event(1))
-    state = wait_for(lambda: sink.state.status == "retrying" and sink.state)
-    assert state.reason
+    assert wait_for(lambda: sink.state.status == "retrying" and sink.state).reason
     return sink
 
 
@@ -245,10 +243,9 @@ def pipe():
         def open_on_pipe(url, **context):
             read_fd, write_fd = os.pipe()
             reader = stack.enter_context(os.fdopen(read_fd, "rb", 0))
-            stream = stack.enter_context(os.fdopen(write_fd, "w"))
             # In the test itself, for pytest puts its own stdout in place.
             with pytest.MonkeyPatch.context() as patch:
-                patch.setattr(sys, "stdout", stream)
+                patch.setattr(sys, "stdout", stack.enter_context(os.fdopen(write_fd, "w")))
                 return far.open_sink(url, **context), reader
 
         yield open_on_pipe

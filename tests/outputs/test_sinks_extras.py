@@ -137,8 +137,7 @@ def test_pylsl_receives_decisions_and_events(tmp_path, monkeypatch, is_named):
     config.write_text("\n".join((*lines, "[log]", "level = -1\n")))
     monkeypatch.setenv("LSLAPICFG", str(config))
     records = [status("online"), OPEN, CLOSED, INVALID, event()]
-    output = "lsl:lab" if is_named else "lsl:"
-    done = ran("-c", _PROGRAM, output, json.dumps(records))
+    done = ran("-c", _PROGRAM, "lsl:lab" if is_named else "lsl:", json.dumps(records))
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
     assert (told["labels"], told["types"]) == (list(CHANNELS), ["Radar", "Markers"])

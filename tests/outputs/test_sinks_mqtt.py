@@ -126,10 +126,8 @@ def test_what_takes_commands(given, tmp_path, monkeypatch):
     for scheme in ("mqtt", "mqtts"):
         for name, section in (("-", {}), ("password", password), ("certificate", certificate)):
             options = SinkOptions(mqtt=MqttSection(commands=given, **section))
-            sink = make_output(
-                f"{scheme}://h", options, SinkContext(sensor="hall", host=far.well_host())
-            )
-            topics = sink._link.subscriptions
+            context = SinkContext(sensor="hall", host=far.well_host())
+            topics = make_output(f"{scheme}://h", options, context)._link.subscriptions
             taken |= {f"{scheme} {name}"} if f"{BASE}/command/+" in topics else set()
     everything = {f"{s} {n}" for s in ("mqtt", "mqtts") for n in ("-", "password", "certificate")}
     secure = {"mqtts password", "mqtts certificate"}
@@ -189,8 +187,7 @@ def test_a_broker_that_limits_packets_gets_every_event_and_the_rest_is_said(
     relay.open()
     clip = tmp_path / f"{ulid(1)}.h5"
     clip.with_suffix(".png").write_bytes(b"x" * 20_000)
-    url = f"mqtt://127.0.0.1:{relay.port}"
-    sink = publish(hello(), status("online"), decision(1), url=url)
+    sink = publish(hello(), status("online"), decision(1), url=f"mqtt://127.0.0.1:{relay.port}")
     for n in range(1, 31):
         sink.write({**event(n), "clip": str(clip)})
     wait_for(lambda: set(ids(listener)) == {ulid(n) for n in range(1, 31)})
@@ -217,9 +214,7 @@ def test_a_test_alarm_is_an_event_and_sounds_no_siren(publish, listen):
 
 
 @pytest.mark.parametrize("mark", ["simulated", "replayed"])
-def test_what_no_module_sends_has_topics_entities_and_a_client_of_its_own(
-    publish, listen, tmp_path, mark
-):
+def test_what_no_module_sends_has_topics_and_a_client_of_its_own(publish, listen, tmp_path, mark):
     listener = listen("#")
     for each in ("", mark):
         told = (hello(), status("online"), event(1))

@@ -138,8 +138,7 @@ def program(tmp_path, text):
 def test_a_program_gets_the_event_on_stdin_and_in_its_environment(opened, tmp_path):
     out = tmp_path / "out"
     told = "os.environ['RADAR_EVENT_KIND'] + os.environ['RADAR_EVENT_TEST']"
-    text = f"open({str(out)!r}, 'w').write(sys.stdin.read() + {told})"
-    sink = opened(program(tmp_path, text))
+    sink = opened(program(tmp_path, f"open({str(out)!r}, 'w').write(sys.stdin.read() + {told})"))
     sink.write({**event(1), "test": True})
     wait_for(lambda: sink.state.n_sent == 1)
     sink.close()
@@ -225,8 +224,7 @@ def test_a_log_that_nobody_hears_is_said_once(opened, caplog):
     for n in range(40):
         sink.write(event(n))
     sink.close(20.0)
-    lines = [r.getMessage() for r in caplog.records if "cannot log" in r.getMessage()]
-    assert len(lines) == 1
+    assert len([r.getMessage() for r in caplog.records if "cannot log" in r.getMessage()]) == 1
     # Each at most twice: nothing is repeated once it was sent.
     assert 40 <= sink.state.n_sent + sink.state.n_dropped <= 41
 

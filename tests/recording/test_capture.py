@@ -10,14 +10,8 @@ from tests.recording_helpers import N, assert_same_frames, captured, content, re
 from x2radar.commands.convert import convert
 from x2radar.errors import RecordingError
 from x2radar.modules.x2 import RadarSettings
-from x2radar.recording.capture import (
-    CLOSED,
-    FROM_MODULE,
-    OPENED,
-    TO_MODULE,
-    Capture,
-    CaptureWriter,
-)
+from x2radar.recording import capture as wire_capture
+from x2radar.recording.capture import FROM_MODULE, TO_MODULE, Capture, CaptureWriter
 from x2radar.recording.registry import open_recording
 from x2radar.wire.messages import Ack, Data, Ping, Reset
 
@@ -35,7 +29,7 @@ def test_a_port_that_was_opened_twice(tmp_path):
     path = tmp_path / "w.x2cap"
     frames = captured(path, is_usb=True)
     kinds = [chunk.kind for chunk in Capture(path).chunks()]
-    assert (kinds.count(OPENED), kinds.count(CLOSED)) == (2, 2)
+    assert (kinds.count(wire_capture.OPENED), kinds.count(wire_capture.CLOSED)) == (2, 2)
     with open_recording(path) as reader:
         assert_same_frames(frames, islice(reader.frames(), N))
 
@@ -86,8 +80,7 @@ def test_a_capture_is_a_recording_too(tmp_path, output):
         assert_same_frames(frames, got[:200])
         assert next(f.index for f in reader.frames(2.0)) == 120
         assert reader.warning is None
-        again = content(reader)[0]
-        assert np.array_equal(again[:200], [f.samples for f in frames])
+        assert np.array_equal(content(reader)[0][:200], [f.samples for f in frames])
     done = convert(path, tmp_path / "w.h5")
     with open_recording(tmp_path / "w.h5") as reader:
         assert_same_frames(frames, islice(reader.frames(), 200))
@@ -108,12 +101,12 @@ def test_decode_of_a_capture(capsys, tmp_path):
     path = written(
         tmp_path / "w",
         {},
-        (OPENED, b"\0"),
+        (wire_capture.OPENED, b"\0"),
         (TO_MODULE, ping[:3]),
         (FROM_MODULE, wire(Ack()) + b"\x01"),
         (TO_MODULE, ping[3:] + wire(Reset())),
         (FROM_MODULE, wire(Ack())[:-1]),
-        (CLOSED,),
+        (wire_capture.CLOSED,),
     )
     with path.open("ab") as file:
         file.write(b"<12")
@@ -141,8 +134,7 @@ def test_a_summary_tells_rate_and_gaps(capsys, tmp_path):
     path = tmp_path / "w"
     writer = CaptureWriter(path, {})
     for counter in (1, 2, 5, 6, 6):
-        values = np.zeros(4, np.float32)
-        writer.add(FROM_MODULE, wire(Data(0, counter, values)))
+        writer.add(FROM_MODULE, wire(Data(0, counter, np.zeros(4, np.float32))))
         time.sleep(0.02)
     writer.close()
     code, out, _ = run(capsys, "decode", path, "--summary")

@@ -5,26 +5,15 @@ import h5py
 import numpy as np
 import pytest
 
+from tests import recording_helpers
 from tests.radar_helpers import noise
-from tests.recording_helpers import (
-    COUNTERS,
-    LABELS,
-    RATE_HZ,
-    RF,
-    assert_same_frames,
-    content,
-    make,
-    run,
-)
+from tests.recording_helpers import COUNTERS, LABELS, RATE_HZ, RF, content, make, run
 from x2radar.commands.convert import convert
 from x2radar.errors import RecordingError
 from x2radar.recording.registry import FORMATS, WRITABLE, open_recording
 
 NAMES = {form: f"out{FORMATS[form].suffixes[0]}" for form in WRITABLE}
-HOLDS = [
-    *product(("hdf5", "npz", "sigmf", "mat"), ("rf", "baseband")),
-    ("xethru", "baseband"),
-]
+HOLDS = [*product(("hdf5", "npz", "sigmf", "mat"), ("rf", "baseband")), ("xethru", "baseband")]
 
 
 def names_in(folder):
@@ -50,7 +39,7 @@ def test_round_trip_keeps_everything(tmp_path, form, kind, counters):
         assert (a.device, a.settings, a.labels) == (b.device, b.settings, b.labels)
         assert b.labels == LABELS
         assert b.warning is None
-        assert_same_frames(a.frames(), b.frames())
+        recording_helpers.assert_same_frames(a.frames(), b.frames())
     assert (done.kind, done.n_frames) == (form, len(samples))
     assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []
 
@@ -74,8 +63,7 @@ def test_a_long_recording_goes_block_by_block(tmp_path):
 def test_raw_counters_are_exact_where_the_samples_came_from_them(tmp_path):
     counters = [1, 2, 3, 6, 7, 8, 9, 10, 11, 12]
     source, samples = make(tmp_path / "in.h5", "rf", counters)
-    done = convert(source, tmp_path / "out.framelogger")
-    assert not any("moved" in note for note in done.notes)
+    assert not any("moved" in note for note in convert(source, tmp_path / "out.framelogger").notes)
     with open_recording(tmp_path / "out.framelogger") as reader:
         got, counter, _ = content(reader)
         assert np.array_equal(got, samples)
@@ -120,11 +108,9 @@ def test_what_the_command_says_goes_before_the_file(capsys, tmp_path):
 
 
 def test_failures_leave_nothing_behind(tmp_path):
-    samples = noise(9000)
-    source, _ = make(tmp_path / "in.h5", samples=samples, counters=range(9000))
+    source, _ = make(tmp_path / "in.h5", samples=noise(9000), counters=range(9000))
     convert(source, tmp_path / "in.npz")
-    whole = (tmp_path / "in.npz").read_bytes()
-    broken = bytearray(whole)
+    broken = bytearray((tmp_path / "in.npz").read_bytes())
     broken[len(broken) // 2] ^= 1  # the archive's checksum finds it, at the end
     (tmp_path / "bad.npz").write_bytes(broken)
     for form, name in NAMES.items():

@@ -143,8 +143,7 @@ def test_framelogger(tmp_path):
     assert stream.axis.bin_length_m == pytest.approx(3.8435e-3, abs=1e-6)
     assert stream.axis.range_offset_m == 0.25
     assert (stream.axis.carrier_hz, stream.axis.bandwidth_hz) == (6.8e9, 2.3e9)
-    known = Overrides(sample_rate_hz=41e9)
-    with open_recording(path, overrides=known) as reader:
+    with open_recording(path, overrides=Overrides(sample_rate_hz=41e9)) as reader:
         assert reader.stream.axis.bin_length_m == pytest.approx(299_792_458 / 82e9)
         assert reader.warning is None
 
@@ -177,8 +176,7 @@ def test_a_written_xethru_recording_without_our_header(tmp_path):
         write_xethru(tmp_path / "x", reader)
         axis = reader.stream.axis
     meta = tmp_path / "x" / META
-    data = meta.read_bytes()
-    meta.write_bytes(data.replace(b'"x2radar"', b'"another"', 1))
+    meta.write_bytes(meta.read_bytes().replace(b'"x2radar"', b'"another"', 1))
     with Reader(tmp_path / "x") as reader:
         assert np.array_equal(content(reader)[0], samples)
         assert reader.stream.frame_rate_hz == pytest.approx(60.25, rel=1e-3)

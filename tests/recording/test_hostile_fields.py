@@ -69,8 +69,7 @@ def test_what_is_no_number_and_no_radars_is_refused_in_one_line(capsys, archive,
 
 
 def test_labels_may_be_bytes_and_a_start_may_be_unknown(archive, tmp_path):
-    names = np.array([b"human", b"dog"])
-    with open_recording(archive(labels_label=names)) as reader:
+    with open_recording(archive(labels_label=np.array([b"human", b"dog"]))) as reader:
         assert [label for _, _, label in reader.labels] == ["human", "dog"]
     convert(archive(started_utc=None), tmp_path / "out.h5")
     with h5py.File(tmp_path / "out.h5") as file:
@@ -87,8 +86,7 @@ def test_samples_beyond_single_precision_are_infinite_without_a_word(archive):
 def test_a_pipe_is_no_recording_and_nobody_waits_for_it(tmp_path, form, is_named):
     path = tmp_path / f"pipe{FORMATS[form].suffixes[0]}"
     os.mkfifo(path)
-    kind = form if is_named and FORMATS[form].reader else None
-    refused(path, "is no file", kind=kind)
+    refused(path, "is no file", kind=form if is_named and FORMATS[form].reader else None)
 
 
 @given(st.text(max_size=40) | st.datetimes().map(lambda when: when.isoformat()))

@@ -159,8 +159,8 @@ def long_text(file):
     labels[0] = "y" * 4_300_000
 
 
-ANY = (None, None)
 S, HUGE = "frames/samples", {"dtype": "c8", "chunks": (60, 64), "compression": "gzip"}
+GROWS = HUGE | {"chunks": (2**10, 2**14), "maxshape": (None, None)}
 
 
 @pytest.mark.parametrize(
@@ -175,10 +175,7 @@ S, HUGE = "frames/samples", {"dtype": "c8", "chunks": (60, 64), "compression": "
         (put(S, shape=(1 << 33, 64), dtype="c8"), "which the file cannot hold"),
         (put(S, shape=(40, 1 << 20), dtype="c8", chunks=(1, 64)), "cannot hold"),
         (put(S, shape=(40, 20_000), **HUGE | {"chunks": (1, 64)}), "shape"),
-        (
-            put(S, shape=(10, 2**10), **HUGE | {"chunks": (2**10, 2**14)}, maxshape=ANY),
-            "chunks of",
-        ),
+        (put(S, shape=(10, 2**10), **GROWS), "chunks of"),
         (put(S, shape=(40, 64), dtype="c8", chunks=(1, 64), scaleoffset=None), None),
         (put(S, shape=(40, 64), dtype="i4", chunks=(1, 64), scaleoffset=3), "packed by"),
         (packed_by_a_stranger, "packed by filter 32001"),
@@ -259,10 +256,8 @@ def npy(shape, descr="<c8", data=b""):
 
 
 GOOD = npy((40, 8), data=bytes(40 * 64))
-NUMBERS = {
-    name: npy((), "<f8", struct.pack("<d", 60.0))
-    for name in ("frame_rate_hz", "carrier_hz", "bin_length_m")
-}
+SIXTY = npy((), "<f8", struct.pack("<d", 60.0))
+NUMBERS = dict.fromkeys(("frame_rate_hz", "carrier_hz", "bin_length_m"), SIXTY)
 
 
 @pytest.mark.parametrize(

@@ -34,8 +34,7 @@ RF_AXIS = axis_with("rf", 800, 0.004, 0.5, bandwidth_hz=1.75e9, sample_rate_hz=0
 @pytest.mark.parametrize("speed_mps", [-0.5, 0.4, 1.0])
 def test_the_velocity_of_a_point_is_the_true_one(axis, speed_mps):
     """±0.66 m/s can be told apart at 60 frames a second: the band tells 1.0 from -0.32."""
-    frames = walker(speed_mps, axis=axis)
-    power, velocity_mps, t_s = maps.velocity_time(frames, axis, 60.0)
+    power, velocity_mps, t_s = maps.velocity_time(walker(speed_mps, axis=axis), axis, 60.0)
     assert power.shape == (len(velocity_mps), len(t_s))
     assert velocity_mps[power.mean(axis=1).argmax()] == pytest.approx(speed_mps, abs=0.06)
 
@@ -43,8 +42,7 @@ def test_the_velocity_of_a_point_is_the_true_one(axis, speed_mps):
 @pytest.mark.parametrize("axis", [AXIS, RF_AXIS], ids=["baseband", "rf"])
 def test_the_range_of_a_point(axis):
     power, range_m, t_s = maps.range_time(walker(0.8, axis=axis), axis, 60.0)
-    found = range_m[power.argmax(axis=0)]
-    assert np.abs(found - (3.4 - 0.8 * t_s)).max() < 0.12
+    assert np.abs(range_m[power.argmax(axis=0)] - (3.4 - 0.8 * t_s)).max() < 0.12
 
 
 def test_nothing_too_little_and_missing_frames():
@@ -54,8 +52,7 @@ def test_nothing_too_little_and_missing_frames():
         with pytest.raises(SettingsError, match="20 frames: at least 28 are needed"):
             make_map(still[:20], AXIS, 60.0)
     # A missing frame repeats the one before.
-    rows = np.array([[1], [2], [np.nan], [np.nan], [3]], np.float32)
-    samples, n_lost = filled(rows)
+    samples, n_lost = filled(np.array([[1], [2], [np.nan], [np.nan], [3]], np.float32))
     assert samples[:, 0].tolist() == [1, 2, 2, 2, 3]
     assert n_lost == 2
 
@@ -64,8 +61,7 @@ def test_nothing_too_little_and_missing_frames():
 def test_a_recording_is_drawn(tmp_path, capsys, suffix):
     source, _ = make(tmp_path / "in.h5", "rf", np.delete(np.arange(1, 200), [50, 51]))
     out = tmp_path / f"out{suffix}"
-    argv = ["plot", str(source), "--out", str(out), "--start", "0.5", "--duration", "2"]
-    assert main(argv) == 0
+    assert main(["plot", str(source), "--out", str(out), "--start", "0.5", "--duration", "2"]) == 0
     data = out.read_bytes()
     assert suffix == ".svg" or data.startswith(b"\x89PNG")
     for words in (b"2 frames missing", b"power under the peak (dB)", b"may be aliases"):

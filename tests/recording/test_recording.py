@@ -49,15 +49,12 @@ def minimal(path, **changes):
         *((23.328e9, 8.748e9, None, 1.5e9), (23.328e9, 6.8e9, None, 0)),
     ],
 )
-def test_a_pulse_is_known_by_its_sampler_and_carrier(
-    tmp_path, sampled_hz, carrier_hz, stated_hz, known_hz
-):
+def test_sampler_and_carrier_tell_the_pulse(tmp_path, sampled_hz, carrier_hz, stated_hz, known_hz):
     """Without it the velocities of a stream are made otherwise than those of a live module."""
     said = {"sample_rate_hz": sampled_hz, "carrier_hz": carrier_hz, "bandwidth_hz": stated_hz}
     path = minimal(tmp_path / "r.h5", **said)
     assert RecordingReader(path).stream.axis.bandwidth_hz == known_hz
-    own = RecordingReader(path, Overrides(bandwidth_hz=2e9))
-    assert own.stream.axis.bandwidth_hz == 2e9
+    assert RecordingReader(path, Overrides(bandwidth_hz=2e9)).stream.axis.bandwidth_hz == 2e9
 
 
 def test_phase_sign_is_brought_to_falling(tmp_path):
@@ -157,9 +154,7 @@ def test_what_cannot_be_written_is_said_and_leaves_nothing_behind(tmp_path):
         assert f"{call[-1]}: cannot write: " in said, said
         assert said.endswith("File too large\n"), said
         assert said.count("\n") == 1, said
-    assert {path.name: path.read_text() for path in out.iterdir()} == {
-        path.name: "old" for path in replaced
-    }
+    assert {p.name: p.read_text() for p in out.iterdir()} == {p.name: "old" for p in replaced}
 
 
 @pytest.mark.integration
@@ -201,8 +196,7 @@ def test_parts_read_as_one(tmp_path, how):
         assert parts[0].stat().st_size > 60e3
     for source in (tmp_path, path, parts, [str(p) for p in reversed(parts)]):
         with open_recording(source) as reader:
-            got = list(reader.frames())
-            assert_same_frames(got, frames)
+            assert_same_frames(list(reader.frames()), frames)
             assert np.allclose(content(reader)[2], [f.index / 60 for f in frames], atol=1e-12)
             late = next(reader.frames(1.0), None)
             assert late is not None
@@ -329,8 +323,7 @@ def test_a_second_signal_interrupts():
 def test_a_stall_is_an_error_unless_told_to_stop():
     def stalls():
         yield from frames_of(noise(3))
-        msg = "no frame"
-        raise ReadTimeout(msg)
+        raise ReadTimeout("no frame")
 
     with pytest.raises(ReadTimeout):
         record(stalls(), Slow(), stops=[], **LOOP)
@@ -348,8 +341,7 @@ def test_record_in_parts_with_a_capture(capsys, tmp_path):
     with open_recording(path) as parts, open_recording(wire) as capture:
         assert parts.settings["frame_rate_hz"] == 60
         assert parts.stream.axis == capture.stream.axis
-        samples = content(parts)[0]
-        assert np.array_equal(samples, content(capture)[0][:180])
+        assert np.array_equal(content(parts)[0], content(capture)[0][:180])
     code, out, _ = run(capsys, "info", tmp_path / "w.h5", "--json")
     facts = json.loads(out)
     assert (facts["n_frames"], len(facts["parts"]), facts["lost"]) == (180, 3, 0)

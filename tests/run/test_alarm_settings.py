@@ -9,13 +9,8 @@ from radard.alarm.panel import AlarmPanel, AlarmPolicy, Sight
 from radard.alarm.sensitivity import alarm_policy, sensitivity_choices
 from radard.cli import main
 from radard.commands.explain import alarm_probability
-from radard.config.quiet_hours import (
-    QuietHours,
-    parse_quiet,
-    recorded_clock,
-    time_zone,
-    wall_clock,
-)
+from radard.config import quiet_hours
+from radard.config.quiet_hours import QuietHours, parse_quiet, recorded_clock, time_zone
 from radard.config.sections import AlarmSection
 from radard.judge.bundle import read_card
 
@@ -92,8 +87,7 @@ NIGHT = "22:00-06:30"
 )
 def test_quiet_periods(text, when, is_in):
     moment = datetime.fromisoformat(when).replace(tzinfo=UTC)
-    hours = QuietHours([parse_quiet(text)], UTC, lambda _t_s: moment)
-    assert hours.holds(0.0) is is_in
+    assert QuietHours([parse_quiet(text)], UTC, lambda _t_s: moment).holds(0.0) is is_in
 
 
 @pytest.mark.parametrize(
@@ -113,7 +107,7 @@ def test_a_replay_has_the_clock_of_its_recording_and_its_own_zone():
     assert recorded_clock("2026-07-01T20:30:00")(0.0) == clock(0.0)
     assert recorded_clock("")(5.0) is None
     assert not QuietHours([parse_quiet("00:00-24:00")], None, recorded_clock("")).holds(1.0)
-    assert datetime.now(UTC) - wall_clock(0.0) < timedelta(minutes=1)
+    assert datetime.now(UTC) - quiet_hours.wall_clock(0.0) < timedelta(minutes=1)
     assert not QuietHours([], None, clock).holds(1.0)
     with pytest.raises(ValueError, match="Nowhere/Town"):
         time_zone("Nowhere/Town")

@@ -172,8 +172,7 @@ def test_variables_of_a_container_platform_are_left_out_with_a_warning(caplog):
         "RADARD_SERVICE_HOST": "10.0.0.1",
         "RADARD_OUTPUT": "['null']",
     }
-    config = load_config(environ=environ)
-    assert config == Config(output=("null",))
+    assert load_config(environ=environ) == Config(output=("null",))
     left = [record.getMessage().partition(":")[0] for record in caplog.records]
     assert sorted(left) == sorted(set(environ) - {"RADARD_OUTPUT"})
 
@@ -188,12 +187,9 @@ def test_the_first_line_of_a_file_or_a_variable_is_the_secret(tmp_path, monkeypa
 
 
 @pytest.mark.parametrize(("home", "is_private"), [(None, True), (None, False), ("here", True)])
-def test_a_user_without_a_home_keeps_state_among_temporary_files(
-    tmp_path, monkeypatch, home, is_private
-):
+def test_who_has_no_home_keeps_state_in_temporary_files(tmp_path, monkeypatch, home, is_private):
     def nobody(number):
-        msg = f"uid not found: {number}"
-        raise KeyError(msg)
+        raise KeyError(f"uid not found: {number}")
 
     monkeypatch.delenv("HOME", raising=False)
     if home is not None:

@@ -78,9 +78,7 @@ def test_disarm_arm_and_status_over_the_socket(tmp_path, launch, said):
 
 
 @pytest.mark.parametrize("text", ["alarm: {nosuch: 1}\n", "sensor: {port: 'socket://h:99999'}\n"])
-def test_a_configuration_that_is_being_edited_keeps_nobody_from_the_daemon(
-    tmp_path, launch, said, text
-):
+def test_a_configuration_that_is_edited_keeps_nobody_from_the_daemon(tmp_path, launch, said, text):
     """Before, `disarm` ended with 78, and so did `health`, on which a container is restarted."""
     config = tmp_path / "radard.yaml"
     config.write_text(text)
@@ -109,9 +107,7 @@ def test_a_folder_of_any_length_has_a_socket(tmp_path):
     assert list(folder.iterdir()) == []
 
 
-def test_a_test_alarm_goes_through_every_output_and_says_what_each_answered(
-    tmp_path, launch, said
-):
+def test_a_test_alarm_goes_through_every_output_and_says_what_each_answers(tmp_path, launch, said):
     out, server, nobody = tmp_path / "out.jsonl", WebServer(), free_port()
     outputs = [
         f"json:{out}",
@@ -121,8 +117,7 @@ def test_a_test_alarm_goes_through_every_output_and_says_what_each_answered(
     ]
     daemon = running(launch, tmp_path, output=outputs)
     code, text = said("test-alarm")
-    answers = [line.rpartition(": ")[2] for line in text.splitlines()[:3]]
-    assert answers == ["taken"] * 3
+    assert [line.rpartition(": ")[2] for line in text.splitlines()[:3]] == ["taken"] * 3
     assert f":{nobody}" in text.splitlines()[3]
     assert "failed" in text.splitlines()[3]
     assert code == 1
@@ -184,9 +179,7 @@ def test_a_command_that_is_not_taken_up_is_no_success(launch, said, monkeypatch,
     assert (code, line.count("\n"), words in line) == (1, 0, True)
 
 
-def test_the_socket_of_a_daemon_that_was_killed_hides_no_other(
-    tmp_path, launch, said, monkeypatch
-):
+def test_the_socket_of_a_daemon_that_is_killed_hides_no_other(tmp_path, launch, said, monkeypatch):
     dead = tmp_path / "system"
     dead.mkdir()
     with socket.socket(socket.AF_UNIX) as left:
@@ -234,9 +227,7 @@ def test_one_of_several_that_does_not_answer_leaves_the_others_told(tmp_path, la
     assert daemon.panel()["armed"] is False
 
 
-def test_a_socket_that_was_left_behind_is_replaced_and_one_in_use_is_not(
-    tmp_path, launch, said, caplog
-):
+def test_a_socket_left_behind_is_replaced_and_one_in_use_is_not(tmp_path, launch, said, caplog):
     path = control_path(tmp_path, "radar")
     with socket.socket(socket.AF_UNIX) as dead:
         dead.bind(str(path))
@@ -269,8 +260,7 @@ def test_while_an_alarm_is_on_no_test_is_made_and_it_is_acknowledged_once(tmp_pa
 
 
 def test_top_shows_state_decisions_range_over_time_and_outputs(tmp_path, launch, said):
-    nobody = f"mqtt://127.0.0.1:{free_port()}"
-    daemon = running(launch, tmp_path, output=["null", nobody], **HUMAN)
+    daemon = running(launch, tmp_path, output=["null", f"mqtt://127.0.0.1:{free_port()}"], **HUMAN)
     wait_for(lambda: daemon.panel().get("alarm_id") and daemon.panel()["seq"] > 8)
 
     def lines_of_a_person():

@@ -252,8 +252,7 @@ def motions(path):
 
 
 def bundle(path):
-    whole = sidecar_path("fast")
-    path.with_suffix(".onnx").write_bytes(whole.with_suffix(".onnx").read_bytes())
+    path.with_suffix(".onnx").write_bytes(sidecar_path("fast").with_suffix(".onnx").read_bytes())
     return load_bundle(str(path))
 
 

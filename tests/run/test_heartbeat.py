@@ -10,15 +10,9 @@ import pytest
 from radard.cli import main
 from radard.config.config import load_config
 from radard.config.directories import clip_dir, runtime_dir, state_dir, status_dirs
+from radard.health import heartbeat as beats
 from radard.health.health import Health, Status
-from radard.health.heartbeat import (
-    Heartbeat,
-    Notifier,
-    Watched,
-    read_status,
-    status_path,
-    write_status,
-)
+from radard.health.heartbeat import Notifier, Watched, read_status, status_path, write_status
 from tests.alarm_helpers import NotifySocket
 
 
@@ -32,8 +26,7 @@ def health():
 def test_messages_reach_the_service_manager(name, tmp_path):
     where = name.format(tmp_path if "/" in name else os.getpid())
     far = NotifySocket(where)
-    environ = {"NOTIFY_SOCKET": where, "WATCHDOG_USEC": "10000000"}
-    notifier = Notifier(environ)
+    notifier = Notifier({"NOTIFY_SOCKET": where, "WATCHDOG_USEC": "10000000"})
     assert notifier.is_watching
     notifier.ready("online")
     assert far.next() == {"READY": "1", "STATUS": "online"}
@@ -69,7 +62,7 @@ def test_without_a_watchdog_nothing_is_fed(environ):
 
 def make_heart(health, tmp_path):
     watched = Watched("radar", health, status_path(tmp_path, "radar"), lambda: {"seq": 7})
-    heartbeat = Heartbeat(Notifier({"WATCHDOG_USEC": "2000000"}))
+    heartbeat = beats.Heartbeat(Notifier({"WATCHDOG_USEC": "2000000"}))
     heartbeat.add(watched)
     return heartbeat
 
@@ -109,9 +102,7 @@ def test_a_sensor_removed_while_the_heart_beats_leaves_no_status_file(health, tm
     assert path.exists()
 
 
-def test_a_full_disk_silences_the_status_only_while_it_is_full(
-    health, tmp_path, monkeypatch, caplog
-):
+def test_a_full_disk_silences_the_status_while_it_is_full(health, tmp_path, monkeypatch, caplog):
     heartbeat = make_heart(health, tmp_path)
     path = status_path(tmp_path, "radar")
 
@@ -130,8 +121,7 @@ def test_a_full_disk_silences_the_status_only_while_it_is_full(
 
 
 def asked(capsys, *argv):
-    code = main(["health", *argv])
-    return code, capsys.readouterr().out.strip()
+    return main(["health", *argv]), capsys.readouterr().out.strip()
 
 
 def test_radard_health(tmp_path, capsys, monkeypatch):
@@ -165,8 +155,7 @@ def test_radard_health(tmp_path, capsys, monkeypatch):
 def test_a_status_that_is_not_of_now_is_no_good_news(tmp_path, change, words):
     path = status_path(tmp_path, "radar")
     write_status(path, Status("online", ""), {})
-    content = json.loads(path.read_text())
-    path.write_text(json.dumps({**content, **change}))
+    path.write_text(json.dumps({**json.loads(path.read_text()), **change}))
     report = read_status(path)
     assert not report.is_healthy
     assert words in report.line

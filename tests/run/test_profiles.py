@@ -124,8 +124,7 @@ def test_stages_of_bench_add_up(capsys, tmp_path):
     with pytest.raises(RadardError, match="too short for one window"):
         measured("sim:empty", 1.0)
     assert main(["bench", "--model", "thesis", "--duration", "5", "--rounds", "1", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert [row["stage"] for row in told["stages"]] == NAMES
+    assert [row["stage"] for row in json.loads(capsys.readouterr().out)["stages"]] == NAMES
 
 
 def test_bench_says_which_fits(capsys):
@@ -207,8 +206,7 @@ def test_radars_with_the_same_bundle_share_its_network(tmp_path):
     assert classifier("fast") is first
     assert classifier("balanced") is not first
     # The same name says nothing: the file may be another by now.
-    bundle = load_bundle("fast")
-    (tmp_path / "fast.onnx").write_bytes(bundle.onnx)
+    (tmp_path / "fast.onnx").write_bytes(load_bundle("fast").onnx)
     sidecar = json.loads((Path(radard.models.__file__).parent / "fast.json").read_text())
     (tmp_path / "fast.json").write_text(json.dumps(sidecar))
     name = str(tmp_path / "fast.onnx")

@@ -109,12 +109,9 @@ def test_a_demos_page_changes_its_own_run_and_no_later_one(state):
     change(saved_file(config, "settings"), "settings", {"alarm": {"sensitivity": "high"}})
     # As after `reload`.
     assert load_config(options=options).alarm.sensitivity == "high"
-    code = (
-        "from radard.config.config import load_config; "
-        f"print(load_config(options={options}).alarm.sensitivity)"
-    )
-    later = ran("-c", code, check=True)
-    assert later.stdout.strip() == "normal"
+    code = "from radard.config.config import load_config; "
+    code += f"print(load_config(options={options}).alarm.sensitivity)"
+    assert ran("-c", code, check=True).stdout.strip() == "normal"
     assert not state.exists()
 
 
@@ -128,9 +125,7 @@ def test_a_demos_page_changes_its_own_run_and_no_later_one(state):
         ("why", ("r.h5", "--at", "3")),
     ],
 )
-def test_every_command_says_what_it_takes_from_a_file_that_nobody_named(
-    name, argv, state, capsys, caplog
-):
+def test_commands_say_what_they_take_from_a_file_nobody_named(name, argv, state, capsys, caplog):
     write_recording("r.h5", noise(300))
     Path("config.yaml").write_text("model: {name: none}\n")
     assert main([name, *argv]) == 0

@@ -102,8 +102,7 @@ def test_a_real_recording_opens_the_gate_and_raises_the_alarm(bundle, share):
     made = decisions(records)
     # From 71 s somebody sits still, 27 dB over the noise: nothing was learned from the motion.
     for begin_s, end_s in ((6, 68), (71, np.inf)):
-        opened = [d["gate"] == "open" for d in made if begin_s <= d["t_s"] <= end_s]
-        assert np.mean(opened) >= 0.95
+        assert np.mean([d["gate"] == "open" for d in made if begin_s <= d["t_s"] <= end_s]) >= 0.95
     if bundle == "none":
         assert not any(d["alarm"] for d in made)
         return
@@ -191,8 +190,7 @@ def test_neither_torch_nor_h5py_nor_signal_processing_is_loaded_at_start():
         "main(['--port', 'sim:human', '--speed', 'max', '--duration', '3', '-o', 'null']); "
         "print([m for m in ('torch', 'h5py', 'scipy', 'matplotlib', 'rich') if m in sys.modules])"
     )
-    done = ran("-c", code, check=True)
-    assert done.stdout.strip() == "[]"
+    assert ran("-c", code, check=True).stdout.strip() == "[]"
 
 
 @pytest.mark.integration

@@ -122,12 +122,10 @@ def test_absent_at_boot_then_plugged_in(tmp_path, far):
     )
     assert far.wait_for("READY")["STATUS"].startswith("offline: device absent")
     far.wait_for("WATCHDOG")
-    status = json.loads((tmp_path / "radar.status.json").read_text())
-    assert status["state"] == "offline"
+    assert json.loads((tmp_path / "radar.status.json").read_text())["state"] == "offline"
     with plugged(speed=5.0) as pty:
         name.symlink_to(pty.path)
-        records = records_until(process, '"decision"')
-        assert records[0]["type"] == "hello"
+        assert records_until(process, '"decision"')[0]["type"] == "hello"
         process.send_signal(signal.SIGTERM)
         far.wait_for("STOPPING")
         out, _ = finish(process)
@@ -210,8 +208,7 @@ def test_reload_changes_the_policy_the_outputs_and_the_clips(tmp_path, launch):
     for path in (first, second):
         records = records_in(path)
         assert records[0]["type"] == "hello"
-        hellos = [r for r in records if r["type"] == "hello"]
-        assert hellos[-1]["sensitivity"] == "low"
+        assert [r for r in records if r["type"] == "hello"][-1]["sensitivity"] == "low"
         assert "decision" in {r["type"] for r in records}
     assert "hello" in rotated.read_text()
 
@@ -250,9 +247,7 @@ def status(tmp_path):
 
 
 @pytest.mark.parametrize("where", WHERE)
-def test_a_thread_that_stands_still_stops_the_notification(
-    where, tmp_path, monkeypatch, launch, gate
-):
+def test_a_thread_that_stands_still_stops_notification(where, tmp_path, monkeypatch, launch, gate):
     put, cls, name = WHERE[where]
     put(gate, monkeypatch, cls, name)
     daemon = launch(stale_s=STALE_S)

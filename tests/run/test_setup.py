@@ -55,10 +55,10 @@ def tree(root):
         name = str(path.relative_to(root))
         if path.is_symlink():
             found[name] = str(path.readlink())
+        elif path.is_file():
+            found[name] = path.read_bytes()
         else:
-            found[name] = (
-                path.read_bytes() if path.is_file() else stat.S_IMODE(path.stat().st_mode)
-            )
+            found[name] = stat.S_IMODE(path.stat().st_mode)
     return found
 
 
@@ -96,9 +96,8 @@ def test_install_and_purge_leave_a_root_as_it_was(root, capsys):
     installed(capsys, root, "--uninstall", "--purge")
     assert without_user(tree(root)) == without_user(before)
     if shutil.which("userdel") and os.geteuid() == 0:
-        assert (
-            not (root / "etc/passwd").exists() or "radard" not in (root / "etc/passwd").read_text()
-        )
+        users = root / "etc/passwd"
+        assert not users.exists() or "radard" not in users.read_text()
 
 
 @pytest.mark.integration
@@ -107,8 +106,7 @@ def test_without_purge_state_and_changed_settings_stay(root, capsys):
     config = root / "etc/radard/config.yaml"
     config.write_text(config.read_text() + "zones: {exclude: [[2.1, 2.6]]}\n")
     (root / files.STATE_FOLDER / "radar.calibration.json").write_text("{}")
-    out = installed(capsys, root, "--uninstall")
-    assert f"{config}: kept" in out
+    assert f"{config}: kept" in installed(capsys, root, "--uninstall")
     assert config.exists()
     assert (root / files.STATE_FOLDER / "radar.calibration.json").exists()
     assert not (root / files.UNIT_FILE).exists()
@@ -140,10 +138,8 @@ def test_another_program_renews_the_unit_and_nobody_elses_file_is_lost(root, cap
 def test_a_second_radar_has_its_own_configuration_and_folders(root, capsys):
     installed(capsys, root, "--install", "--exec", PROGRAM)
     first = (root / files.UNIT_FILE).read_text()
-    installed(
-        *(capsys, root, "--install", "--exec", PROGRAM),
-        *("--name", "attic", "--port", "/dev/ttyACM1"),
-    )
+    attic = ("--name", "attic", "--port", "/dev/ttyACM1")
+    installed(capsys, root, "--install", "--exec", PROGRAM, *attic)
     assert (root / files.UNIT_FILE).read_text() == first
     config = load_config(root / "etc/radard/attic.yaml", environ={})
     assert (config.sensor.name, config.sensor.port) == ("attic", "/dev/ttyACM1")
@@ -166,8 +162,7 @@ def test_the_first_configuration_is_valid_and_shows_all_that_can_be_set(tmp_path
     monkeypatch.chdir(tmp_path)
     path = tmp_path / "first.yaml"
     path.write_text(files.first_config())
-    config = load_config(path, environ={})
-    assert config.output == ("http://127.0.0.1:8434",)
+    assert load_config(path, environ={}).output == ("http://127.0.0.1:8434",)
     # Every section, taken out of its comment, is the built-in configuration.
     _, _, lines = path.read_text().partition("# What can be set")
     path.write_text(re.sub(r"(?m)^#(?=[a-z]|  )", "", lines.partition("\n")[2]))
@@ -223,8 +218,7 @@ def printed(capsys, *argv):
 
 
 def test_printed_files_are_those_of_deploy(capsys):
-    rules = printed(capsys, "udev")
-    assert rules == (ROOT / "deploy/udev/60-x2radar.rules").read_text()
+    assert printed(capsys, "udev") == (ROOT / "deploy/udev/60-x2radar.rules").read_text()
     unit = printed(capsys, "systemd", "--exec", "/opt/radard/bin/radard")
     assert unit == (ROOT / "deploy/systemd/radard.service").read_text()
 
@@ -299,5 +293,4 @@ def echo_db(height_m, z_m, y_m):
 
 @pytest.mark.parametrize("y_m", [1.0, 2.0, 3.0])
 def test_coverage_is_what_the_simulated_module_shows(y_m):
-    told = snr_db(MOUNT, 0.0, y_m, 1.2)
-    assert told == pytest.approx(echo_db(1.2, 1.2, y_m), abs=1.5)
+    assert snr_db(MOUNT, 0.0, y_m, 1.2) == pytest.approx(echo_db(1.2, 1.2, y_m), abs=1.5)

@@ -109,8 +109,7 @@ def test_work_that_breaks_off_is_begun_anew(tmp_path, launch, monkeypatch):
         for frame in plain(self):
             if self.stream.device == "sim:dog" and frame.index == 400 and not broken:
                 broken.append(frame)
-                msg = "the cable is on fire"
-                raise RuntimeError(msg)
+                raise RuntimeError("the cable is on fire")
             yield frame
 
     monkeypatch.setattr(LiveSource, "frames", frames)
@@ -124,8 +123,7 @@ def test_work_that_breaks_off_is_begun_anew(tmp_path, launch, monkeypatch):
     told = states(of(records, "attic"))
     assert ("offline", "the cable is on fire") in told
     assert [s for s, _ in told if s == "online"] == ["online", "online"]
-    hall = [state for state, _ in states(of(records, "hall"))]
-    assert hall == ["starting", "online", "offline"]
+    assert [state for state, _ in states(of(records, "hall"))] == ["starting", "online", "offline"]
     # Also of the one that began again: a number is of one decision, whatever asks for it.
     for sensor in sensors:
         seqs = [d["seq"] for d in decisions(of(records, sensor))]
@@ -215,9 +213,7 @@ def test_a_command_to_a_sensor_that_is_away_holds_when_it_comes(tmp_path, launch
         assert daemon.stop() == 0
 
 
-def test_only_so_many_are_brought_up_at_once_and_those_that_are_away_count_not(
-    launch, monkeypatch
-):
+def test_only_so_many_are_brought_up_at_once_and_those_who_are_away_count_not(launch, monkeypatch):
     lock, now, most, plain = threading.Lock(), [0], [0], Sensor.open
 
     def counted(self, on_notice, **options):
@@ -296,13 +292,9 @@ def test_a_reload_adds_and_removes_radars_and_leaves_the_others(tmp_path, launch
 
 def test_a_reload_begins_a_radar_again_whose_settings_are_right_now(launch):
     """Before, one that had never come to work stayed away until a restart."""
-    wrong, right = (
-        {**ROOMS["attic"], "zones": {"include": [span]}} for span in ([90, 95], [1, 2])
-    )
-    daemon = launch(
-        sensors={**ROOMS, "attic": wrong},
-        reload=lambda: with_others(daemon, {**ROOMS, "attic": right}),
-    )
+    zones = ({"include": [span]} for span in ([90, 95], [1, 2]))
+    wrong, right = ({**ROOMS, "attic": {**ROOMS["attic"], "zones": each}} for each in zones)
+    daemon = launch(sensors=wrong, reload=lambda: with_others(daemon, right))
     hall, attic = daemon.run.sensors
     wait_for(lambda: attic.health.is_over)
     daemon.ask("reload")

@@ -34,8 +34,7 @@ class Room:
         self.records = []
         store = StateStore(EventLog(None), None)
         self.worker = Worker(parts, self._put, health or Health(), store)
-        rng = np.random.default_rng(2)
-        self.echoes = (30 * rng.standard_normal((2, 64))).T @ [1, 1j]
+        self.echoes = (30 * np.random.default_rng(2).standard_normal((2, 64))).T @ [1, 1j]
         self.t_s = 0.0
 
     def _put(self, record, **_options):

@@ -46,8 +46,7 @@ def test_what_lies_between_two_sightings_was_missed():
 
 def test_who_walks_fast_leaves_no_stretch_out():
     """As on the page: a decision is of all the way since the last one."""
-    walk = [step(float(k), m, alarm=True) for k, m in enumerate((0.7, 2.2, 3.2, 1.2))]
-    cells = by_range(walk)
+    cells = by_range([step(float(k), m, alarm=True) for k, m in enumerate((0.7, 2.2, 3.2, 1.2))])
     assert [c.near_m for c in cells] == [0.5, 1.0, 1.5, 2.0, 2.5, 3.0]
     assert all(c.is_good for c in cells)
     assert verdict(cells).startswith("passed")
@@ -89,8 +88,7 @@ def test_before_the_first_and_after_the_last_sighting_nothing_counts():
 def test_command_logs_and_reports(capsys):
     argv = ["walktest", "--port", "sim:human?seed=1", "--speed", "max", "--duration", "12"]
     assert main(argv) == 0
-    out = capsys.readouterr().out
-    log, _, told = out.partition("\n\n")
+    log, _, told = capsys.readouterr().out.partition("\n\n")
     assert len(log.splitlines()) == 10
     assert "first seen" in told
     assert main([*argv, "--json"]) == 0

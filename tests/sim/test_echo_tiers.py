@@ -18,12 +18,8 @@ from x2radar.sim.echo.tiers import suits
 
 X2, X2_RF = axis_of("baseband"), axis_of("rf")
 DECIMATED = replace(X2, n_range=96, bin_length_m=8 * X2.bin_length_m)
-X4 = axis_with(
-    "baseband", 150, 0.0514, 0.4, carrier_hz=8.748e9, bandwidth_hz=1.5e9, sample_rate_hz=23.328e9
-)
-P4XX = axis_with(
-    "baseband", 300, 0.00915, 0.0, carrier_hz=4.0e9, bandwidth_hz=1.7e9, sample_rate_hz=16.39e9
-)
+X4 = axis_with("baseband", 150, 0.0514, 0.4, 8.748e9, 1.5e9, 23.328e9)
+P4XX = axis_with("baseband", 300, 0.00915, 0.0, 4.0e9, 1.7e9, 16.39e9)
 AXES = {
     "x2": X2,
     "x2 rf": X2_RF,
@@ -44,9 +40,8 @@ def made_by(tier, range_m, amplitude, axis, **how):
 
 def pairs(tiers, names):
     """Tiers with the axes that they can serve."""
-    return [
-        (tier, name) for tier in tiers for name in names if tier != "gridded" or suits(AXES[name])
-    ]
+    found = product(tiers, names)
+    return [(tier, name) for tier, name in found if tier != "gridded" or suits(AXES[name])]
 
 
 CASES = [
@@ -137,8 +132,7 @@ def test_nothing_from_outside_wraps_in(tier, name):
     reach = 12 * echo_sigma_m(axis)
     away = [low - reach, high + reach, 0.0, -1e-300, -3.0, 1e3, 1e6, 1e300, np.inf, -np.inf]
     range_m = np.array(away)[:, None]
-    ours = made_by(tier, range_m, np.ones_like(range_m), axis, error_db=-60)
-    assert not ours.any()
+    assert not made_by(tier, range_m, np.ones_like(range_m), axis, error_db=-60).any()
 
 
 @pytest.mark.parametrize("tier", FAST)
@@ -162,8 +156,7 @@ def test_140_db_between_two_echoes(tier):
     amplitude = np.array([[1.0, 1e-7]])
     both = made_by(tier, range_m, amplitude, X2, error_db=-60)
     weak = passband(range_m[:, 1:], amplitude[:, 1:], X2)
-    there = slice(450, 620)
-    assert np.abs(both - weak)[:, there].max() < 1.1e-3 * 1e-7
+    assert np.abs(both - weak)[:, 450:620].max() < 1.1e-3 * 1e-7
 
 
 @pytest.mark.parametrize("tier", FAST)
@@ -201,8 +194,7 @@ def test_frames_do_not_depend_on_their_neighbours(tier):
     range_m, amplitude = scene(X2, 1100, 9, beyond=0.5)
     amplitude[::7] = 0.0
     together = made_by(tier, range_m, amplitude, X2, error_db=-60)
-    rows = [0, 1, 6, 7, 500, 908, 909, 910, 911, 1023, 1024, 1099]
-    for row in rows:
+    for row in [0, 1, 6, 7, 500, 908, 909, 910, 911, 1023, 1024, 1099]:
         part = slice(row, row + 1)
         alone = made_by(tier, range_m[part], amplitude[part], X2, error_db=-60)
         assert np.abs(alone - together[part]).max() <= 2e-6 * np.abs(amplitude[part]).sum()

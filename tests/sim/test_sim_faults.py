@@ -162,8 +162,7 @@ def test_spike_clip_and_counter_restart(truth):
     hit = [(f, t) for f, t in zip(frames, truth, strict=False) if f.max() > 500]
     assert len(hit) == pytest.approx(60, abs=25)
     assert all(0 < (f != t).sum() <= 3 for f, t in hit)
-    flat = [m.values for _, m in messages(stream("clip:0.02"))]
-    for f, t in zip(flat, truth, strict=False):
+    for f, t in zip([m.values for _, m in messages(stream("clip:0.02"))], truth, strict=False):
         assert np.allclose(f, np.clip(t, 49, 51), atol=1e-4)
     # A restart changes the number only.
     got = messages(stream("counter_restart:0.02"))
@@ -203,8 +202,7 @@ QUICK = Deadlines(reply_s=0.5, ready_s=3, ping_every_s=0.05, stall_s=0.5)
 @pytest.fixture(scope="module")
 def told():
     """The scene's frames by counter from 1; the driver tells the delay as a float32."""
-    settings = RadarSettings(sample_delay_s=float(np.float32(4e-9)))
-    stream = EchoStream(SCENE, 0, settings)
+    stream = EchoStream(SCENE, 0, RadarSettings(sample_delay_s=float(np.float32(4e-9))))
     return [stream.next() for _ in range(1500)]
 
 
@@ -244,8 +242,7 @@ def test_true_frames_only_and_what_is_missing_is_said(faults, told):
     assert not any(frame.restarted for frame in got)
     assert_counted(got)
     assert all(is_made(frame, told) for frame in got)
-    loses = faults.startswith("drop")
-    assert (got[-1].index > len(got) - 1) == loses or faults == "junk:0.1"
+    assert (got[-1].index > len(got) - 1) == faults.startswith("drop") or faults == "junk:0.1"
 
 
 def test_flipped_bits_pass_only_where_the_checksum_is_blind(told):

@@ -10,20 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests import sim_helpers
 from tests.device_helpers import plugged, served, wire
 from tests.echo_references import passband
-from tests.sim_helpers import (
-    EMPTY,
-    MANUAL,
-    REFUSED,
-    UNKNOWN,
-    ask,
-    axis_of,
-    fps,
-    frames,
-    module,
-    said,
-)
+from tests.sim_helpers import EMPTY, MANUAL, REFUSED, UNKNOWN, ask, fps, frames, module, said
 from x2radar.device.device import X2Radar
 from x2radar.device.transport import memory_pair
 from x2radar.errors import DeviceError, SettingsError
@@ -49,42 +39,29 @@ from x2radar.wire.framing import PacketDecoder
 from x2radar.wire.messages import Ack, Reset, SetMode, SetOutput, SetSysFloat, SetSysInt
 from x2radar.wire.wire_ids import BasebandOutput, Mode, OutputRef, SysCfg
 
+OBEYED = [msg.Reset(), MANUAL, *map(msg.SetMode, (Mode.RUN, Mode.IDLE, Mode.STOP)), msg.SetLed(2)]
+OBEYED += [msg.LoadProfile(ids.Profile.RESPIRATION), msg.SetDetectionZone(0.5, 2.5)]
+OBEYED += [msg.SetSensitivity(5), msg.SetBaudRate(921_600), SetSysInt(SysCfg.DAC_STEP, 2)]
+OBEYED += [SetSysFloat(SysCfg.SAMPLE_DELAY, 5e-9)]
+OBEYED += [SetOutput(OutputRef.BASEBAND, BasebandOutput.IQ)]
+FAILED = [SetMode(0x99), SetSysInt(0x99, 1), SetSysFloat(0x99, 1.0)]
+FAILED += [SetSysFloat(SysCfg.FPS, math.nan), SetSysFloat(SysCfg.ITERATIONS, -math.inf)]
+STRANGE = [msg.Ping(0x12345678), msg.GetMode(), msg.GetSystemInfo(99)]
+STRANGE += [SetOutput(OutputRef.BASEBAND, 77), SetOutput(OutputRef.PULSE_DOPPLER, 1)]
+# The last is to set a mode without its mode.
+CUT_OFF = (b"\x99\x01", b"\x90\x71\x10", b"\x90\x51\x1a\x00\x00\x00", b"\x20")
+
 
 @pytest.mark.parametrize(
     ("command", "answer"),
     [
         (msg.Ping(), msg.Pong(ids.PongCode.READY)),
-        (msg.Reset(), msg.Ack()),
-        (msg.SetMode(ids.Mode.RUN), msg.Ack()),
-        (msg.SetMode(ids.Mode.IDLE), msg.Ack()),
-        (msg.SetMode(ids.Mode.STOP), msg.Ack()),
-        (MANUAL, msg.Ack()),
-        (msg.LoadProfile(ids.Profile.RESPIRATION), msg.Ack()),
-        (msg.SetLed(2), msg.Ack()),
-        (msg.SetDetectionZone(0.5, 2.5), msg.Ack()),
-        (msg.SetSensitivity(5), msg.Ack()),
-        (msg.SetBaudRate(921_600), msg.Ack()),
-        (msg.SetOutput(ids.OutputRef.BASEBAND, ids.BasebandOutput.IQ), msg.Ack()),
-        (msg.SetSysInt(ids.SysCfg.DAC_STEP, 2), msg.Ack()),
-        (msg.SetSysFloat(ids.SysCfg.SAMPLE_DELAY, 5e-9), msg.Ack()),
         (msg.GetSystemInfo(ids.InfoItem.ITEM_NUMBER), msg.Reply(0x58, 0, "SIM")),
         (msg.GetSystemInfo(ids.InfoItem.SERIAL_NUMBER), msg.Reply(0x58, 6, "000000000000")),
-        # Refused:
-        (msg.Ping(0x12345678), UNKNOWN),
-        (msg.GetMode(), UNKNOWN),
-        (msg.GetSystemInfo(99), UNKNOWN),
         (msg.LoadProfile(0xDEADBEEF), msg.ErrorReply(ids.ErrorCode.APP_INVALID)),
-        (msg.SetMode(0x99), REFUSED),
-        (msg.SetSysInt(0x99, 1), REFUSED),
-        (msg.SetSysFloat(0x99, 1.0), REFUSED),
-        (msg.SetSysFloat(ids.SysCfg.FPS, math.nan), REFUSED),
-        (msg.SetSysFloat(ids.SysCfg.ITERATIONS, -math.inf), REFUSED),
-        (msg.SetOutput(ids.OutputRef.BASEBAND, 77), UNKNOWN),
-        (msg.SetOutput(ids.OutputRef.PULSE_DOPPLER, 1), UNKNOWN),
-        (msg.Unknown(b"\x99\x01"), UNKNOWN),
-        (msg.Unknown(b"\x20"), UNKNOWN),  # set mode without its mode
-        (msg.Unknown(b"\x90\x71\x10"), UNKNOWN),
-        (msg.Unknown(b"\x90\x51\x1a\x00\x00\x00"), UNKNOWN),
+        *((command, Ack()) for command in OBEYED),
+        *((command, REFUSED) for command in FAILED),
+        *((command, UNKNOWN) for command in (*STRANGE, *map(msg.Unknown, CUT_OFF))),
     ],
 )
 def test_answers(command, answer):
@@ -187,11 +164,9 @@ def output(value):
 
 def test_rf_frames_are_static_clutter_body_and_noise():
     """Frame by frame against the parts of the simulator."""
-    scene = parse_scene(
-        "steps: [{duration_s: 60}]\nclutter: [{range_m: 2, rcs_m2: 4.0e+4}]", "wall", "wall"
-    )
-    stream = EchoStream(scene, 0, RadarSettings())
-    axis = axis_of("rf")
+    text = "steps: [{duration_s: 60}]\nclutter: [{range_m: 2, rcs_m2: 4.0e+4}]"
+    stream = EchoStream(parse_scene(text, "wall", "wall"), 0, RadarSettings())
+    axis = sim_helpers.axis_of("rf")
     wall = np.array([[2.0]])
     clean = passband(wall, LinkBudget().amplitude(wall, np.array([4e4]), axis), axis)[0]
     mean = np.mean([stream.next() for _ in range(400)], axis=0)
@@ -205,8 +180,7 @@ def test_iq_and_ap_are_the_same_frames():
     ask(ap, output(BasebandOutput.AMPLITUDE_PHASE))
     for a, b in zip(frames(iq, 5), frames(ap, 5), strict=True):
         whole = a.i + 1j * a.q
-        error = np.abs(whole - b.amplitude * np.exp(1j * b.phase)).max()
-        assert error < 1e-6 * b.amplitude.max()
+        assert np.abs(whole - b.amplitude * np.exp(1j * b.phase)).max() < 1e-6 * b.amplitude.max()
         assert b.amplitude.min() >= 0
 
 
@@ -230,20 +204,14 @@ def test_settings_reach_the_frames():
     assert first.range_offset_m == pytest.approx(299_792_458.0 * 4e-9, rel=1e-6)
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        fps(0),
-        fps(-60),
-        fps(1001),
-        SetSysInt(SysCfg.FRAME_STITCH, 6),
-        SetSysInt(SysCfg.ITERATIONS, 2**31 - 1),
-        SetSysInt(SysCfg.ITERATIONS, 200),  # takes longer than a frame
-        SetSysFloat(SysCfg.SAMPLE_DELAY, 1.0),
-        SetSysFloat(SysCfg.DAC_STEP, 3e38),
-        SetSysFloat(SysCfg.FPS, 60.5),
-    ],
-)
+# The last takes longer than a frame.
+IMPOSSIBLE = [fps(0), fps(-60), fps(1001), SetSysInt(SysCfg.FRAME_STITCH, 6)]
+IMPOSSIBLE += [SetSysFloat(SysCfg.SAMPLE_DELAY, 1.0), SetSysFloat(SysCfg.DAC_STEP, 3e38)]
+IMPOSSIBLE += [SetSysFloat(SysCfg.FPS, 60.5)]
+IMPOSSIBLE += [SetSysInt(SysCfg.ITERATIONS, n) for n in (2**31 - 1, 200)]
+
+
+@pytest.mark.parametrize("command", IMPOSSIBLE)
 def test_impossible_settings_are_refused_when_the_stream_should_start(command):
     m = module()
     assert ask(m, command) == [Ack()]
@@ -410,9 +378,8 @@ def test_what_the_firmware_refuses():
     assert x4.obey(msg.X4Set(ids.X4Setting.FPS, (20.0,))).reply == REFUSED  # not initialised
     x4.obey(msg.X4Init())
     assert x4.obey(msg.X4Set(ids.X4Setting.FPS, (1e5,))).reply == REFUSED
-    assert x4.obey(msg.X4Set(ids.X4Setting.FPS, (20.0,))).starts == X4Settings(
-        frame_rate_hz=20.0, is_baseband=False
-    )
+    wanted = X4Settings(frame_rate_hz=20.0, is_baseband=False)
+    assert x4.obey(msg.X4Set(ids.X4Setting.FPS, (20.0,))).starts == wanted
     assert x4.obey(msg.X4Set(ids.X4Setting.FPS, (0.0,))).stops
     assert x4.obey(msg.SetMode(99)).reply == x2.obey(msg.SetMode(99)).reply == REFUSED
     assert x4.obey(msg.SetOutput(ids.OutputRef.BASEBAND, ids.BasebandOutput.IQ)) is None
@@ -426,9 +393,8 @@ def test_what_the_firmware_refuses():
     radar = make_radar(parse_port("sim:empty?device=x4m03"), speed=None, settings=RadarSettings())
     with pytest.raises(DeviceError, match="not recognized"):
         radar.open()
-    assert x4.obey(msg.GetSystemInfo(ids.InfoItem.ORDER_CODE)).reply == msg.Reply(
-        0x58, 1, "X4M03-SIM"
-    )
+    code = x4.obey(msg.GetSystemInfo(ids.InfoItem.ORDER_CODE))
+    assert code.reply == msg.Reply(0x58, 1, "X4M03-SIM")
 
 
 @pytest.mark.parametrize("firmware", [X4Firmware, X2Firmware])

@@ -75,8 +75,7 @@ def test_short_form(tmp_path, monkeypatch, capsys):
     assert [row["name"] for row in made["entries"]] == [e.name for e in short]
     assert all(row["passages"] == 1 for row in made["entries"])
     assert made["entries"][-1]["bundle"]["count"] == 0
-    page = (out / "acceptance.html").read_text()
-    assert "ceiling, 2.6 m, 60 degrees down" in page
+    assert "ceiling, 2.6 m, 60 degrees down" in (out / "acceptance.html").read_text()
     assert (made["version"], made["bundle"]) == (VERSION, "fast")
     out_lines = capsys.readouterr().out.splitlines()
     assert out_lines[0] == f"{VERSION}, a share of 0.002"

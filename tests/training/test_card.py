@@ -25,8 +25,7 @@ from x2train.judge.verdicts import intrusions, levels, outcome, rules, verdicts
 def table():
     missed = [passage([0.95, 0.6, 0.95, 0.9]) for _ in range(9)]
     gone = [passage([0.95] * 9) for _ in range(5)]
-    made = table_of(*drawn_passages(300, skill=2.0), *missed, *gone)
-    return rules(made, bundle(), 0.8)
+    return rules(table_of(*drawn_passages(300, skill=2.0), *missed, *gone), bundle(), 0.8)
 
 
 @pytest.fixture

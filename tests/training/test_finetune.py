@@ -204,8 +204,7 @@ def test_a_guard_that_does_not_fit_is_refused(made, tmp_path):
     ],
 )
 def test_wrong_input_gets_one_line(made, tmp_path, argv, words, capsys):
-    names = {"DOG": str(made / "dog1.h5"), "GUARD": str(made / "guard")}
-    for name, path in names.items():
+    for name, path in {"DOG": str(made / "dog1.h5"), "GUARD": str(made / "guard")}.items():
         argv = [text.replace(name, path) for text in argv]
     assert finetune(made, *argv, "--out", str(tmp_path / "out")) == 2
     assert words in small.one_line(capsys)

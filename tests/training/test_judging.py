@@ -168,8 +168,7 @@ def test_evaluate_compares_them(model, tmp_path, capsys, monkeypatch):
     a, b = tmp_path / "a", tmp_path / "b"
     thesis = ("--radar", "thesis")
     assert evaluate("--model", "thesis", *thesis, "--out", str(a)) == 0
-    about = json.loads((a / "passages" / "manifest.json").read_text())["about"]
-    assert about["radar"] == "thesis"
+    assert json.loads((a / "passages" / "manifest.json").read_text())["about"]["radar"] == "thesis"
     assert evaluate("--model", model, *thesis, "--against", str(a), "--out", str(b)) == 0
     report = json.loads((b / "report.json").read_text())
     assert report["title"].endswith("before the X2 of the thesis")
@@ -215,8 +214,7 @@ def test_rows_are_judged_and_reported(folder, tmp_path, capsys):
     out = tmp_path / "report"
     argv = ["evaluate", "--model", "fast", "--recordings", str(folder / "home.csv")]
     assert main([*argv, "--out", str(out)]) == 0
-    made = json.loads((out / "report.json").read_text())
-    assert "Bundle fast on home.csv" in json.dumps(made)
+    assert "Bundle fast on home.csv" in json.dumps(json.loads((out / "report.json").read_text()))
     assert (out / "report.html").exists()
     assert capsys.readouterr().out.count("\n") == 1
     # Another list is not written over it, and is compared only with its own.
@@ -256,9 +254,7 @@ def test_yaml_is_the_same_as_csv(folder):
         ("file,start,end,label\nempty.h5,0,1,pet\n", "empty.h5", 2),
     ],
 )
-def test_a_list_that_makes_no_sense_is_told_in_one_line(
-    text, words, code, folder, *, tmp_path, capsys
-):
+def test_a_list_that_makes_no_sense_is_one_line(text, words, code, folder, *, tmp_path, capsys):
     path = folder / "bad.csv"
     path.write_text(text)
     argv = ["evaluate", "--model", "fast", "--recordings", str(path), "--out", str(tmp_path / "r")]

@@ -44,8 +44,7 @@ def test_what_a_glance_tells_apart_is_learnt(made, is_half):
 
 def test_a_compiled_network_learns_the_same(monkeypatch):
     # What torch makes machine code of, run by torch itself: making it takes a minute.
-    traced = partial(torch.compile, backend="eager")
-    monkeypatch.setattr(torch, "compile", traced)
+    monkeypatch.setattr(torch, "compile", partial(torch.compile, backend="eager"))
     settings = replace(TINY, epochs=2)
     a, b = (trained(replace(settings, is_compiled=c), n=33)[0] for c in (False, True))
     for x, y in zip(a.net.state_dict().values(), b.net.state_dict().values(), strict=True):
@@ -56,8 +55,7 @@ def test_training_goes_on_from_what_a_bundle_says(made, tmp_path):
     write_tiny(tmp_path, made[0])
     bundle = load_bundle(str(tmp_path / "tiny.onnx"))
     unseen = toy(48, seed=2)
-    rows = tuple(unseen[name].shape[1] for name in MAPS)
-    net = MapNet(rows, TINY)
+    net = MapNet(tuple(unseen[name].shape[1] for name in MAPS), TINY)
     start_from(net, bundle, [torch.from_numpy(as_float(unseen[name])) for name in NAMES])
     wanted = outputs_of(bundle.onnx, {name: unseen[name] for name in NAMES}).logits
     np.testing.assert_allclose(logits_of(net, unseen), wanted, atol=1e-4)
@@ -91,8 +89,7 @@ def test_a_bundle_comes_back_as_it_was_written(made, tmp_path):
     logits = logits_of(network.net, validation)
     classifier = Classifier(bundle)
     for k in range(0, 48, 7):
-        inputs = {i.name: as_float(validation[i.name][k]) for i in INPUTS}
-        p = classifier.answer(inputs).window
+        p = classifier.answer({i.name: as_float(validation[i.name][k]) for i in INPUTS}).window
         expected = softmax(logits[k] / network.temperature)
         np.testing.assert_allclose([p.human, p.pet, p.other], expected, atol=1e-5)
     card = (tmp_path / "tiny.md").read_text()
@@ -120,8 +117,7 @@ def test_the_discount_is_what_repetition_asks_for():
         best = fit_evidence(p, is_first, is_human)
         loss = log_loss(fused(p, is_first, best), is_human)
         for discount in (0.2, 0.5, 1.0):
-            other = replace(best, discount=discount)
-            assert loss <= log_loss(fused(p, is_first, other), is_human)
+            assert loss <= log_loss(fused(p, is_first, replace(best, discount=discount)), is_human)
         found.append(best.discount)
     # Windows that say the same again and again must count less.
     assert found[1] < found[0]
@@ -200,8 +196,7 @@ def shaped(bundle, n):
 def test_a_teacher_says_what_the_daemon_would():
     bundle = load_bundle("fast")
     windows = shaped(bundle, 5)
-    about = {"settings": asdict(bundle.features)}
-    said = taught_by(bundle, windows, about, Path())
+    said = taught_by(bundle, windows, {"settings": asdict(bundle.features)}, Path())
     classifier = Classifier(bundle)
     assert said.dtype == np.float32
     for k, row in enumerate(said):

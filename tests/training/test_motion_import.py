@@ -78,9 +78,8 @@ def test_acclaim_bones_turn_about_their_own_axes(tmp_path):
 
 def test_gltf_curves_are_sampled_between_their_keys(tmp_path):
     half = np.sqrt(0.5)
-    (tmp_path / "a.gltf").write_text(
-        json.dumps(gltf([0.0, 1.0], [[0, 0, 0, 1], [0, 0, half, half]]))
-    )
+    text = json.dumps(gltf([0.0, 1.0], [[0, 0, 0, 1], [0, 0, half, half]]))
+    (tmp_path / "a.gltf").write_text(text)
     (motion,) = read_motions(tmp_path / "a.gltf")
     assert motion.name == "a_wave"
     assert motion.joints == ("shoulder", "hand")

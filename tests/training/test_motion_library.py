@@ -69,9 +69,8 @@ def test_bodies_echo_through_every_skin(folder, skin, who):
 def test_a_slow_body_takes_less_than_three_quarters_of_its_tempo(folder):
     def way_m(seed, **slow):
         options = {"near_m": 0.6, "far_m": 3.4, **slow}
-        body = draw_recorded_body(
-            read_library(folder)[0], np.random.default_rng(seed), options, "here"
-        )
+        rng = np.random.default_rng(seed)
+        body = draw_recorded_body(read_library(folder)[0], rng, options, "here")
         place_m = body.at(T_S, ANTENNA_M).position_m[:, 0, :2]
         return np.linalg.norm(np.diff(place_m, axis=0), axis=1).sum()
 
@@ -107,8 +106,7 @@ def test_a_clip_says_whose_it_is_and_how_large(folder):
 
 
 def test_on_a_straight_course_the_recording_itself_is_played(folder):
-    clip = read_clip(folder / "walk.npz")
-    played = perform(np.random.default_rng(0), [clip], duration_s=1.0)
+    played = perform(np.random.default_rng(0), [read_clip(folder / "walk.npz")], duration_s=1.0)
     joint_m = played.along(STRAIGHT, 0.5)
     # Turned to the course, which goes along y.
     whole = walker()

@@ -97,14 +97,10 @@ def test_recipe_is_run_whole(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(recipes, "RECIPES", {"tiny": tiny})
     monkeypatch.setattr("x2train.commands.make.RECIPES", recipes.RECIPES)
     monkeypatch.chdir(tmp_path)
-    argv = ["make", "tiny", "--share", "0.0006", "--workers", "1", "--out", "mine"]
-    assert main(argv) == 0
-    made = load_bundle("mine/tiny.onnx")
-    assert made.n_hidden
-    err = capsys.readouterr().err
-    assert "[5/5] train-export temporal --model mine/tiny.onnx" in err
-    card = (tmp_path / "mine" / "tiny.md").read_text()
-    assert "train-export make" not in card
+    assert main(["make", "tiny", "--share", "0.0006", "--workers", "1", "--out", "mine"]) == 0
+    assert load_bundle("mine/tiny.onnx").n_hidden
+    assert "[5/5] train-export temporal --model mine/tiny.onnx" in capsys.readouterr().err
+    assert "train-export make" not in (tmp_path / "mine" / "tiny.md").read_text()
 
 
 def test_sets_of_later_steps_are_made_beside_the_training(tmp_path, monkeypatch, capsys):

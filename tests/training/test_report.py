@@ -65,8 +65,7 @@ TABLES = {
 
 @pytest.mark.parametrize("name", TABLES)
 def test_any_table_makes_a_report(tmp_path, name):
-    table = TABLES[name]()
-    made = write(table, tmp_path / "new" / "folder", title=name)
+    made = write(TABLES[name](), tmp_path / "new" / "folder", title=name)
     check_schema(made)
     assert json.loads((tmp_path / "new" / "folder" / "report.json").read_text()) == made
     page = Page((tmp_path / "new" / "folder" / "report.html").read_text(encoding="utf-8"))
@@ -94,8 +93,7 @@ def test_figures_are_those_of_the_table(compared):
         rows = made["groups"][key]
         assert sum(g["shipped"]["n_intrusions"] for g in rows) == shipped["n_intrusions"]
         assert sum(g["shipped"]["n_false_alarms"] for g in rows) == shipped["n_false_alarms"]
-    suites = {g["name"] for g in made["groups"]["suite"]}
-    assert suites == set(table.suite) - {""}
+    assert {g["name"] for g in made["groups"]["suite"]} == set(table.suite) - {""}
     assert "build" not in made["groups"]  # too many to read
     points = {p["name"]: p for p in made["operating_points"]}
     assert not points["fused evidence, one false alarm in 60 pet-hours"]["is_resolved"]
@@ -104,13 +102,10 @@ def test_figures_are_those_of_the_table(compared):
 
 def test_page_needs_nothing_beside_it(compared):
     _, text = compared
-    page = Page(text)
-    assert all(load.startswith(("#", "data:image/png;base64,")) for load in page.loads)
+    assert all(load.startswith(("#", "data:image/png;base64,")) for load in Page(text).loads)
     assert "url(http" not in text
-    assert set(re.findall(r"https?://[^\"' ]+", text)) <= {
-        "http://www.w3.org/2000/svg",
-        "http://www.w3.org/1999/xlink",
-    }
+    names = {"http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"}
+    assert set(re.findall(r"https?://[^\"' ]+", text)) <= names
     assert "a &lt; b &amp; c" in text
     ids = re.findall(r'\bid="([^"]+)"', text)
     assert len(ids) == len(set(ids))
@@ -131,8 +126,7 @@ def test_same_table_same_bytes(tmp_path):
 def test_other_model_is_compared_passage_by_passage():
     people = ([0.1], [0.1], [0.9], [0.9], [0.9])
     others = ([0.1], [0.9], [0.1], [0.1], [0.9])
-    pets = ([0.9], [0.1])
-    here = table_of(*map(passage, people), *(passage(q, "pet") for q in pets))
+    here = table_of(*map(passage, people), *(passage(q, "pet") for q in ([0.9], [0.1])))
     there = table_of(*map(passage, others), *(passage(q, "pet") for q in ([0.1], [0.9])))
     pair, _ = pairings(here, figures(here), figures(there))
     assert pair["missed"] == {"both": 1, "here": 2, "there": 1}

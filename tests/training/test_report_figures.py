@@ -10,15 +10,8 @@ from radard.errors import UsageError
 from tests.report_helpers import drawn, passage, table_of
 from tests.shard_helpers import Draws
 from x2radar.errors import RecordingError
+from x2train.judge import figures
 from x2train.judge.estimates import Ranking, per_hour, reliability, resampled, share
-from x2train.judge.figures import (
-    Windows,
-    balanced_accuracy,
-    baselines,
-    confusion,
-    is_in_view,
-    is_judged,
-)
 from x2train.judge.table import FLAGS, NUMBERS, SERIES, TEXTS, PassageTable
 from x2train.judge.verdicts import Sweep, evidence, limit_evidence, outcome, verdicts
 from x2train.sets.shards import make_shards
@@ -82,9 +75,8 @@ def test_quantiles_count_those_who_were_missed():
     ],
 )
 def test_pending_counts_only_as_the_last_word(is_pending, is_open, alarms):
-    undecided = passage(
-        [0.5] * 3, is_pending=np.array(is_pending, bool), is_open=np.array(is_open, bool)
-    )
+    is_pending, is_open = np.array([is_pending, is_open], bool)
+    undecided = passage([0.5] * 3, is_pending=is_pending, is_open=is_open)
     # Another passage follows, whose gate is open: it must not be taken for the same target.
     table = table_of(undecided, passage([0.99]))
     assert (evidence(table, "fused") >= LIMIT)[:3].tolist() == alarms
@@ -120,16 +112,16 @@ def test_one_alarm_in_exactly_the_hours_of_the_budget_is_allowed():
 
 
 def windows_of(table):
-    return Windows.of(table, is_judged(table) & is_in_view(table))
+    return figures.Windows.of(table, figures.is_judged(table) & figures.is_in_view(table))
 
 
 def test_balanced_accuracy_is_the_mean_of_both_classes_and_confusion_counts_the_likeliest():
     table = table_of(passage([0.1] * 30 + [0.9] * 10), passage([0.9] * 2, "pet"))
-    assert balanced_accuracy(table, windows_of(table), np.random.default_rng(0)).value == (
+    assert figures.balanced_accuracy(table, windows_of(table), np.random.default_rng(0)).value == (
         pytest.approx((29 / 39 + 1) / 2)  # the first window's middle is before it enters
     )
     other = passage([0.9, 0.9], "other", p_pet=np.zeros(2), p_other=np.full(2, 0.9))
-    found = confusion(table_of(passage([0.1, 0.9]), passage([0.9], "pet"), other))
+    found = figures.confusion(table_of(passage([0.1, 0.9]), passage([0.9], "pet"), other))
     assert found["human"] == {"human": 1, "pet": 1, "other": 0}
     assert found["pet"] == {"human": 0, "pet": 1, "other": 0}
     assert found["other"] == {"human": 0, "pet": 0, "other": 2}
@@ -137,7 +129,7 @@ def test_balanced_accuracy_is_the_mean_of_both_classes_and_confusion_counts_the_
 
 
 def baselines_of(table):
-    found = baselines(table, windows_of(table), np.random.default_rng(0))
+    found = figures.baselines(table, windows_of(table), np.random.default_rng(0))
     return {b["name"]: b for b in found}
 
 
@@ -232,8 +224,7 @@ def test_what_is_not_known_says_so():
 
 
 def reliability_of(p, is_human):
-    passage_of = np.arange(len(p)) // 5
-    return reliability(p, is_human, passage_of, np.random.default_rng(0))
+    return reliability(p, is_human, np.arange(len(p)) // 5, np.random.default_rng(0))
 
 
 def test_calibrated_probabilities_have_no_error_and_others_their_distance():

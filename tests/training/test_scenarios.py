@@ -46,8 +46,7 @@ def test_an_animal_that_is_trained_on_is_a_row_of_the_species_table():
     assert {f.kind for f in trained} == set(taught) < set(SPECIES)
     for name, species in taught.items():
         assert set(species.taught) <= set(species.styles)
-        drawn = {f.options["style"]: f.weight for f in trained if f.kind == name}
-        assert drawn == species.taught
+        assert {f.options["style"]: f.weight for f in trained if f.kind == name} == species.taught
     assert len({f.name for f in FAMILIES}) == len(FAMILIES)
 
 
@@ -139,8 +138,7 @@ def maps():
 def test_shapes_and_range_stay_and_what_was_given_too():
     given, before = maps(), maps()
     for seed in range(5):
-        made = augmented(*given, rng=rng(seed))
-        for new, old in zip(made, given, strict=True):
+        for new, old in zip(augmented(*given, rng=rng(seed)), given, strict=True):
             assert (new.shape, new.dtype) == (old.shape, torch.float32)
             assert 0 <= new.min() <= new.max() <= 1
     for old, same in zip(given, before, strict=True):
@@ -162,8 +160,7 @@ class Clock:
 
     def at(self, t_s, antenna_m):  # noqa: ARG002 - a mover's signature
         position = np.repeat(t_s[:, None, None], 3, axis=1) * np.ones(3)
-        rcs = 1 + 0.5 * np.sin(t_s[:, None] + np.arange(3))
-        return Points(position, rcs)
+        return Points(position, 1 + 0.5 * np.sin(t_s[:, None] + np.arange(3)))
 
 
 @pytest.mark.parametrize(("kind", "style"), KINDS)
@@ -184,8 +181,7 @@ def test_its_clock_never_stops_and_never_runs_back(kind, style):
     for seed in range(8):
         made = replace(actor(kind, style).make(np.random.default_rng(seed)), mover=Clock())
         made = replace(made, gain=np.ones(3), is_constant=False)
-        own_s = made.at(t_s, ANTENNA_M).position_m[:, 0, 0]
-        pace = np.diff(own_s) * 200
+        pace = np.diff(made.at(t_s, ANTENNA_M).position_m[:, 0, 0]) * 200
         assert 0.4 < pace.min() <= pace.max() < 1.7
         assert 0.8 < made.pace < 1.25
 

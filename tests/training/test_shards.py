@@ -95,8 +95,7 @@ def checksums(folder):
 
 
 def make(folder, draws, n=N, **more):
-    crew = Crew(**more)
-    return make_shards(folder, {"seed": draws.seed}, n, draws, crew, per_shard=PER_SHARD)
+    return make_shards(folder, {"seed": draws.seed}, n, draws, Crew(**more), per_shard=PER_SHARD)
 
 
 @pytest.fixture(autouse=True)
@@ -126,8 +125,7 @@ def test_rows_of_all_elements_in_order(tmp_path):
 
 @pytest.mark.integration
 def test_two_workers_give_the_same_bytes(tmp_path, alone):
-    log = tmp_path / "log"
-    draws = Draws(meets=2, log=log)
+    draws = Draws(meets=2, log=tmp_path / "log")
     make(tmp_path / "two", draws, workers=2)
     assert checksums(tmp_path / "two") == alone
     numbers, processes = draws.made()

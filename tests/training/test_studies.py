@@ -81,8 +81,7 @@ def test_an_entry_of_the_benchmark_learns_what_is_easy(name):
     if name == "thesis_network":
         small = fit_settings("relu", pretrain_epochs=(), output_epochs=0, epochs=20, look_every=10)
         entry.fit_settings = lambda *_args, **_own: replace(small, repeats=1)
-    p = np.asarray(entry.scores(easy, easy, 0))
-    assert ((p > 0.5) == easy.is_person).mean() > 0.9
+    assert ((np.asarray(entry.scores(easy, easy, 0)) > 0.5) == easy.is_person).mean() > 0.9
 
 
 def example_of_the_page(folder, wanted):
@@ -179,9 +178,7 @@ def test_the_trade_of_accuracy_for_time(page, tmp_path, monkeypatch):
 
 
 def test_a_simulated_walk_is_measured():
-    axis = axis_with(
-        "baseband", 480, 0.00915, 0.8, carrier_hz=4.0e9, bandwidth_hz=1.7e9, sample_rate_hz=1.6e10
-    )
+    axis = axis_with("baseband", 480, 0.00915, 0.8, 4.0e9, 1.7e9, 1.6e10)
     numbers = measure(follow(simulated_walk(3, axis, 30.5, 0.0), axis, 30.5))
     assert 0.1 < numbers.speed_mps < 1.0
     assert numbers.limb_mps > 0.1

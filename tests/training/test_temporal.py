@@ -63,8 +63,7 @@ def test_it_recalls_what_only_the_first_window_showed():
     # Each of its parts does, so neither leans on the other.
     windows = torch.from_numpy(other.values), torch.from_numpy(other.log_p)
     for part in made.net(*(each.reshape(60, 5, -1) for each in windows)):
-        found = part.detach().numpy().argmax(axis=2).ravel()
-        assert (found == other.label).mean() > 0.9
+        assert (part.detach().numpy().argmax(axis=2).ravel() == other.label).mean() > 0.9
     # And nothing of the stay before.
     columns = (other.values, other.log_p, other.label, other.is_first)
     turned = Given(*(each[5:] for each in columns))
@@ -91,8 +90,7 @@ def test_onnxruntime_computes_what_torch_trained(folder, n_said):
     settings = HeadSettings(n_projected=6, n_hidden=5, n_said=n_said, epochs=1, started_rate=0)
     more = np.random.default_rng(1).standard_normal((48, 3)).astype(np.float32)
     wider = replace(seen, values=np.hstack([more, seen.values]))
-    start = head_of(network, settings, wider.values.shape[1])
-    *_, again = fit_head(wider, wider, settings, start)
+    *_, again = fit_head(wider, wider, settings, head_of(network, settings, wider.values.shape[1]))
     np.testing.assert_allclose(logits_over(again.net, wider), found.fused, atol=1e-4)
     for other in (bundle.onnx, network):
         with pytest.raises(UsageError, match="no temporal head of this size"):
@@ -124,9 +122,8 @@ def test_the_daemon_hands_on_what_the_head_wants_until_the_gate_closes(folder):
 def test_what_a_network_with_a_head_may_not_answer_or_lack(folder):
     bundle = load_bundle(str(folder / "tiny.onnx"))
     maps = {i.name: np.zeros(i.shape, np.float32) for i in small.INPUTS}
-    hidden = np.full(bundle.n_hidden, np.nan, np.float32)
     with pytest.raises(ModelMismatch, match="answered"):
-        Classifier(bundle).answer(maps, hidden)
+        Classifier(bundle).answer(maps, np.full(bundle.n_hidden, np.nan, np.float32))
     # The outputs that its sidecar promises are there.
     model = onnx.load_from_string(bundle.onnx)
     del model.graph.output[2]

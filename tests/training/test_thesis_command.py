@@ -112,8 +112,7 @@ def test_a_repeat_becomes_a_bundle_that_the_daemon_takes(published, tmp_path, ca
     for number in range(FRESH_FROM, FRESH_FROM + 20):
         for body, name in (("dog", "pet"), ("human", "human")):
             found = extract(dwell(spec, body, number)[0], bundle.features, ("thesis_type2",))
-            p = classifier.answer(found).window
-            right.append(getattr(p, name) > 0.5)
+            right.append(getattr(classifier.answer(found).window, name) > 0.5)
     assert metrics["accuracy"] == pytest.approx(np.mean(right), abs=1e-4)
     assert metrics["windows"] == 40
     # Both of lone elements and of visits, by body.
@@ -175,10 +174,8 @@ def test_recordings_stop_and_retrain(published, tmp_path, capsys):
     np.testing.assert_array_equal(loaded.y, [0, 1] * 4)
     assert load_recordings([path], ElementSpec(), 1).x.shape == (8, 784)
     assert thesis(tmp_path, *ONE, "--activation", "relu", "--finetune", str(path)) == 0
-    result = tmp_path / "results" / "T2D60-relu-retrained.json"
-    assert json.loads(result.read_text())["stopped_by"] == (
-        "4 windows of recordings, after retraining on 4"
-    )
+    made = json.loads((tmp_path / "results" / "T2D60-relu-retrained.json").read_text())
+    assert made["stopped_by"] == "4 windows of recordings, after retraining on 4"
     assert "T2D60 relu retrained" in capsys.readouterr().out
 
 

@@ -59,8 +59,7 @@ def test_what_makes_no_vector_is_refused(wrong, says):
 def test_an_element_follows_from_its_seed_body_and_number():
     one, again = element(SPEC, "cat", 7), element(SPEC, "cat", 7)
     np.testing.assert_equal(one, again)
-    others = [(SPEC, "cat", 8), (SPEC, "dog", 7), (replace(SPEC, seed=1), "cat", 7)]
-    for other in others:
+    for other in [(SPEC, "cat", 8), (SPEC, "dog", 7), (replace(SPEC, seed=1), "cat", 7)]:
         assert not np.array_equal(one["vector"], element(*other)["vector"])
 
 
@@ -150,8 +149,7 @@ def test_level_of_an_echo_is_the_radar_equations(body, range_m):
 def test_noise_as_printed_is_what_the_printed_equations_say():
     """(2.13) divides TRx by the gain, (2.12) multiplies amplitude with it: 18.4 dB in all."""
     better = ElementSpec().budget.noise_figure / ElementSpec(noise="printed").budget.noise_figure
-    te = 290 + (10**1.3 - 1) * 290 / 10
-    assert better == pytest.approx(10 * 290 * 10**1.3 / te)
+    assert better == pytest.approx(10 * 290 * 10**1.3 / (290 + (10**1.3 - 1) * 290 / 10))
     assert 10 * np.log10(better) == pytest.approx(18.4, abs=0.1)
 
 

@@ -5,21 +5,14 @@ import pytest
 import torch
 
 from radard.errors import UsageError
-from x2train.thesis.fit import (
-    FitSettings,
-    RepeatedMlp,
-    affine,
-    fit,
-    fit_settings,
-    output_error,
-    scaling_of,
-)
+from x2train.thesis import fit as thesis_fit
+from x2train.thesis.fit import affine, fit, output_error, scaling_of
 from x2train.thesis.sets import CellData
 
 pytestmark = [pytest.mark.integration, pytest.mark.usefixtures("one_thread")]
 SHORT = {"layers": (8, 4), "pretrain_epochs": (2, 2), "output_epochs": 2, "epochs": 12}
 FEW = {"look_every": 4, "repeats": 3, "batch": 20}
-QUICK = FitSettings(**SHORT, **FEW, decay=0.01, averaging=0.9, learning_rate=0.01)
+QUICK = thesis_fit.FitSettings(**SHORT, **FEW, decay=0.01, averaging=0.9, learning_rate=0.01)
 
 
 def data(n, seed=0, n_in=12):
@@ -46,13 +39,12 @@ def same(one, other):
 
 def test_repeats_meet_nowhere():
     """Every version of the batched network is a network of its own."""
-    net = RepeatedMlp(3, (5, 4, 2), "relu", seed=1)
+    net = thesis_fit.RepeatedMlp(3, (5, 4, 2), "relu", seed=1)
     x = torch.randn(7, 5)
     together = net(x)
     for k in range(3):
         h = torch.relu(x @ net.weights[0][k] + net.biases[0][k])
-        wanted = h @ net.weights[1][k] + net.biases[1][k]
-        torch.testing.assert_close(together[k], wanted)
+        torch.testing.assert_close(together[k], h @ net.weights[1][k] + net.biases[1][k])
     together[1].sum().backward()
     assert net.weights[0].grad is not None
     assert not net.weights[0].grad[[0, 2]].any()
@@ -107,8 +99,7 @@ def test_scalings(monkeypatch):
     ],
 )
 def test_every_switch_learns(changes):
-    fitted = result(replace(QUICK, **changes))
-    p = fitted.predict(data(200, seed=2).x)
+    p = result(replace(QUICK, **changes)).predict(data(200, seed=2).x)
     assert p.shape == (3, 200, 2)
     np.testing.assert_allclose(p.sum(axis=2), 1)
     assert ((p.argmax(axis=2) == data(200).y).mean(axis=1) > 0.9).all()
@@ -117,9 +108,8 @@ def test_every_switch_learns(changes):
 def test_same_seed_same_result_and_the_best_look_is_kept():
     told = []
     same(result(QUICK, tell=lambda *now: told.append(now)), result(QUICK))
-    assert [(what.partition(",")[0], *far) for what, *far in told] == [
-        ("whole", epoch, 12) for epoch in (0, 4, 8, 12)
-    ]
+    stages = [(what.partition(",")[0], *far) for what, *far in told]
+    assert stages == [("whole", epoch, 12) for epoch in (0, 4, 8, 12)]
     assert not np.array_equal(result(QUICK).scores, result(replace(QUICK, seed=1)).scores)
     fitted = result(replace(QUICK, pretrain_epochs=(), output_epochs=0))
     p = fitted.predict(STOP.x)
@@ -127,8 +117,7 @@ def test_same_seed_same_result_and_the_best_look_is_kept():
     np.testing.assert_allclose(score, fitted.scores[1:].min(axis=0), rtol=1e-5)
     assert (fitted.best_looks >= 1).all()
     truth = p[:, STOP.y == 1, 1].mean(axis=1)
-    kept = fitted.confidence[fitted.best_looks, range(3), 1]
-    np.testing.assert_allclose(kept, truth, rtol=1e-5)
+    np.testing.assert_allclose(fitted.confidence[fitted.best_looks, range(3), 1], truth, rtol=1e-5)
 
 
 def test_training_ends_when_no_repeat_gains():
@@ -167,5 +156,5 @@ WRONG |= {"averaging": 1, "sparsity": -0.1}
 )
 def test_settings_that_make_no_sense_are_all_named_in_one_line(wrong, says):
     with pytest.raises(UsageError, match=says) as caught:
-        fit_settings("sigmoid", **wrong)
+        thesis_fit.fit_settings("sigmoid", **wrong)
     assert "\n" not in str(caught.value)

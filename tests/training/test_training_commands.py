@@ -82,9 +82,8 @@ def test_evaluate_judges_it(bundle, tmp_path, capsys, monkeypatch):
     (tmp_path / "tiny.onnx").write_bytes(bundle.read_bytes())
     (tmp_path / "tiny.json").write_text(json.dumps({**sidecar, "temperature": 7.5}))
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(
-        "x2train.commands.evaluate.load_bundle", lambda _: load_bundle("tiny.onnx")
-    )
+    other = load_bundle("tiny.onnx")
+    monkeypatch.setattr("x2train.commands.evaluate.load_bundle", lambda _: other)
     assert main(["evaluate", *small, "--out", str(tmp_path / "a")]) == 2
     assert "judges_as" in one_line(capsys)
 

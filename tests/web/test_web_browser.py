@@ -108,8 +108,7 @@ def test_events_are_filtered_replayed_and_labelled(tab, radard):
     assert (clip.path.name, clip.label) == (f"{event_id}.h5", "pet")
     # It goes on for a while behind the alarm's end.
     radard.wait(lambda: is_finished(clip.path))
-    seen = own_windows(clip, load_bundle("accurate"))
-    assert seen.has_alarm
+    assert own_windows(clip, load_bundle("accurate")).has_alarm
     one.page.select_option("select[name=label]", "pet")
     one.until("document.querySelectorAll('.event').length === 1")
     one.page.select_option("select[name=label]", "")
@@ -130,8 +129,7 @@ def test_zones_are_dragged_saved_and_hold(tab, radard):
     low = one.page.locator("input[aria-label='Not here, from, metres']")
     before = float(low.input_value())
     # By its lower end, two hundred pixels towards the radar.
-    canvas = one.page.locator("canvas.zones")
-    box = canvas.bounding_box()
+    box = one.page.locator("canvas.zones").bounding_box()
     near, far = one.page.evaluate(
         """async () => { const { state } = await import('/static/state.js');
             const { range_offset_m, bin_length_m, n_range } = state.hello;

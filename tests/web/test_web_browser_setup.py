@@ -70,8 +70,7 @@ def walk(steps):
         range_m, is_person = step or (None, False)
         seen = open_decision(human=0.9 if is_person else 0.05, range_m=range_m)
         # A long way ahead, so that none of the daemon's own is newer.
-        ahead = {"seq": 100_000 + k, "t_s": 100_000.0 + k}
-        found.append((seen if step else decision()) | ahead)
+        found.append((seen if step else decision()) | {"seq": 100_000 + k, "t_s": 100_000.0 + k})
     return found
 
 

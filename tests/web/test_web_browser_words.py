@@ -109,8 +109,7 @@ def test_nothing_is_well_while_no_frames_come(one):
         }""",
         {"panel": "armed", "armed": True, "open": {}},
     )
-    words = ("Nobody is watchingno answer", "Last known; nobody is watching")
-    assert (banner, told) == words
+    assert (banner, told) == ("Nobody is watchingno answer", "Last known; nobody is watching")
     assert is_dim
 
 

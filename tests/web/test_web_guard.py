@@ -197,8 +197,7 @@ KINDS = [{"Content-Type": k} for k in ("text/plain", "application/x-www-form-url
     ],
 )
 def test_only_our_own_page_arms_and_with_json_alone(client, headers, body, code):
-    answer = client.post("/api/v1/command", body, {**HEADERS, **headers})
-    assert answer.status_code == code
+    assert client.post("/api/v1/command", body, {**HEADERS, **headers}).status_code == code
     assert client.run.asked == (["arm"] if code == 202 else [])
     bare = {"Content-Type": "application/json", **headers}
     assert client.post("/api/v1/command", body, bare).status_code == 403
@@ -305,8 +304,7 @@ def test_roles_of_tokens(make):
 def test_a_session_in_a_cookie_that_scripts_cannot_read(make):
     client = make(served=True, host=ANYWHERE, base="radar.local:8434", tokens=(VIEWER,))
     assert post(client, "/api/v1/login", {"token": "not the right one"}).status_code == 401
-    answer = post(client, "/api/v1/login", {"token": VIEWER})
-    cookie = answer.headers["set-cookie"].lower()
+    cookie = post(client, "/api/v1/login", {"token": VIEWER}).headers["set-cookie"].lower()
     told = [words in cookie for words in ("httponly", "samesite=strict", VIEWER)]
     assert told == [True, True, False]
     assert client.get("/api/v1/status").json()["role"] == "viewer"
@@ -363,8 +361,7 @@ def test_labels_become_lines(client, tmp_path):
     client.tell(event())
     path = tmp_path / "labels.jsonl"
     for label in ("pet", "wrong"):
-        body = {"event": ULID, "label": label}
-        assert post(client, "/api/v1/labels", body).status_code == 201
+        assert post(client, "/api/v1/labels", {"event": ULID, "label": label}).status_code == 201
     lines = [json.loads(line) for line in path.read_text().splitlines()]
     assert [line["label"] for line in lines] == ["pet", "wrong"]
     assert lines[0]["format"] == "radard-label"
@@ -425,8 +422,7 @@ def test_a_page_is_welcomed_with_what_there_is_and_those_beyond_the_limit_are_se
     ("text", "n"), [("[", 1), ("5", 1), ("x" * 600, 1), ('{"drawn": 1}', 1000)]
 )
 def test_nonsense_or_a_flood_closes_a_page(make, text, n):
-    client = make(served=True)
-    with client.socket() as page:
+    with make(served=True).socket() as page:
         json.loads(page.recv(60))
         with contextlib.suppress(ConnectionClosed):
             for _ in range(n):

@@ -31,8 +31,7 @@ def test_a_page_gets_decisions_and_pictures_of_a_live_stream(launched):
     page.close()
     assert [m["type"] for m in texts["welcome"]] == ["welcome"]
     assert len(texts["axes"]) == 1
-    status = running.status()
-    assert status["hello"]["port"] == "sim:human?seed=1"
+    assert running.status()["hello"]["port"] == "sim:human?seed=1"
 
 
 def test_a_busy_port_is_a_warning_and_waited_for(launched, monkeypatch):

@@ -57,8 +57,7 @@ def test_what_is_forgotten_while_another_page_saves_stays_so(tmp_path, gate, mon
     change(path, "settings", {"alarm": {"sensitivity": "high"}})
     gate.before(monkeypatch, saved_module, "write_atomically")
     gate.shut()
-    sections = {"mount": {"height_m": 2.0}}
-    saves = in_thread(change, path, "settings", sections)
+    saves = in_thread(change, path, "settings", {"mount": {"height_m": 2.0}})
     wait_for(lambda: gate.n_before)
     forgets = in_thread(forget, path)
     forgets.join(0.3)
@@ -191,9 +190,8 @@ def test_saved_zones_hold_at_once_and_after_a_restart(run, tmp_path):
     assert again.status()["zones"] == wanted
     # What is in the file of the configuration holds again once they are forgotten.
     assert again.post("/api/v1/zones", {"forget": True})[0] == 202
-    again.wait(
-        lambda: again.status()["zones"] == {"include": [[0.5, 5.0]], "exclude": [], "away": []}
-    )
+    own = {"include": [[0.5, 5.0]], "exclude": [], "away": []}
+    again.wait(lambda: again.status()["zones"] == own)
     assert again.status()["has_saved_zones"] is False
     assert not (tmp_path / "radar.sim.zones.yaml").exists()
 
@@ -286,8 +284,7 @@ def test_a_folder_that_takes_nothing_is_said(tmp_path):
 
 
 def test_numbers_come_back_as_they_were(tmp_path):
-    path = tmp_path / "radar.zones.yaml"
-    save_zones(path, [(0.0, 0.011), (0.1, 999.0)], [(1.2345, 2)])
+    save_zones(tmp_path / "radar.zones.yaml", [(0.0, 0.011), (0.1, 999.0)], [(1.2345, 2)])
     (tmp_path / "c.yaml").write_text("{}")
     zones = load(tmp_path)[0].zones
     assert (zones.include, zones.exclude) == (((0.0, 0.011), (0.1, 999.0)), ((1.234, 2.0),))

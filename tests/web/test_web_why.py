@@ -95,8 +95,7 @@ def test_hours_of_a_replay_are_those_of_its_recording(started_utc, words):
     config = Config(alarm={"quiet": ["05:00-06:30"], "timezone": "UTC"})
     hello = {"policy": "window", "replayed": True, "started_utc": started_utc}
     records = seen(62)
-    told = explain(records, hello, config)
-    assert words in told["stages"][-1]["text"]
+    assert words in explain(records, hello, config)["stages"][-1]["text"]
 
 
 def test_who_left_undecided_is_not_called_nobody():
