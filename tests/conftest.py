@@ -11,6 +11,7 @@ import socket
 import subprocess
 from pathlib import Path
 
+import h5py  # noqa: F401 - asks `uname` as it is loaded, which a unit test may not
 import pytest
 from hypothesis import HealthCheck, settings
 
