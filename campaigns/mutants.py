@@ -57,7 +57,7 @@ MODULES = {
     "log_file": ("daemon/radard/log_file", _LOG),
     "calibration_file": (
         "daemon/radard/detect/calibration",
-        "run/test_calibration_limits run/test_calibrate",
+        "detect/test_gate run/test_calibrate web/test_web_settings",
     ),
 }
 """Name to file, and tests, the quickest first."""
