@@ -350,6 +350,16 @@ impossible starts are passed over:
     7d 01 7d 51 ff ff ff ff 7c 7c 7c 7c ff ff ff ff 01 7e ok = lost 2, crc 16, ok
 and hidden ones found: 7d 01 02 7e 7d 7f 7d 03 7f 7d 10 7f 7d 11 01 7e ok
     = crc 4, crc 5, <10 7d 11>, ok
+a start flag alone, and an end flag: 7d / 7e = +1 / nothing 2
+an escaped packet in place of a broken fast one:
+    7d 51 04 00 00 00 00 7e 7f 56 7e = <51 04 00 00 00 00 7e>
+start flags for data and for a checksum: 7d 00 7d 7d 7e = lost 2, lost 1, nothing 2
+a needless escape is none of the data: 7d 7d 7f 00 7e = <7d>
+start flags before a packet: 10 7d 7d 7d 10 6d 7e = junk 1, lost 2, ok
+an escaped start flag is no bare checksum: 7d 7d 7f 7d 7f 7d 7e = lost 1, crc 6
+a length packet a byte behind the first four 7c:
+    7c 7d 7c 7f 01 7c 7c 7c 7c 7c 7c 03 00 00 / 00 00 7f 7c / 7d 7e 7d
+        = junk 1 +13 / +17 / lost 5 +15
 a length packet handed out too early takes no other along:
     7c 7c 7c 7c 04 00 00 00 00 01 02 03 7d / 10 6d 7e ok = <01 02 03 7d> / lost 1, junk 11, ok, ok
 """
