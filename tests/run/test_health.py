@@ -155,6 +155,25 @@ TestHealthMachine = HealthMachine.TestCase
 TestHealthMachine.settings = machine_settings(25)
 
 
+def test_every_change_is_told_by_what_makes_it():
+    clock = Clock()
+    health, waiting = Health(clock=clock), Health(clock=clock)
+    assert health.on_decision(decision(1, t_mono_s=clock.now_s)) == Status("online", "")
+    assert health.complain("mqtt", "full") == Status("degraded", "mqtt: full")
+    assert health.complain("mqtt", "") == Status("online", "")
+    clock.now_s += 5.0
+    assert health.check() is None
+    clock.now_s += 0.1
+    assert health.check().state == "offline"
+    health.on_notice(Notice("lost", "unplugged", 1.0))
+    # Back, it has as long again.
+    assert health.on_notice(Notice("found", "back", 1.0)) == Status("degraded", "back")
+    clock.now_s += 9.9
+    assert waiting.on_notice(Notice("restart", "again", 1.0)) is None
+    clock.now_s += 0.1
+    assert waiting.on_notice(Notice("restart", "again", 1.0)).state == "offline"
+
+
 @pytest.mark.parametrize(
     ("states", "whole", "reason"),
     [
