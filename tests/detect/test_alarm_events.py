@@ -146,6 +146,19 @@ def test_alarm_fault_and_tamper_are_apart():
     assert set(tracker.open_events) == {"alarm", "tamper", "fault"}
 
 
+def test_a_sensor_that_is_given_up_ends_what_is_on():
+    tracker = EventTracker()
+    tracker.on_decision(decision(1, 0.9), DWELL)
+    tracker.on_notice(Notice("restart", "again", 1.5))
+    ends = tracker.end_all("taken out", 2.0)
+    assert [(e.kind, e.phase, e.reason) for e in ends] == [
+        ("alarm", "end", "taken out"),
+        ("fault", "end", "taken out"),
+    ]
+    assert tracker.panel.state == "armed"
+    assert not tracker.open_events
+
+
 def test_disarmed_a_lost_device_is_a_fault_until_the_next_whole_dwell():
     tracker = EventTracker(AlarmPanel(is_armed=False))
     assert tracker.on_decision(decision(1, 0.9), DWELL) == []
