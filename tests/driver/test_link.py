@@ -53,4 +53,4 @@ def test_a_busy_module_is_asked_again_after_a_pause_until_its_time_is_over(linke
 def test_a_command_that_shows_its_effect_counts_as_acknowledged(linked):
     link, waits = linked()
     assert link.command(IDLE, is_done=lambda: True) == msg.Ack()
-    assert sum(waits) == Deadlines().reply_s
+    assert sum(waits) == 2.0
