@@ -17,7 +17,7 @@ from hypothesis.extra import numpy as np_st
 from x2radar.errors import MessageError
 from x2radar.wire import messages as msg
 from x2radar.wire import wire_ids as ids
-from x2radar.wire.codec import decode_any, decode_command, decode_response, encode
+from x2radar.wire.codec import decode_any, decode_command, decode_response, encode, read_messages
 from x2radar.wire.framing import Packet, PacketDecoder
 from x2radar.wire.framing import encode as frame
 
@@ -412,3 +412,10 @@ def test_any_bytes_raise_nothing_but_message_error(first: bytes, rest: bytes) ->
             message = read(first + rest)
             assert isinstance(message, msg.Message)
             assert isinstance(encode(message), bytes)
+
+
+def test_messages_of_a_line_come_with_its_damage() -> None:
+    ack, lies = frame(b"\x10"), frame(b"\xa0\x12\x01")
+    line = ack + b"\x01\x02" + ack + lies + ack
+    assert list(read_messages(PacketDecoder(), line)) == [*(msg.Ack(), None) * 2, msg.Ack()]
+    assert decode_response(b"\x20\x01") == msg.ErrorReply(1)  # of two bytes in place of five
