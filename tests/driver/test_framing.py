@@ -82,7 +82,7 @@ def test_what_cannot_be_packed_is_refused() -> None:
     [
         (b"\x7d" * (MAX_PACKET // 2 - 2), Packing.ESCAPED),
         (b"\x7d" * (MAX_PACKET - framing.LENGTH_HEADER), Packing.LENGTH),
-        (b"\x7d" * (MAX_PACKET - 8), Packing.FAST),
+        (b"\x7d" * (MAX_PACKET - 7), Packing.FAST),
     ],
 )
 def test_longest_packets(data: bytes, packing: Packing) -> None:
@@ -259,6 +259,7 @@ def test_a_frame_is_copied_once_on_its_way_to_a_message():
     values = np.linspace(0, 100, 768, dtype=np.float32)
     (item,) = PacketDecoder().feed(encode(codec.encode(Data(0, 1, values))))
     message = codec.decode_response(item.data)
+    assert item.data.readonly
     assert np.shares_memory(np.frombuffer(item.data, np.uint8), message.values)
     assert not message.values.flags.writeable
     assert np.array_equal(message.values, values)
