@@ -121,6 +121,22 @@ def test_what_a_cursor_does_alone_is_written(opened, log, path, act):
     assert ids(opened().cursor("a", everything)) == rest
 
 
+def test_only_who_wants_a_record_hears_that_there_is_one(log):
+    heard = []
+    for name, wants in (("a", everything), ("b", lambda _: False)):
+        log.cursor(name, wants).on_put = lambda name=name: heard.append(name)
+    log.append(event(1))
+    assert heard == ["a"]
+
+
+def test_what_is_on_is_known_to_the_next_run_too(opened):
+    log = opened()
+    for record in (event(1), event(2), event(2, phase="end"), event(1, phase="update")):
+        log.append(record)
+    for each in (log, opened()):
+        assert [(on["id"], on["phase"]) for on in each.open_events()] == [(ulid(1), "update")]
+
+
 def test_what_an_output_never_had_is_nothing_that_was_lost(opened):
     log = opened(max_events=2)
     cursor = log.cursor("a", lambda record: record["kind"] == "alarm")
