@@ -107,8 +107,9 @@ def test_a_cursor_says_what_waits_in_order_and_up_to_a_record(log):
 
 
 @pytest.mark.parametrize("act", ["done", "defer"])
-def test_what_a_cursor_does_alone_is_written(opened, log, path, act):
-    """Also when nothing is appended that would be written with it."""
+def test_what_a_cursor_does_alone_is_written(opened, log, path, act, monkeypatch):
+    """Also when nothing is appended that would be written with it, and at once."""
+    monkeypatch.setattr(log_module, "_TEND_S", 3600.0)
     cursor = log.cursor("a", everything)
     filled(log, 3)
     log.keep("word", "before")
