@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from radard.config.sections import GateSettings
+from radard.errors import UsageError
 from radard.judge.bundle import load_bundle
 from tests.training_helpers import one_line, toy, write_set
 from x2train.cli import main
@@ -51,6 +52,20 @@ def test_the_sidecar_says_how_it_came_about(bundle):
     assert "false_alarms_per_day 0.01" in bundle.with_suffix(".md").read_text()
     assert sidecar["metrics"]["windows"] == len(columns["label"])
     assert set(columns["label"]) == {0, 1, 2}
+
+
+def test_what_goes_on_may_learn_from_every_window(bundle, monkeypatch, tmp_path):
+    shown = []
+
+    def fit(train, *_, **__):
+        shown.append(len(train["label"]))
+        raise UsageError("enough")
+
+    monkeypatch.setattr("x2train.nets.map_fit.fit_maps", fit)
+    sets = bundle.parents[1] / "sets"
+    argv = ["fit", "--train", str(sets), "--validate", str(sets), "--out", str(tmp_path)]
+    assert main(argv) == main([*argv, "--all-windows"]) == 2
+    assert shown[0] < shown[1] == len(read_all(sets)[1]["label"])
 
 
 def test_a_set_that_is_there_is_not_made_again(bundle, monkeypatch, capsys):

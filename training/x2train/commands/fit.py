@@ -65,6 +65,8 @@ def register(commands: Commands) -> None:
     add("--teacher", metavar="MODEL", help="a bundle whose probabilities are learnt beside labels")
     add("--stream", choices=sorted(_STREAMS), help="what it is for (what --validate is of)")
     add("--start", metavar="MODEL", help="a bundle of this size whose weights are gone on from")
+    text = "learn from all, not from those that show most: what goes on forgets the others"
+    add("--all-windows", action="store_true", help=text)
     parser.set_defaults(run=_run)
 
 
@@ -86,7 +88,7 @@ def _run(args: argparse.Namespace) -> int:
     from x2train.sets.window_set import load_windows, worth_learning  # noqa: PLC0415
 
     args.device = device_of(args.device)
-    train, abouts = load_windows(*args.train, choose=worth_learning)
+    train, abouts = load_windows(*args.train, choose=None if args.all_windows else worth_learning)
     validation, judged = load_windows(*args.validate)
     if judged[0]["settings"] != abouts[0]["settings"]:
         msg = f"{args.validate[0]}: its maps were made with other settings than those to train on"
@@ -165,6 +167,7 @@ def _command(args: argparse.Namespace) -> str:
     args = argparse.Namespace(**vars(args))
     args.out = _OUT if args.out.is_absolute() else args.out
     others = {"half": False, "compile": False, "batch": _BATCH, "threads": 1, "teacher": None}
+    more = {**others, "start": None, "stream": None, "all_windows": False}
     return "train-export fit " + told(
-        args, "train validate name size epochs seed", **others, start=None, stream=None, out=_OUT
+        args, "train validate name size epochs seed", **more, out=_OUT
     )

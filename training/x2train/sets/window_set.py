@@ -32,11 +32,11 @@ _KEPT_PASSAGES = 5  # of so many passages one keeps all its windows
 
 
 def load_windows(
-    *folders: Path, choose: Callable[[Columns], Columns] = lambda columns: columns
+    *folders: Path, choose: Callable[[Columns], Columns] | None = None
 ) -> tuple[Columns, list[Mapping[str, Any]]]:
     """Return the columns of one or more sets, and what each was made from.
 
-    `choose` returns the windows of a set that are wanted, so that no others stay in memory.
+    `choose` returns the windows of a set that are wanted (all), so that no others stay in memory.
 
     Raises RecordingError if a set is missing, unreadable or damaged, UsageError if it holds no
     windows, or windows made with other features than the first's.
@@ -53,7 +53,8 @@ def load_windows(
         if not columns:
             raise UsageError(f"{folder}: holds no window")
         abouts.append(about)
-        made.append(dict(choose({INSTALLATION: known_of(columns), **columns})))
+        known = {INSTALLATION: known_of(columns), **columns}
+        made.append(dict(choose(known) if choose else known))
     keys = list(made[0])
     # A million windows take 10 GB: no column stays twice.
     return {key: np.concatenate([each.pop(key) for each in made]) for key in keys}, abouts
