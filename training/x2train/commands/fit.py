@@ -166,8 +166,6 @@ def _started(model: str, start: Bundle, training: Mapping[str, Any]) -> dict[str
 def _command(args: argparse.Namespace) -> str:
     args = argparse.Namespace(**vars(args))
     args.out = _OUT if args.out.is_absolute() else args.out
-    others = {"half": False, "compile": False, "batch": _BATCH, "threads": 1, "teacher": None}
-    more = {**others, "start": None, "stream": None, "all_windows": False}
-    return "train-export fit " + told(
-        args, "train validate name size epochs seed", **more, out=_OUT
-    )
+    usual: dict[str, Any] = {"half": False, "compile": False, "batch": _BATCH, "threads": 1}
+    usual |= {"teacher": None, "start": None, "stream": None, "all_windows": False, "out": _OUT}
+    return f"train-export fit {told(args, 'train validate name size epochs seed', **usual)}"
